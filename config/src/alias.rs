@@ -1,0 +1,76 @@
+//! The plain names of the log as another spelling of the keys that carry a unit.
+
+use crate::error::{Complaint, ConfigError};
+use crate::tree::{Node, Value, join};
+use std::collections::BTreeMap;
+
+const CONTROLLER: &[(&str, &str)] = &[
+    ("stiffness", "stiffness_n_per_m"),
+    ("max_force", "max_force_n"),
+    ("position_bound", "position_bound_m"),
+    ("force_resolution", "force_resolution_n"),
+];
+
+const PLANNER: &[(&str, &str)] = &[("mean_speed", "mean_speed_m_per_s"), ("max_acceleration", "max_acceleration_m_per_s2")];
+
+const OPERATOR: &[(&str, &str)] = &[
+    ("at", "at_s"),
+    ("target_position", "target_position_m"),
+    ("desired_force", "desired_force_n"),
+    ("stiffness", "stiffness_n_per_m"),
+    ("max_force", "max_force_n"),
+    ("position_bound", "position_bound_m"),
+    ("force_resolution", "force_resolution_n"),
+    ("mean_speed", "mean_speed_m_per_s"),
+    ("max_acceleration", "max_acceleration_m_per_s2"),
+];
+
+/// The other spellings in a section, each with the name of the key.
+pub(crate) fn of(section: &str) -> &'static [(&'static str, &'static str)] {
+    match section {
+        "controller" => CONTROLLER,
+        "planner" => PLANNER,
+        "operator" => OPERATOR,
+        _ => &[],
+    }
+}
+
+/// The name of a key of a section, whichever spelling was used.
+pub(crate) fn canonical<'a>(section: &str, key: &'a str) -> &'a str {
+    of(section).iter().find(|(alias, _)| *alias == key).map_or(key, |(_, name)| *name)
+}
+
+/// Gives every key of a scenario its one name.
+pub(crate) fn canonicalise(root: &mut Node) -> Result<(), ConfigError> {
+    let Value::Table(sections) = &mut root.value else { return Ok(()) };
+    for section in ["controller", "planner"] {
+        if let Some(Node { value: Value::Table(table), .. }) = sections.get_mut(section) {
+            rename(table, section, section)?;
+        }
+    }
+    if let Some(Node { value: Value::List(entries), .. }) = sections.get_mut("operator") {
+        for (index, entry) in entries.iter_mut().enumerate() {
+            if let Value::Table(table) = &mut entry.value {
+                rename(table, "operator", &format!("operator[{index}]"))?;
+            }
+        }
+    }
+    Ok(())
+}
+
+fn rename(table: &mut BTreeMap<String, Node>, section: &str, path: &str) -> Result<(), ConfigError> {
+    for (alias, name) in of(section) {
+        let Some(node) = table.remove(*alias) else { continue };
+        if let Some(other) = table.get(*name) {
+            return Err(ConfigError::Combination(Box::new(Complaint {
+                place: node.place,
+                key: join(path, alias),
+                found: format!("a second spelling of {name}, which is given at {}", other.place),
+                expected: "one of the two".to_owned(),
+                help: format!("remove {alias}"),
+            })));
+        }
+        table.insert((*name).to_owned(), node);
+    }
+    Ok(())
+}

@@ -1,0 +1,324 @@
+//! What several values have to fulfil together, and the step from a raw scenario to [`Settings`].
+
+use crate::error::{Complaint, ConfigError};
+use crate::policy::{Fidelity, ResetPolicy, Saturation, Search};
+use crate::raw::{PerJoint, RawController, RawOperator, RawProcesses, RawRealtime, RawRobot, RawScenario, RawWorld};
+use crate::settings::{
+    Floor, MAX_JOINTS, MIN_SPACING_TICKS, OperatorChange, Parameters, Plant, Processes, Realtime, Recorder, Robot, Settings,
+    Supervisor, Urdf, World,
+};
+use crate::tree::{Node, describe_number};
+
+/// One over the period of the control loop, 1/s.
+const TICKS_PER_S: f64 = 1000.0;
+/// Longest target, m.
+const TARGET_MAX_M: f64 = 100.0;
+/// Longest desired force, N.
+const DESIRED_FORCE_MAX_N: f64 = 1e4;
+/// Longest gravity, m/s^2.
+const GRAVITY_MAX: f64 = 100.0;
+
+/// Checks the rest of a scenario whose numbers are in their ranges.
+pub(crate) fn settings(mut raw: RawScenario, tree: &Node, urdf: Urdf) -> Result<Settings, ConfigError> {
+    let at = At { tree };
+    let (search, reset_policy, saturation) = at.policies(&mut raw.controller)?;
+    let duration_ticks = ticks(raw.duration_s);
+    let mut operator = at.timeline(&raw.operator, duration_ticks)?;
+    let mut initial = Parameters {
+        target_position: None,
+        desired_force: [0.0; 3],
+        stiffness: raw.controller.stiffness_n_per_m,
+        max_force: raw.controller.max_force_n,
+        position_bound: raw.controller.position_bound_m,
+        reset_policy,
+        saturation,
+        search,
+        taper: raw.controller.taper,
+        search_scale: raw.controller.search_scale,
+        force_resolution: raw.controller.force_resolution_n,
+        gravity_compensation: raw.controller.gravity_compensation,
+        mean_speed: raw.planner.mean_speed_m_per_s,
+        max_acceleration: raw.planner.max_acceleration_m_per_s2,
+    };
+    if operator.first().is_some_and(|change| change.at_tick == 0) {
+        initial = initial.with(&operator.remove(0));
+    }
+    let joints = at.joints(&raw.robot)?;
+    let effective = toml::to_string(&raw).map_err(|error| {
+        ConfigError::Combination(at.complain("", &error.to_string(), "settings that TOML can hold", "report this"))
+    })?;
+    Ok(Settings {
+        title: raw.title,
+        description: raw.description,
+        duration_ticks: duration_ticks.unsigned_abs(),
+        seed: raw.seed,
+        robot: Robot {
+            joint_damping: at.per_joint("robot.joint_damping_n_m_s_per_rad", raw.robot.joint_damping_n_m_s_per_rad, joints)?,
+            effort_limit: at.per_joint("robot.effort_limit_n_m", raw.robot.effort_limit_n_m, joints)?,
+            urdf,
+            base_link: raw.robot.base_link,
+            tip_link: raw.robot.tip_link,
+            base_position_m: raw.robot.base_position_m,
+            base_orientation_rpy_rad: raw.robot.base_orientation_rpy_rad,
+            start_position: raw.robot.start_position_rad,
+        },
+        world: at.world(raw.world)?,
+        plant: Plant {
+            contact_substep_us: raw.plant.contact_substep_us,
+            flight_substep_us: raw.plant.flight_substep_us,
+            command_timeout_ticks: raw.plant.command_timeout_ticks,
+            brake_damping_n_m_s_per_rad: raw.plant.brake_damping_n_m_s_per_rad,
+        },
+        fidelity: raw.controller.fidelity,
+        initial,
+        operator,
+        supervisor: Supervisor {
+            deadline_us: raw.supervisor.deadline_us,
+            torque_bandwidth_hz: raw.supervisor.torque_bandwidth_hz,
+            torque_peak: at.per_joint("supervisor.torque_peak_n_m", raw.supervisor.torque_peak_n_m, joints)?,
+            ready_timeout_ms: raw.supervisor.ready_timeout_ms,
+            heartbeat_timeout_ms: raw.supervisor.heartbeat_timeout_ms,
+            credit_ticks: raw.supervisor.credit_ticks,
+        },
+        realtime: at.realtime(&raw.realtime)?,
+        recorder: Recorder {
+            flush_ms: raw.recorder.flush_ms,
+            viewer_rate_hz: raw.recorder.viewer_rate_hz,
+            chunk_kib: raw.recorder.chunk_kib,
+        },
+        processes: at.processes(raw.processes)?,
+        effective,
+    })
+}
+
+/// A time within its range as the nearest tick.
+fn ticks(seconds: f64) -> i64 {
+    (seconds * TICKS_PER_S).round() as i64
+}
+
+fn length(v: [f64; 3]) -> f64 {
+    v.iter().map(|x| x * x).sum::<f64>().sqrt()
+}
+
+/// The checks, with the tree to tell where a value was written.
+struct At<'a> {
+    tree: &'a Node,
+}
+
+impl At<'_> {
+    fn complain(&self, key: &str, found: &str, expected: &str, help: &str) -> Box<Complaint> {
+        Box::new(Complaint {
+            place: self.tree.place(key),
+            key: key.to_owned(),
+            found: found.to_owned(),
+            expected: expected.to_owned(),
+            help: help.to_owned(),
+        })
+    }
+
+    fn found(&self, key: &str) -> String {
+        self.tree.get(key).map_or_else(|| "nothing".to_owned(), Node::describe)
+    }
+
+    /// The policies in force, which are also written into the raw section unless `fidelity` stands for them.
+    fn policies(&self, raw: &mut RawController) -> Result<(Search, ResetPolicy, Saturation), ConfigError> {
+        const FIDELITY: &str = "controller.fidelity";
+        if raw.fidelity == Fidelity::Hapfic {
+            return Ok((
+                *raw.search.get_or_insert_default(),
+                *raw.reset_policy.get_or_insert_default(),
+                *raw.saturation.get_or_insert_default(),
+            ));
+        }
+        let given = [
+            ("controller.search", raw.search.is_some()),
+            ("controller.reset_policy", raw.reset_policy.is_some()),
+            ("controller.saturation", raw.saturation.is_some()),
+        ];
+        if let Some((key, _)) = given.into_iter().find(|(_, given)| *given) {
+            let found = format!(
+                "{} beside {FIDELITY} = \"paper\" ({}), which already decides it",
+                self.found(key),
+                self.tree.place(FIDELITY)
+            );
+            let help = format!("remove {key}, or remove {FIDELITY} and set each policy");
+            return Err(ConfigError::Combination(self.complain(key, &found, "one of the two", &help)));
+        }
+        Ok((Search::Sign, ResetPolicy::AsPrinted, Saturation::AsPrinted))
+    }
+
+    fn short_enough(&self, key: &str, v: [f64; 3], longest: f64) -> Result<(), ConfigError> {
+        if length(v) <= longest {
+            return Ok(());
+        }
+        let found = format!("{}, of length {}", self.found(key), describe_number(length(v)));
+        let expected = format!("a vector no longer than {}", describe_number(longest));
+        Err(ConfigError::OutOfRange(self.complain(key, &found, &expected, "the length of the whole vector counts")))
+    }
+
+    /// Number of joints, and the names of the links.
+    fn joints(&self, raw: &RawRobot) -> Result<usize, ConfigError> {
+        let names = [("robot.urdf", &raw.urdf), ("robot.base_link", &raw.base_link), ("robot.tip_link", &raw.tip_link)];
+        if let Some((key, _)) = names.iter().find(|(_, name)| name.trim().is_empty()) {
+            let help = "link names are those of the robot description";
+            return Err(ConfigError::WrongType(self.complain(key, "empty text", "a name", help)));
+        }
+        if raw.base_link == raw.tip_link {
+            let expected = "another link than robot.base_link";
+            let found = self.found("robot.tip_link");
+            let help = "the limb is what lies between the two";
+            return Err(ConfigError::Combination(self.complain("robot.tip_link", &found, expected, help)));
+        }
+        let count = raw.start_position_rad.len();
+        if (1..=MAX_JOINTS).contains(&count) {
+            return Ok(count);
+        }
+        let key = "robot.start_position_rad";
+        let expected = format!("a list of 1 to {MAX_JOINTS} numbers");
+        let help = "one number for each joint between base_link and tip_link";
+        Err(ConfigError::WrongLength(self.complain(key, &format!("a list of {count}"), &expected, help)))
+    }
+
+    fn per_joint(&self, key: &str, value: Option<PerJoint>, joints: usize) -> Result<Option<Vec<f64>>, ConfigError> {
+        match value {
+            None => Ok(None),
+            Some(PerJoint::All(number)) => Ok(Some(vec![number; joints])),
+            Some(PerJoint::Each(numbers)) if numbers.len() == joints => Ok(Some(numbers)),
+            Some(PerJoint::Each(numbers)) => {
+                let found = format!("a list of {}", numbers.len());
+                let expected = format!("a number for all joints, or a list of {joints}");
+                let help = "one for each number of robot.start_position_rad";
+                Err(ConfigError::WrongLength(self.complain(key, &found, &expected, help)))
+            }
+        }
+    }
+
+    fn world(&self, raw: RawWorld) -> Result<World, ConfigError> {
+        self.short_enough("world.gravity_m_per_s2", raw.gravity_m_per_s2, GRAVITY_MAX)?;
+        let floor = raw.floor.map(|floor| Floor {
+            height_m: floor.height_m,
+            stiffness_n_per_m: floor.stiffness_n_per_m,
+            damping_n_s_per_m: floor.damping_n_s_per_m,
+            transition_width_m: floor.transition_width_m,
+            friction_static: floor.friction_static,
+            friction_dynamic: floor.friction_dynamic,
+            critical_speed_m_per_s: floor.critical_speed_m_per_s,
+        });
+        if let Some(floor) = floor
+            && floor.friction_dynamic > floor.friction_static
+        {
+            let found = describe_number(floor.friction_dynamic);
+            let expected = format!("at most world.floor.friction_static = {}", describe_number(floor.friction_static));
+            let help = "raise friction_static or lower friction_dynamic";
+            let complaint = self.complain("world.floor.friction_dynamic", &found, &expected, help);
+            return Err(ConfigError::Combination(complaint));
+        }
+        Ok(World { gravity_m_per_s2: raw.gravity_m_per_s2, floor })
+    }
+
+    fn realtime(&self, raw: &RawRealtime) -> Result<Realtime, ConfigError> {
+        let order = [
+            ("realtime.priority_plant", raw.priority_plant),
+            ("realtime.priority_gate", raw.priority_gate),
+            ("realtime.priority_controller", raw.priority_controller),
+            ("realtime.priority_planner", raw.priority_planner),
+        ];
+        for pair in order.windows(2) {
+            let ((above, higher), (below, lower)) = (pair[0], pair[1]);
+            if lower >= higher {
+                // Told at the one that is given; both may be.
+                let (key, found, expected) = if self.tree.get(below).is_some() {
+                    (below, lower, format!("less than {above} = {higher}"))
+                } else {
+                    (above, higher, format!("more than {below} = {lower}"))
+                };
+                let help = "priorities must fall in the order plant, gate, controller, planner";
+                return Err(ConfigError::Combination(self.complain(key, &found.to_string(), &expected, help)));
+            }
+        }
+        Ok(Realtime {
+            priority_plant: raw.priority_plant,
+            priority_gate: raw.priority_gate,
+            priority_controller: raw.priority_controller,
+            priority_planner: raw.priority_planner,
+            core_plant: raw.core_plant,
+            core_gate: raw.core_gate,
+            core_controller: raw.core_controller,
+            core_planner: raw.core_planner,
+        })
+    }
+
+    fn processes(&self, raw: RawProcesses) -> Result<Processes, ConfigError> {
+        let commands =
+            [("processes.plant", &raw.plant), ("processes.planner", &raw.planner), ("processes.controller", &raw.controller)];
+        for (key, command) in commands {
+            let Some(command) = command else { continue };
+            if command.first().is_none_or(|program| program.trim().is_empty()) {
+                let help = "remove the key to use the built-in process";
+                let expected = "a program and its arguments, each a string of its own";
+                return Err(ConfigError::WrongLength(self.complain(key, &self.found(key), expected, help)));
+            }
+        }
+        Ok(Processes { plant: raw.plant, planner: raw.planner, controller: raw.controller })
+    }
+
+    fn timeline(&self, raw: &[RawOperator], duration_ticks: i64) -> Result<Vec<OperatorChange>, ConfigError> {
+        let mut changes: Vec<OperatorChange> = Vec::with_capacity(raw.len());
+        for (index, entry) in raw.iter().enumerate() {
+            let path = format!("operator[{index}]");
+            let change = change(entry);
+            self.moment(&format!("{path}.at_s"), change.at_tick, changes.last(), duration_ticks)?;
+            if change == (OperatorChange { at_tick: change.at_tick, ..OperatorChange::default() }) {
+                let help = "name what changes at that time, or remove the entry";
+                let expected = "at least one change beside at_s";
+                return Err(ConfigError::Combination(self.complain(&path, "an entry that changes nothing", expected, help)));
+            }
+            if let Some(target) = change.target_position {
+                self.short_enough(&format!("{path}.target_position_m"), target, TARGET_MAX_M)?;
+            }
+            if let Some(force) = change.desired_force {
+                self.short_enough(&format!("{path}.desired_force_n"), force, DESIRED_FORCE_MAX_N)?;
+            }
+            changes.push(change);
+        }
+        Ok(changes)
+    }
+
+    fn moment(&self, key: &str, at_tick: i64, before: Option<&OperatorChange>, duration_ticks: i64) -> Result<(), ConfigError> {
+        let seconds = |ticks: i64| describe_number(ticks as f64 / TICKS_PER_S);
+        let found = self.found(key);
+        if at_tick >= duration_ticks {
+            let expected = format!("a time before the end, duration_s = {}", seconds(duration_ticks));
+            let help = "move the entry forward, or raise duration_s";
+            return Err(ConfigError::Combination(self.complain(key, &found, &expected, help)));
+        }
+        let Some(before) = before else { return Ok(()) };
+        let earliest = before.at_tick + MIN_SPACING_TICKS;
+        if at_tick >= earliest {
+            return Ok(());
+        }
+        let expected = format!("at least {}, 5 ms after the entry before", seconds(earliest));
+        let help = "order the entries by time; what changes at the same time belongs into one entry";
+        Err(ConfigError::Combination(self.complain(key, &found, &expected, help)))
+    }
+}
+
+fn change(raw: &RawOperator) -> OperatorChange {
+    OperatorChange {
+        at_tick: ticks(raw.at_s),
+        target_position: raw.target_position_m,
+        desired_force: raw.desired_force_n,
+        stiffness: raw.stiffness_n_per_m,
+        max_force: raw.max_force_n,
+        position_bound: raw.position_bound_m,
+        reset_policy: raw.reset_policy,
+        saturation: raw.saturation,
+        search: raw.search,
+        taper: raw.taper,
+        search_scale: raw.search_scale,
+        force_resolution: raw.force_resolution_n,
+        gravity_compensation: raw.gravity_compensation,
+        mean_speed: raw.mean_speed_m_per_s,
+        max_acceleration: raw.max_acceleration_m_per_s2,
+    }
+}

@@ -1,0 +1,32 @@
+//! Scenarios and robots that are part of the executable.
+
+/// A scenario that needs no file.
+#[derive(Clone, Copy, Debug)]
+pub struct Scenario {
+    /// What it is called by.
+    pub name: &'static str,
+    /// One line that says what happens.
+    pub title: &'static str,
+    /// The TOML.
+    pub text: &'static str,
+}
+
+const SCENARIOS: &[Scenario] = &[Scenario {
+    name: "floor",
+    title: "Press and slide on a frictionless floor",
+    text: include_str!("../scenarios/floor.toml"),
+}];
+
+const ROBOTS: &[(&str, &str)] = &[("leg.urdf", include_str!("../robots/leg.urdf"))];
+
+/// The embedded scenarios.
+#[must_use]
+pub fn scenarios() -> &'static [Scenario] {
+    SCENARIOS
+}
+
+/// The embedded robot descriptions: name and URDF.
+#[must_use]
+pub fn robots() -> &'static [(&'static str, &'static str)] {
+    ROBOTS
+}

@@ -1,0 +1,105 @@
+//! A scenario as written. The doc comments of the keys are what the JSON Schema says about them.
+
+mod body;
+mod law;
+mod per_joint;
+mod stack;
+
+pub(crate) use body::{RawPlant, RawRobot, RawWorld};
+pub(crate) use law::{RawController, RawOperator, RawPlanner};
+pub(crate) use per_joint::PerJoint;
+pub(crate) use stack::{RawProcesses, RawRealtime, RawRecorder, RawSupervisor};
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// A scenario: robot, world, controller, and what the operator does when.
+#[derive(Clone, Debug, Deserialize, JsonSchema, Serialize)]
+#[serde(deny_unknown_fields)]
+#[schemars(title = "HapFIC scenario")]
+pub(crate) struct RawScenario {
+    /// One line that says what happens.
+    #[serde(default)]
+    pub(crate) title: String,
+
+    /// What the scenario shows, in a few sentences.
+    #[serde(default)]
+    pub(crate) description: String,
+
+    /// How long it runs, s, in [0.001, 86400]; rounded to whole ticks of 1 ms. Raising it makes the run and its log longer.
+    #[serde(default = "default_duration_s")]
+    pub(crate) duration_s: f64,
+
+    /// Seed of every random draw, an integer in [0, 9223372036854775807]. Another seed is another run; none is better.
+    #[serde(default = "default_seed")]
+    pub(crate) seed: u64,
+
+    /// The limb.
+    pub(crate) robot: RawRobot,
+
+    /// What is around it.
+    #[serde(default)]
+    pub(crate) world: RawWorld,
+
+    /// The simulated plant.
+    #[serde(default)]
+    pub(crate) plant: RawPlant,
+
+    /// The controller's parameters at the start.
+    #[serde(default)]
+    pub(crate) controller: RawController,
+
+    /// The planner's parameters at the start.
+    #[serde(default)]
+    pub(crate) planner: RawPlanner,
+
+    /// Gate and watchdog.
+    #[serde(default)]
+    pub(crate) supervisor: RawSupervisor,
+
+    /// Priorities and places of the processes.
+    #[serde(default)]
+    pub(crate) realtime: RawRealtime,
+
+    /// The log.
+    #[serde(default)]
+    pub(crate) recorder: RawRecorder,
+
+    /// Foreign commands in place of built-in processes.
+    #[serde(default)]
+    pub(crate) processes: RawProcesses,
+
+    /// What the operator does, in the order of time.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(crate) operator: Vec<RawOperator>,
+}
+
+fn default_duration_s() -> f64 {
+    10.0
+}
+
+fn default_seed() -> u64 {
+    1
+}
+
+impl Default for RawScenario {
+    /// All defaults; what has none is empty.
+    fn default() -> Self {
+        Self {
+            title: String::new(),
+            description: String::new(),
+            duration_s: default_duration_s(),
+            seed: default_seed(),
+            robot: RawRobot::default(),
+            world: RawWorld::default(),
+            plant: RawPlant::default(),
+            controller: RawController::default(),
+            planner: RawPlanner::default(),
+            supervisor: RawSupervisor::default(),
+            realtime: RawRealtime::default(),
+            recorder: RawRecorder::default(),
+            processes: RawProcesses::default(),
+            operator: Vec::new(),
+        }
+    }
+}

@@ -1,0 +1,274 @@
+//! Reads a [`Node`] into serde's structures; an error knows path and place of the value it is about.
+
+use crate::error::{Complaint, ConfigError, Place, nearest};
+use crate::tree::{Node, Value, join};
+use serde::de::value::StrDeserializer;
+use serde::de::{self, DeserializeOwned, DeserializeSeed, Expected, IntoDeserializer, Unexpected, Visitor};
+use serde::{Deserialize, forward_to_deserialize_any};
+use std::collections::btree_map;
+use std::fmt;
+use std::slice;
+
+/// Reads a whole scenario.
+pub(crate) fn read<T: DeserializeOwned>(root: &Node) -> Result<T, ConfigError> {
+    let result: Result<T, ReadError> = Deserialize::deserialize(Reader { node: root, path: String::new() });
+    result.map_err(|error| error.into_config_error(root))
+}
+
+/// What serde found wrong, and with which value.
+#[derive(Debug)]
+pub(crate) struct ReadError(Box<Content>);
+
+#[derive(Debug)]
+struct Content {
+    trouble: Trouble,
+    at: Option<At>,
+}
+
+#[derive(Debug)]
+struct At {
+    path: String,
+    place: Place,
+    found: String,
+}
+
+#[derive(Debug)]
+enum Trouble {
+    Type { expected: String },
+    Length { found: usize, expected: String },
+    UnknownKey { key: String, known: &'static [&'static str] },
+    UnknownWord { known: &'static [&'static str] },
+    MissingKey { key: &'static str },
+}
+
+impl From<Trouble> for ReadError {
+    fn from(trouble: Trouble) -> Self {
+        Self(Box::new(Content { trouble, at: None }))
+    }
+}
+
+impl ReadError {
+    /// Adds path and value; the innermost one counts.
+    fn at(mut self, path: &str, node: &Node) -> Self {
+        if self.0.at.is_none() {
+            self.0.at = Some(At { path: path.to_owned(), place: node.place.clone(), found: node.describe() });
+        }
+        self
+    }
+
+    fn into_config_error(self, root: &Node) -> ConfigError {
+        let Content { trouble, at } = *self.0;
+        let At { path, place, found } =
+            at.unwrap_or_else(|| At { path: String::new(), place: root.place.clone(), found: root.describe() });
+        let complain = |key: String, found: String, expected: String, help: String| {
+            Box::new(Complaint { place, key, found, expected, help })
+        };
+        match trouble {
+            Trouble::Type { expected } => {
+                let help = "change the value; the documentation of the key shows its form".to_owned();
+                ConfigError::WrongType(complain(path, found, expected, help))
+            }
+            Trouble::Length { found, expected } => {
+                let help = format!("{} values", if found == 0 { "add" } else { "add or remove" });
+                ConfigError::WrongLength(complain(path, format!("a list of {found}"), expected, help))
+            }
+            Trouble::UnknownKey { key, known } => {
+                let help = match nearest(&key, known) {
+                    Some(near) => format!("did you mean {near}?"),
+                    None => "remove it, or use one of these".to_owned(),
+                };
+                let expected = format!("one of {}", known.join(", "));
+                ConfigError::UnknownKey(complain(join(&path, &key), "an unknown key".to_owned(), expected, help))
+            }
+            Trouble::UnknownWord { known } => {
+                let help = match nearest(found.trim_matches('"'), known) {
+                    Some(near) => format!("did you mean \"{near}\"?"),
+                    None => "use one of these words, in quotes".to_owned(),
+                };
+                let quoted: Vec<String> = known.iter().map(|word| format!("\"{word}\"")).collect();
+                ConfigError::WrongType(complain(path, found, format!("one of {}", quoted.join(", ")), help))
+            }
+            Trouble::MissingKey { key } => {
+                let help = format!("add {key}; it has no default");
+                let expected = "a value".to_owned();
+                ConfigError::MissingKey(complain(join(&path, key), "nothing".to_owned(), expected, help))
+            }
+        }
+    }
+}
+
+impl fmt::Display for ReadError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:?}", self.0)
+    }
+}
+
+impl std::error::Error for ReadError {}
+
+/// serde names numbers by their Rust type.
+fn expectation(expected: &dyn Expected) -> String {
+    let text = expected.to_string();
+    match text.as_str() {
+        "f64" => "a number".to_owned(),
+        "i64" | "u16" | "u32" | "u64" | "usize" => "an integer".to_owned(),
+        "a sequence" => "a list".to_owned(),
+        _ => text,
+    }
+}
+
+impl de::Error for ReadError {
+    fn custom<T: fmt::Display>(message: T) -> Self {
+        Trouble::Type { expected: message.to_string() }.into()
+    }
+
+    fn invalid_type(_: Unexpected<'_>, expected: &dyn Expected) -> Self {
+        Trouble::Type { expected: expectation(expected) }.into()
+    }
+
+    fn invalid_value(_: Unexpected<'_>, expected: &dyn Expected) -> Self {
+        Trouble::Type { expected: expectation(expected) }.into()
+    }
+
+    fn invalid_length(found: usize, expected: &dyn Expected) -> Self {
+        Trouble::Length { found, expected: expectation(expected) }.into()
+    }
+
+    fn unknown_variant(_: &str, known: &'static [&'static str]) -> Self {
+        Trouble::UnknownWord { known }.into()
+    }
+
+    fn unknown_field(key: &str, known: &'static [&'static str]) -> Self {
+        Trouble::UnknownKey { key: key.to_owned(), known }.into()
+    }
+
+    fn missing_field(key: &'static str) -> Self {
+        Trouble::MissingKey { key }.into()
+    }
+}
+
+struct Reader<'a> {
+    node: &'a Node,
+    path: String,
+}
+
+impl Reader<'_> {
+    fn wrong(&self, expected: String) -> ReadError {
+        ReadError::from(Trouble::Type { expected }).at(&self.path, self.node)
+    }
+}
+
+impl<'de> de::Deserializer<'de> for Reader<'_> {
+    type Error = ReadError;
+
+    fn deserialize_any<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, ReadError> {
+        let result: Result<V::Value, ReadError> = match &self.node.value {
+            Value::Text(text) => visitor.visit_str(text),
+            Value::Integer(number) => match (i64::try_from(*number), u64::try_from(*number)) {
+                (Ok(number), _) => visitor.visit_i64(number),
+                (_, Ok(number)) => visitor.visit_u64(number),
+                _ => visitor.visit_i128(*number),
+            },
+            Value::Float(number) => visitor.visit_f64(*number),
+            Value::Boolean(flag) => visitor.visit_bool(*flag),
+            Value::Date(_) => Err(de::Error::invalid_type(Unexpected::Other("a date"), &visitor)),
+            Value::List(items) => visitor.visit_seq(Items { path: &self.path, index: 0, rest: items.iter() }),
+            Value::Table(table) => visitor.visit_map(Entries { path: &self.path, rest: table.iter(), current: None }),
+        };
+        result.map_err(|error| error.at(&self.path, self.node))
+    }
+
+    fn deserialize_option<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, ReadError> {
+        visitor.visit_some(self)
+    }
+
+    fn deserialize_newtype_struct<V: Visitor<'de>>(self, _: &'static str, visitor: V) -> Result<V::Value, ReadError> {
+        visitor.visit_newtype_struct(self)
+    }
+
+    /// A list in place of a table would be taken key by key: refused.
+    fn deserialize_struct<V: Visitor<'de>>(
+        self,
+        _: &'static str,
+        _: &'static [&'static str],
+        visitor: V,
+    ) -> Result<V::Value, ReadError> {
+        match self.node.value {
+            Value::Table(_) => self.deserialize_any(visitor),
+            _ => Err(self.wrong("a table".to_owned())),
+        }
+    }
+
+    /// Lists of fixed length are vectors.
+    fn deserialize_tuple<V: Visitor<'de>>(self, length: usize, visitor: V) -> Result<V::Value, ReadError> {
+        let expected = format!("a list of {length} numbers");
+        match &self.node.value {
+            Value::List(items) if items.len() == length => self.deserialize_any(visitor),
+            Value::List(items) => {
+                Err(ReadError::from(Trouble::Length { found: items.len(), expected }).at(&self.path, self.node))
+            }
+            _ => Err(self.wrong(expected)),
+        }
+    }
+
+    fn deserialize_enum<V: Visitor<'de>>(
+        self,
+        _: &'static str,
+        known: &'static [&'static str],
+        visitor: V,
+    ) -> Result<V::Value, ReadError> {
+        match &self.node.value {
+            Value::Text(word) => {
+                let word: StrDeserializer<'_, ReadError> = word.as_str().into_deserializer();
+                visitor.visit_enum(word).map_err(|error| error.at(&self.path, self.node))
+            }
+            _ => Err(ReadError::from(Trouble::UnknownWord { known }).at(&self.path, self.node)),
+        }
+    }
+
+    forward_to_deserialize_any! {
+        bool i8 i16 i32 i64 i128 u8 u16 u32 u64 u128 f32 f64 char str string bytes byte_buf unit unit_struct seq
+        tuple_struct map identifier ignored_any
+    }
+}
+
+struct Items<'a> {
+    path: &'a str,
+    index: usize,
+    rest: slice::Iter<'a, Node>,
+}
+
+impl<'de> de::SeqAccess<'de> for Items<'_> {
+    type Error = ReadError;
+
+    fn next_element_seed<T: DeserializeSeed<'de>>(&mut self, seed: T) -> Result<Option<T::Value>, ReadError> {
+        let Some(node) = self.rest.next() else { return Ok(None) };
+        let path = format!("{}[{}]", self.path, self.index);
+        self.index += 1;
+        seed.deserialize(Reader { node, path }).map(Some)
+    }
+}
+
+struct Entries<'a> {
+    path: &'a str,
+    rest: btree_map::Iter<'a, String, Node>,
+    current: Option<(&'a str, &'a Node)>,
+}
+
+impl<'de> de::MapAccess<'de> for Entries<'_> {
+    type Error = ReadError;
+
+    fn next_key_seed<K: DeserializeSeed<'de>>(&mut self, seed: K) -> Result<Option<K::Value>, ReadError> {
+        let Some((name, node)) = self.rest.next() else { return Ok(None) };
+        self.current = Some((name.as_str(), node));
+        let name: StrDeserializer<'_, ReadError> = name.as_str().into_deserializer();
+        // An unknown key belongs to the table's path and to its own line.
+        seed.deserialize(name).map(Some).map_err(|error| error.at(self.path, node))
+    }
+
+    fn next_value_seed<V: DeserializeSeed<'de>>(&mut self, seed: V) -> Result<V::Value, ReadError> {
+        let Some((name, node)) = self.current.take() else {
+            return Err(de::Error::custom("a key before its value"));
+        };
+        seed.deserialize(Reader { node, path: join(self.path, name) })
+    }
+}

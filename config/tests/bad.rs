@@ -1,0 +1,365 @@
+//! Scenarios that are refused: each message tells place, key, what was found, and what was expected.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+use hapfic_config::{ConfigError, Settings};
+
+/// Five lines.
+const ROBOT: &str = r#"[robot]
+urdf = "leg.urdf"
+base_link = "base"
+tip_link = "foot"
+start_position_rad = [0, 0.9, -1.8]
+"#;
+
+fn refusal(text: &str, overrides: &[&str]) -> ConfigError {
+    let overrides: Vec<String> = overrides.iter().map(|argument| (*argument).to_owned()).collect();
+    match Settings::from_str(text, "x.toml", None, &overrides) {
+        Ok(_) => panic!("accepted {overrides:?}:\n{text}"),
+        Err(error) => error,
+    }
+}
+
+/// The refusal of text behind [`ROBOT`], whose first line is line 6.
+fn after_robot(text: &str) -> ConfigError {
+    refusal(&format!("{ROBOT}{text}"), &[])
+}
+
+/// The refusal of text before [`ROBOT`].
+fn before_robot(text: &str) -> ConfigError {
+    refusal(&format!("{text}{ROBOT}"), &[])
+}
+
+#[track_caller]
+fn says(error: &ConfigError, start: &str, rest: &[&str]) {
+    let message = error.to_string();
+    assert!(message.starts_with(start), "{message}\ndoes not start with\n{start}");
+    for part in rest {
+        assert!(message.contains(part), "{message}\ndoes not contain\n{part}");
+    }
+    assert!(message.contains(". Hint: "), "{message}\ngives no hint");
+}
+
+#[test]
+fn text_that_is_not_toml() {
+    let error = after_robot("[controller]\ntaper = = 3\n");
+    assert!(matches!(error, ConfigError::NotToml(_)), "{error:?}");
+    says(&error, "x.toml:7: found text that is not TOML (", &["expected `key = value`"]);
+}
+
+#[test]
+fn a_key_given_twice() {
+    let error = after_robot("[controller]\ntaper = 0.1\ntaper = 0.2\n");
+    says(&error, "x.toml:8: found text that is not TOML (duplicate key", &["each key stands once"]);
+}
+
+#[test]
+fn a_key_given_in_both_spellings() {
+    let error = after_robot("[controller]\nstiffness_n_per_m = [1, 1, 1]\nstiffness = [1, 1, 1]\n");
+    assert!(matches!(error, ConfigError::Combination(_)), "{error:?}");
+    says(
+        &error,
+        "x.toml:8: controller.stiffness: found a second spelling of stiffness_n_per_m, which is given at x.toml:7",
+        &["expected one of the two", "remove stiffness"],
+    );
+}
+
+#[test]
+fn unknown_keys() {
+    let error = after_robot("[controller]\n\ntapr = 0.1\n");
+    assert!(matches!(error, ConfigError::UnknownKey(_)), "{error:?}");
+    says(&error, "x.toml:8: controller.tapr: found an unknown key, expected one of ", &["search_scale", "did you mean taper?"]);
+    says(&after_robot("[controler]\n"), "x.toml:6: controler: found an unknown key", &["did you mean controller?"]);
+    says(&after_robot("[world.flor]\n"), "x.toml:6: world.flor: found an unknown key", &["did you mean floor?"]);
+    says(
+        &after_robot("[[operator]]\nat = 1\nforce = [0, 0, 1]\n"),
+        "x.toml:8: operator[0].force: found an unknown key",
+        &["desired_force_n"],
+    );
+    says(&after_robot("[planner]\nstiffness = [1, 1, 1]\n"), "x.toml:7: planner.stiffness: found an unknown key", &[]);
+}
+
+#[test]
+fn missing_keys() {
+    let error = refusal("title = \"none\"\n", &[]);
+    assert!(matches!(error, ConfigError::MissingKey(_)), "{error:?}");
+    says(&error, "x.toml: robot: found nothing, expected a value", &["add robot"]);
+    says(&refusal("\n[robot]\nurdf = \"leg.urdf\"\n", &[]), "x.toml:2: robot.base_link: found nothing", &["add base_link"]);
+    says(&after_robot("[[operator]]\ntaper = 0.1\n"), "x.toml:6: operator[0].at_s: found nothing", &["add at_s"]);
+}
+
+#[test]
+fn wrong_types() {
+    let cases = [
+        ("[controller]\ntaper = \"much\"\n", "7: controller.taper: found \"much\", expected a number in (0, 1]"),
+        ("[controller]\nstiffness = 6000\n", "7: controller.stiffness_n_per_m: found 6000, expected a list of 3 numbers"),
+        (
+            "[controller]\nstiffness = [1,\n \"x\", 3]\n",
+            "8: controller.stiffness_n_per_m[1]: found \"x\", expected a number in (0, 1000000]",
+        ),
+        ("[controller]\ngravity_compensation = 1\n", "7: controller.gravity_compensation: found 1, expected a boolean"),
+        ("[controller]\nsearch = \"sing\"\n", "7: controller.search: found \"sing\", expected one of \"tapered\", \"sign\""),
+        ("[controller]\nsearch = 3\n", "7: controller.search: found 3, expected one of \"tapered\", \"sign\""),
+        ("[plant]\ncontact_substep_us = 1.5\n", "7: plant.contact_substep_us: found 1.5, expected an integer in [1, 20]"),
+        ("[supervisor]\ntorque_peak_n_m = true\n", "7: supervisor.torque_peak_n_m: found true, expected a number in"),
+        ("[supervisor.torque_peak_n_m]\n", "6: supervisor.torque_peak_n_m: found a table, expected a number for all joints"),
+        ("[processes]\nplant = \"driver\"\n", "7: processes.plant: found \"driver\", expected a list"),
+        ("[processes]\nplant = [\"a\", 3]\n", "7: processes.plant[1]: found 3, expected a string"),
+        ("[operator]\nat = 1\n", "6: operator: found a table, expected a list"),
+        ("[recorder]\nflush_ms = 1979-05-27\n", "7: recorder.flush_ms: found 1979-05-27, expected an integer in [1, 10000]"),
+    ];
+    for (text, expected) in cases {
+        let error = after_robot(text);
+        assert!(matches!(error, ConfigError::WrongType(_)), "{error:?}");
+        says(&error, &format!("x.toml:{expected}"), &[]);
+    }
+    says(&before_robot("title = 3\n"), "x.toml:1: title: found 3, expected a string", &[]);
+    says(&before_robot("world = []\n"), "x.toml:1: world: found [], expected a table", &[]);
+    let suggestion = after_robot("[controller]\nsearch = \"sing\"\n").complaint().help.clone();
+    assert_eq!(suggestion, "did you mean \"sign\"?");
+}
+
+#[test]
+fn numbers_out_of_range() {
+    let cases = [
+        ("controller", "stiffness_n_per_m = [1, -5, 1]", "stiffness_n_per_m[1]: found -5, expected a number in (0, 1000000]"),
+        ("controller", "stiffness = [1, 1, 1000001]", "stiffness_n_per_m[2]: found 1000001, expected a number in (0, 1000000]"),
+        ("controller", "max_force_n = [0, 1, 1]", "max_force_n[0]: found 0, expected a number in (0, 100000]"),
+        ("controller", "position_bound_m = [1, 1, 1.5]", "position_bound_m[2]: found 1.5, expected a number in (0, 1]"),
+        ("controller", "taper = 1.1", "taper: found 1.1, expected a number in (0, 1]"),
+        ("planner", "mean_speed = 11", "mean_speed_m_per_s: found 11, expected a number in (0, 10]"),
+        ("planner", "max_acceleration = 0.0", "max_acceleration_m_per_s2: found 0, expected a number in (0, 1000]"),
+        ("world.floor", "damping_n_s_per_m = -1e-9", "damping_n_s_per_m: found -1e-9, expected a number in [0, 100000000]"),
+        ("world.floor", "transition_width_m = 0", "transition_width_m: found 0, expected a number in (0, 0.1]"),
+        ("plant", "contact_substep_us = 21", "contact_substep_us: found 21, expected an integer in [1, 20]"),
+        ("plant", "contact_substep_us = 0", "contact_substep_us: found 0, expected an integer in [1, 20]"),
+        ("plant", "flight_substep_us = -1", "flight_substep_us: found -1, expected an integer in [1, 1000]"),
+        ("supervisor", "deadline_us = 951", "deadline_us: found 951, expected an integer in [50, 950]"),
+        ("realtime", "priority_plant = 99", "priority_plant: found 99, expected an integer in [1, 98]"),
+        ("recorder", "flush_ms = 99999999999999999999", "flush_ms: found 99999999999999999999, expected an integer in"),
+    ];
+    for (section, line, expected) in cases {
+        let error = after_robot(&format!("[{section}]\n{line}\n"));
+        assert!(matches!(error, ConfigError::OutOfRange(_)), "{error:?}");
+        says(&error, &format!("x.toml:7: {section}.{expected}"), &[]);
+    }
+    for (line, expected) in [
+        ("duration_s = 0", "duration_s: found 0, expected a number in [0.001, 86400]"),
+        ("duration_s = 86401", "duration_s: found 86401, expected a number in [0.001, 86400]"),
+        ("seed = -1", "seed: found -1, expected an integer in [0, 9223372036854775807]"),
+        ("seed = 9223372036854775808", "seed: found 9223372036854775808, expected an integer in [0, 9223372036854775807]"),
+    ] {
+        says(&before_robot(&format!("{line}\n")), &format!("x.toml:1: {expected}"), &[]);
+    }
+}
+
+#[test]
+fn vectors_that_are_too_long() {
+    says(
+        &after_robot("[world]\ngravity_m_per_s2 = [80, 0, -80]\n"),
+        "x.toml:7: world.gravity_m_per_s2: found [80, 0, -80], of length 113.",
+        &["expected a vector no longer than 100"],
+    );
+    says(
+        &after_robot("[[operator]]\nat = 1\ntarget_position = [80, 0, 80]\n"),
+        "x.toml:8: operator[0].target_position_m: found [80, 0, 80], of length 113.",
+        &["no longer than 100"],
+    );
+    says(
+        &after_robot("[[operator]]\nat = 1\ndesired_force = [8000, 0, 8000]\n"),
+        "x.toml:8: operator[0].desired_force_n: found [8000, 0, 8000], of length 11313.",
+        &["no longer than 10000"],
+    );
+}
+
+/// Every number of an effective configuration, replaced by nan and by inf.
+#[test]
+fn no_number_may_be_nan_or_inf() {
+    fn paths(value: &toml::Value, path: &str, numbers: &mut Vec<String>) {
+        let below = |step: &str| if path.is_empty() { step.to_owned() } else { format!("{path}.{step}") };
+        match value {
+            toml::Value::Table(table) => table.iter().for_each(|(key, child)| paths(child, &below(key), numbers)),
+            toml::Value::Array(items) => {
+                items.iter().enumerate().for_each(|(index, child)| paths(child, &below(&index.to_string()), numbers));
+            }
+            toml::Value::Integer(_) | toml::Value::Float(_) => numbers.push(path.to_owned()),
+            _ => {}
+        }
+    }
+    let settings = Settings::load(
+        "floor",
+        &[
+            "robot.joint_damping_n_m_s_per_rad=[1, 1, 1]".to_owned(),
+            "robot.effort_limit_n_m=80".to_owned(),
+            "supervisor.torque_bandwidth_hz=20".to_owned(),
+            "supervisor.torque_peak_n_m=40".to_owned(),
+            "operator.2.taper=0.1".to_owned(),
+            "operator.2.mean_speed=0.1".to_owned(),
+        ],
+    )
+    .unwrap();
+    let effective: toml::Table = settings.effective_toml().parse().unwrap();
+    let mut numbers = Vec::new();
+    paths(&toml::Value::Table(effective), "", &mut numbers);
+    assert!(numbers.len() > 60, "only {numbers:?}");
+    for path in numbers {
+        for word in ["nan", "-nan", "inf", "-inf"] {
+            let argument = format!("{path}={word}");
+            let error = refusal(&settings.effective_toml(), &[&argument]);
+            assert!(matches!(error, ConfigError::OutOfRange(_)), "{argument}: {error:?}");
+            let found = if word.ends_with("nan") { "found nan".to_owned() } else { format!("found {word}") };
+            says(&error, &format!("--set {argument}: "), &[&found, "give a finite number"]);
+        }
+    }
+}
+
+#[test]
+fn nan_in_a_file() {
+    says(
+        &after_robot("[controller]\nstiffness = [1, nan, 1]\n"),
+        "x.toml:7: controller.stiffness_n_per_m[1]: found nan, expected a number in (0, 1000000]",
+        &["give a finite number"],
+    );
+}
+
+#[test]
+fn lists_of_another_length() {
+    let cases = [
+        ("[controller]\nstiffness = [1, 2]\n", "7: controller.stiffness_n_per_m: found a list of 2, expected a list of 3"),
+        ("[controller]\nstiffness = []\n", "7: controller.stiffness_n_per_m: found a list of 0, expected a list of 3"),
+        (
+            "[[operator]]\nat = 1\ntarget_position = [1, 2, 3, 4]\n",
+            "8: operator[0].target_position_m: found a list of 4, expected a list of 3",
+        ),
+        (
+            "[supervisor]\ntorque_peak_n_m = [40, 40]\n",
+            "7: supervisor.torque_peak_n_m: found a list of 2, expected a number for all joints, or a list of 3",
+        ),
+        ("[processes]\nplanner = []\n", "7: processes.planner: found [], expected a program and its arguments"),
+        ("[processes]\nplanner = [\" \", \"x\"]\n", "7: processes.planner: found [\" \", \"x\"], expected a program"),
+    ];
+    for (text, expected) in cases {
+        let error = after_robot(text);
+        assert!(matches!(error, ConfigError::WrongLength(_)), "{error:?}");
+        says(&error, &format!("x.toml:{expected}"), &[]);
+    }
+    for list in ["[]", "[1, 2, 3, 4, 5, 6, 7, 8, 9]"] {
+        let text = ROBOT.replace("[0, 0.9, -1.8]", list);
+        says(
+            &refusal(&text, &[]),
+            "x.toml:5: robot.start_position_rad: found a list of ",
+            &["expected a list of 1 to 8 numbers"],
+        );
+    }
+}
+
+#[test]
+fn combinations() {
+    let cases = [
+        (
+            "[world.floor]\nfriction_static = 0.3\nfriction_dynamic = 0.5\n",
+            "8: world.floor.friction_dynamic: found 0.5, expected at most world.floor.friction_static = 0.3",
+        ),
+        (
+            "[controller]\nsearch = \"tapered\"\nfidelity = \"paper\"\n",
+            "7: controller.search: found \"tapered\" beside controller.fidelity = \"paper\" (x.toml:8)",
+        ),
+        (
+            "[controller]\nfidelity = \"paper\"\nsaturation = \"as_printed\"\n",
+            "8: controller.saturation: found \"as_printed\" beside controller.fidelity = \"paper\" (x.toml:7)",
+        ),
+        (
+            "[controller]\nfidelity = \"paper\"\nreset_policy = \"never\"\n",
+            "8: controller.reset_policy: found \"never\" beside controller.fidelity = \"paper\" (x.toml:7)",
+        ),
+        (
+            "[realtime]\npriority_gate = 80\n",
+            "7: realtime.priority_gate: found 80, expected less than realtime.priority_plant = 80",
+        ),
+        (
+            "[realtime]\npriority_plant = 70\n",
+            "7: realtime.priority_plant: found 70, expected more than realtime.priority_gate = 78",
+        ),
+        (
+            "[realtime]\npriority_planner = 77\n",
+            "7: realtime.priority_planner: found 77, expected less than realtime.priority_controller = 76",
+        ),
+        ("[[operator]]\nat = 1\n", "6: operator[0]: found an entry that changes nothing"),
+        ("[[operator]]\nat = 10\ntaper = 0.1\n", "7: operator[0].at_s: found 10, expected a time before the end"),
+        (
+            "[[operator]]\nat = 1\ntaper = 0.1\n[[operator]]\nat = 0.5\ntaper = 0.1\n",
+            "10: operator[1].at_s: found 0.5, expected at least 1.005",
+        ),
+        (
+            "[[operator]]\nat = 1\ntaper = 0.1\n[[operator]]\nat = 1.004\ntaper = 0.1\n",
+            "10: operator[1].at_s: found 1.004, expected at least 1.005",
+        ),
+    ];
+    for (text, expected) in cases {
+        let error = after_robot(text);
+        assert!(matches!(error, ConfigError::Combination(_)), "{error:?}");
+        says(&error, &format!("x.toml:{expected}"), &[]);
+    }
+    let same = ROBOT.replace("foot", "base");
+    says(&refusal(&same, &[]), "x.toml:4: robot.tip_link: found \"base\", expected another link than robot.base_link", &[]);
+    let empty = ROBOT.replace("foot", "");
+    says(&refusal(&empty, &[]), "x.toml:4: robot.tip_link: found empty text, expected a name", &[]);
+}
+
+#[test]
+fn overrides_that_cannot_be_read() {
+    let cases = [
+        ("controller.taper", "found no =, expected KEY=VALUE"),
+        ("controller..taper=1", "controller..taper: found an empty key"),
+        ("=1", "found an empty key"),
+        ("controller.taper=", "controller.taper: found nothing after ="),
+        ("title=two words", "title: found \"two words\", which is not TOML"),
+        ("controller.stiffness=[1, 2", "controller.stiffness: found \"[1, 2\", which is not TOML"),
+        ("operator.0.taper.x=1", "operator: "),
+        ("seed.x=1", "seed: found 1, expected a table or a list, to set x in it"),
+        (
+            "robot.start_position_rad.3=1",
+            "robot.start_position_rad: found \"3\" as a place in the list, expected a number from 0 to 2",
+        ),
+        ("robot.start_position_rad.x=1", "robot.start_position_rad: found \"x\" as a place in the list"),
+    ];
+    let text = format!("seed = 1\n{ROBOT}");
+    for (argument, expected) in cases {
+        let error = refusal(&text, &[argument]);
+        says(&error, &format!("--set {argument}: {expected}"), &[]);
+    }
+}
+
+#[test]
+fn overrides_are_checked_like_the_file() {
+    let cases = [
+        ("controller.taper=abc", "controller.taper: found \"abc\", expected a number in (0, 1]"),
+        ("controller.tapr=0.1", "controller.tapr: found an unknown key, expected one of"),
+        ("controler.taper=0.1", "controler: found an unknown key, expected one of"),
+        ("controller.stiffness.1=-5", "controller.stiffness_n_per_m[1]: found -5, expected a number in (0, 1000000]"),
+        ("controller.search=fast", "controller.search: found \"fast\", expected one of"),
+        ("duration_s=1e9", "duration_s: found 1000000000, expected a number in [0.001, 86400]"),
+        ("robot.urdf=none.urdf", "robot.urdf: found \"none.urdf\", which cannot be read"),
+    ];
+    for (argument, expected) in cases {
+        let error = refusal(ROBOT, &[argument]);
+        says(&error, &format!("--set {argument}: {expected}"), &[]);
+    }
+}
+
+#[test]
+fn scenarios_that_are_not_there() {
+    let error = Settings::load("flor", &[]).unwrap_err();
+    assert!(matches!(error, ConfigError::UnknownScenario(_)), "{error:?}");
+    says(&error, "flor: found no scenario of this name, expected one of floor", &["did you mean floor?"]);
+
+    let error = Settings::load("nowhere/at_all.toml", &[]).unwrap_err();
+    assert!(matches!(error, ConfigError::Read(_)), "{error:?}");
+    says(&error, "nowhere/at_all.toml: found a file that cannot be read (", &["embedded scenario: floor"]);
+}
+
+#[test]
+fn a_robot_that_is_not_there() {
+    let error = refusal(&ROBOT.replace("leg.urdf", "arm.urdf"), &[]);
+    assert!(matches!(error, ConfigError::Read(_)), "{error:?}");
+    says(&error, "x.toml:2: robot.urdf: found \"arm.urdf\", which cannot be read (", &["an embedded one: leg.urdf"]);
+}

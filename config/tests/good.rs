@@ -1,0 +1,244 @@
+//! Scenarios that load, and what they load to.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+use hapfic_config::{Fidelity, ResetPolicy, Saturation, Search, Settings, json_schema, robots, scenarios};
+use std::path::Path;
+
+const MINIMAL: &str = r#"[robot]
+urdf = "leg.urdf"
+base_link = "base"
+tip_link = "foot"
+start_position_rad = [0, 0.9, -1.8]
+"#;
+
+fn load(text: &str, overrides: &[&str]) -> Settings {
+    let overrides: Vec<String> = overrides.iter().map(|argument| (*argument).to_owned()).collect();
+    Settings::from_str(text, "x.toml", None, &overrides).unwrap_or_else(|error| panic!("{error}\n{text}"))
+}
+
+fn again(settings: &Settings) -> Settings {
+    let urdf = &settings.robot.urdf;
+    let toml = settings.effective_toml();
+    Settings::from_effective(&toml, &urdf.name, &urdf.text).unwrap_or_else(|error| panic!("{error}\n{toml}"))
+}
+
+#[test]
+fn every_embedded_scenario_loads_and_survives_the_round_trip() {
+    assert!(scenarios().iter().any(|scenario| scenario.name == "floor"));
+    for scenario in scenarios() {
+        let settings = Settings::load(scenario.name, &[]).unwrap_or_else(|error| panic!("{error}"));
+        assert_eq!(settings.title, scenario.title);
+        assert_eq!(again(&settings), settings, "{}", scenario.name);
+    }
+}
+
+#[test]
+fn a_minimal_scenario_has_the_documented_defaults() {
+    let s = load(MINIMAL, &[]);
+    assert_eq!((s.duration_ticks, s.seed), (10_000, 1));
+    assert_eq!(s.robot.start_position, [0.0, 0.9, -1.8]);
+    assert_eq!((s.robot.base_position_m, s.robot.base_orientation_rpy_rad), ([0.0; 3], [0.0; 3]));
+    assert_eq!((s.robot.joint_damping.clone(), s.robot.effort_limit.clone()), (None, None));
+    assert_eq!(s.robot.urdf.name, "leg.urdf");
+    assert!(s.robot.urdf.text.contains("<robot"));
+    assert_eq!((s.world.gravity_m_per_s2, s.world.floor), ([0.0, 0.0, -9.81], None));
+    assert_eq!((s.plant.contact_substep_us, s.plant.flight_substep_us), (20, 100));
+    assert_eq!((s.plant.command_timeout_ticks, s.plant.brake_damping_n_m_s_per_rad), (3, 2.0));
+    assert_eq!(s.fidelity, Fidelity::Hapfic);
+    let p = s.initial;
+    assert_eq!((p.target_position, p.desired_force), (None, [0.0; 3]));
+    assert_eq!((p.stiffness, p.max_force), ([6000.0, 6000.0, 12_000.0], [150.0, 150.0, 300.0]));
+    assert_eq!(p.position_bound, [0.025; 3]);
+    assert_eq!((p.search, p.reset_policy, p.saturation), (Search::Tapered, ResetPolicy::ContactLoss, Saturation::Continuous));
+    assert_eq!((p.taper, p.search_scale, p.force_resolution), (0.2, 0.01, 0.01));
+    assert!(!p.gravity_compensation);
+    assert_eq!((p.mean_speed, p.max_acceleration), (0.2, 10.0));
+    assert!(s.operator.is_empty());
+    assert_eq!((s.supervisor.deadline_us, s.supervisor.torque_bandwidth_hz), (800, None));
+    assert_eq!(s.supervisor.torque_peak, None);
+    assert_eq!((s.supervisor.ready_timeout_ms, s.supervisor.heartbeat_timeout_ms), (10_000, 500));
+    assert_eq!(s.supervisor.credit_ticks, 1024);
+    let r = s.realtime;
+    assert_eq!((r.priority_plant, r.priority_gate, r.priority_controller, r.priority_planner), (80, 78, 76, 72));
+    assert_eq!((r.core_plant, r.core_gate, r.core_controller, r.core_planner), (None, None, None, None));
+    assert_eq!((s.recorder.flush_ms, s.recorder.viewer_rate_hz, s.recorder.chunk_kib), (50, 60.0, 256));
+    assert_eq!((s.processes.plant.clone(), s.processes.planner.clone(), s.processes.controller.clone()), (None, None, None));
+    assert_eq!(again(&s), s);
+}
+
+#[test]
+fn a_floor_table_without_keys_has_the_documented_defaults() {
+    let floor = load(&format!("{MINIMAL}[world.floor]\n"), &[]).world.floor.unwrap();
+    assert_eq!((floor.height_m, floor.stiffness_n_per_m, floor.damping_n_s_per_m), (0.0, 1e6, 1e4));
+    assert_eq!((floor.transition_width_m, floor.critical_speed_m_per_s), (1e-3, 1e-3));
+    assert_eq!((floor.friction_static, floor.friction_dynamic), (0.0, 0.0));
+}
+
+#[test]
+fn everything_that_can_be_given_survives_the_round_trip() {
+    let text = r#"
+title = "all \"of\" it"
+description = """
+two
+lines"""
+duration_s = 2
+seed = 9223372036854775807
+[robot]
+urdf = "leg.urdf"
+base_link = "base"
+tip_link = "foot"
+base_position_m = [0.1, 1e-300, -3]
+base_orientation_rpy_rad = [0.3333333333333333, 0, 0]
+start_position_rad = [0, 0.6, -1.2]
+joint_damping_n_m_s_per_rad = 11.46
+effort_limit_n_m = [80, 70, 60.5]
+[world]
+gravity_m_per_s2 = [0, 0, -1.62]
+[world.floor]
+friction_static = 0.5
+friction_dynamic = 0.3
+[plant]
+contact_substep_us = 7
+[controller]
+stiffness = [1, 2, 3]
+search = "sign"
+reset_policy = "never"
+saturation = "as_printed"
+gravity_compensation = true
+[planner]
+mean_speed = 0.1
+[supervisor]
+torque_bandwidth_hz = 20
+torque_peak_n_m = 40
+[realtime]
+core_plant = 1
+[processes]
+plant = ["python3", "driver.py", ""]
+[[operator]]
+at = 0
+target_position = [1, 2, 3]
+max_force = [1, 1, 1]
+[[operator]]
+at = 0.005
+desired_force = [0, 0, -5]
+stiffness = [10, 10, 10]
+position_bound = [0.1, 0.1, 0.1]
+reset_policy = "as_printed"
+saturation = "continuous"
+search = "tapered"
+taper = 1
+search_scale = 1
+force_resolution = 0.5
+gravity_compensation = false
+mean_speed = 10
+max_acceleration = 1000
+"#;
+    let s = load(text, &[]);
+    assert_eq!(again(&s), s);
+    assert_eq!((s.duration_ticks, s.seed), (2000, 9_223_372_036_854_775_807));
+    assert_eq!(s.robot.joint_damping.as_deref(), Some([11.46; 3].as_slice()));
+    assert_eq!(s.robot.effort_limit.as_deref(), Some([80.0, 70.0, 60.5].as_slice()));
+    assert_eq!(s.supervisor.torque_peak.as_deref(), Some([40.0; 3].as_slice()));
+    assert_eq!(s.initial.target_position, Some([1.0, 2.0, 3.0]), "the entry at 0 sets the start values");
+    assert_eq!((s.initial.stiffness, s.initial.max_force), ([1.0, 2.0, 3.0], [1.0; 3]));
+    assert_eq!(s.operator.len(), 1, "the entry at 0 is in the start values and nowhere else");
+    let change = s.operator[0];
+    assert_eq!((change.at_tick, change.target_position), (5, None));
+    assert_eq!(change.desired_force, Some([0.0, 0.0, -5.0]));
+    let after = s.initial.with(&change);
+    assert_eq!(after.target_position, s.initial.target_position);
+    assert_eq!((after.stiffness, after.search, after.mean_speed), ([10.0; 3], Search::Tapered, 10.0));
+}
+
+#[test]
+fn fidelity_paper_selects_all_three_policies() {
+    let s = Settings::load("floor", &["controller.fidelity=paper".to_owned()]).unwrap();
+    let p = s.initial;
+    assert_eq!((p.search, p.reset_policy, p.saturation), (Search::Sign, ResetPolicy::AsPrinted, Saturation::AsPrinted));
+    assert_eq!(s.fidelity, Fidelity::Paper);
+    assert_eq!(again(&s), s);
+}
+
+#[test]
+fn incompatible_gains_are_legal() {
+    let p = load(MINIMAL, &["controller.max_force=[1, 1, 1]"]).initial;
+    assert!(p.max_force[2] < 0.95 * p.stiffness[2] * p.position_bound[2]);
+}
+
+#[test]
+fn overrides_replace_what_is_written_in_either_spelling() {
+    let text = format!("{MINIMAL}[controller]\nstiffness_n_per_m = [1, 2, 3]\nmax_force = [7, 8, 9]\n");
+    let s = load(&text, &["controller.stiffness=[4, 5, 6]", "controller.max_force_n.1=80"]);
+    assert_eq!((s.initial.stiffness, s.initial.max_force), ([4.0, 5.0, 6.0], [7.0, 80.0, 9.0]));
+}
+
+#[test]
+fn overrides_reach_defaults_entries_and_words() {
+    let s = load(MINIMAL, &["controller.stiffness.1=5", "controller.search=sign", " plant.contact_substep_us = 10 "]);
+    assert_eq!(s.initial.stiffness, [6000.0, 5.0, 12_000.0]);
+    assert_eq!((s.initial.search, s.plant.contact_substep_us), (Search::Sign, 10));
+
+    let floor = |argument: &str| Settings::load("floor", &[argument.to_owned()]).unwrap();
+    assert_eq!(floor("operator.2.desired_force=[0, 0, 100]").operator[2].desired_force, Some([0.0, 0.0, 100.0]));
+    assert_eq!(floor("operator.2.desired_force_n.2=80").operator[2].desired_force, Some([0.0, 0.0, 80.0]));
+    assert_eq!(floor("title=\"two words\"").title, "two words");
+    assert_eq!(floor("seed=7").seed, 7);
+    let with_floor = load(MINIMAL, &["world.floor.friction_static=0.5"]);
+    assert_eq!(with_floor.world.floor.unwrap().friction_static, 0.5);
+}
+
+#[test]
+fn a_later_override_wins() {
+    let s = load(MINIMAL, &["controller.taper=0.1", "controller.taper=0.3"]);
+    assert_eq!(s.initial.taper, 0.3);
+}
+
+#[test]
+fn a_file_finds_its_robot_beside_it() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("mine.toml");
+    std::fs::create_dir(dir.path().join("robots")).unwrap();
+    std::fs::write(dir.path().join("robots/own.urdf"), "<robot name=\"own\"/>").unwrap();
+    std::fs::write(&file, MINIMAL.replace("leg.urdf", "robots/own.urdf")).unwrap();
+    let s = Settings::load(file.to_str().unwrap(), &[]).unwrap();
+    assert_eq!(s.robot.urdf.text, "<robot name=\"own\"/>");
+    assert!(Path::new(&s.robot.urdf.name).is_file());
+    assert_eq!(again(&s), s, "the description travels beside the effective configuration");
+
+    std::fs::write(&file, MINIMAL).unwrap();
+    let s = Settings::load(file.to_str().unwrap(), &[]).unwrap();
+    assert_eq!(s.robot.urdf.text, robots()[0].1, "an embedded robot is found from any directory");
+}
+
+/// Every key of a table, and of those inside it, is described in the schema.
+fn described(schema: &serde_json::Value, table: &toml::Table, keys: &mut usize) {
+    for (key, value) in table {
+        let property = &schema["properties"][key];
+        let description = property["description"].as_str();
+        assert!(description.is_some_and(|text| !text.is_empty()), "{key} is not described in the schema");
+        *keys += 1;
+        match value {
+            toml::Value::Table(inner) => described(property, inner, keys),
+            toml::Value::Array(entries) => {
+                for entry in entries.iter().filter_map(toml::Value::as_table) {
+                    described(&property["items"], entry, keys);
+                }
+            }
+            _ => {}
+        }
+    }
+}
+
+#[test]
+fn the_schema_is_json_and_knows_every_key_of_the_floor_scenario() {
+    let schema: serde_json::Value = serde_json::from_str(&json_schema()).unwrap();
+    let floor: toml::Table = scenarios()[0].text.parse().unwrap();
+    let mut keys = 0;
+    described(&schema, &floor, &mut keys);
+    assert!(keys > 20, "only {keys} keys seen");
+    let controller = &schema["properties"]["controller"]["properties"];
+    assert_eq!(controller["taper"]["default"], 0.2);
+    assert_eq!(controller["taper"]["maximum"], 1.0);
+    assert_eq!(controller["stiffness"]["items"]["exclusiveMinimum"], 0.0);
+    assert_eq!(schema["required"], serde_json::json!(["robot"]));
+}

@@ -1,0 +1,38 @@
+//! The HapFIC controller: haptic search, force profile, fractal attractor and the task-space law that joins them.
+//!
+//! All laws are pure and work on each axis of the world frame alone: state in, state and force out. Forces are in N, lengths
+//! in m, times in s. Nothing that is not finite leaves a law, and no force exceeds `F_max`, whatever the parameters.
+//!
+//! ```
+//! use hapfic_controller::task_space::{self, Input};
+//! use hapfic_ipc::message::{ControllerState, Parameters};
+//!
+//! let parameters = Parameters {
+//!     stiffness: [2000.0; 3],
+//!     max_force: [100.0; 3],
+//!     position_bound: [0.05; 3],
+//!     taper: 0.2,
+//!     search_scale: 0.01,
+//!     force_resolution: 0.01,
+//!     ..Parameters::default()
+//! };
+//! let input = Input { reference_position: [0.01, 0.0, 0.0], ..Input::default() };
+//! let output = task_space::step(ControllerState::default(), &input, &parameters, 1e-3)?;
+//! assert_eq!(output.force, [20.0, 0.0, 0.0]);
+//! # Ok::<(), hapfic_controller::task_space::TaskSpaceError>(())
+//! ```
+
+mod attractor;
+pub mod conditioning;
+mod error;
+mod haptic;
+pub mod parameters;
+pub mod process;
+mod profile;
+pub mod task_space;
+
+pub use attractor::Attractor;
+pub use conditioning::{LowPass, limit};
+pub use error::ControllerError;
+pub use haptic::{HapticParameters, HapticSearch};
+pub use profile::ForceProfile;

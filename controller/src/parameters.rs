@@ -1,0 +1,60 @@
+//! From checked settings to the parameter set that travels.
+
+use hapfic_config::{Parameters as Settings, ResetPolicy, Saturation, Search};
+use hapfic_ipc::message::{self, Parameters};
+
+/// The parameter set of a version, in force from a tick on. `here` is the target where none is given, m.
+#[must_use]
+pub fn parameters(settings: &Settings, version: u64, effective_tick: i64, here: [f64; 3]) -> Parameters {
+    let reset_policy = match settings.reset_policy {
+        ResetPolicy::ContactLoss => message::ResetPolicy::ContactLoss,
+        ResetPolicy::AsPrinted => message::ResetPolicy::AsPrinted,
+        ResetPolicy::Never => message::ResetPolicy::Never,
+    };
+    let saturation = match settings.saturation {
+        Saturation::Continuous => message::Saturation::Continuous,
+        Saturation::AsPrinted => message::Saturation::AsPrinted,
+    };
+    let search = match settings.search {
+        Search::Tapered => message::Search::Tapered,
+        Search::Sign => message::Search::Sign,
+    };
+    Parameters {
+        version,
+        effective_tick,
+        target_position: settings.target_position.unwrap_or(here),
+        desired_force: settings.desired_force,
+        stiffness: settings.stiffness,
+        max_force: settings.max_force,
+        position_bound: settings.position_bound,
+        reset_policy: reset_policy.code(),
+        saturation: saturation.code(),
+        search: search.code(),
+        gravity_compensation: u32::from(settings.gravity_compensation),
+        taper: settings.taper,
+        search_scale: settings.search_scale,
+        force_resolution: settings.force_resolution,
+        mean_speed: settings.mean_speed,
+        max_acceleration: settings.max_acceleration,
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use hapfic_ipc::Check;
+
+    #[test]
+    fn what_the_scenario_says_arrives_and_passes_the_check() {
+        let overrides = ["controller.fidelity=paper".to_owned(), "controller.stiffness=[1, 2, 3]".to_owned()];
+        let settings = hapfic_config::Settings::load("floor", &overrides).unwrap();
+        let p = parameters(&settings.initial, 1, 0, [7.0, 8.0, 9.0]);
+        assert_eq!(p.check(), Ok(()));
+        assert_eq!(p.search, message::Search::Sign.code());
+        assert_eq!(p.reset_policy, message::ResetPolicy::AsPrinted.code());
+        assert_eq!(p.saturation, message::Saturation::AsPrinted.code());
+        assert_eq!(p.stiffness, [1.0, 2.0, 3.0]);
+        assert_eq!(p.target_position, [7.0, 8.0, 9.0]);
+    }
+}

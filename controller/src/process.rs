@@ -1,0 +1,152 @@
+//! The controller as a process: state(k), reference(k) and command(k - 1) in, request(k) out.
+//!
+//! It keeps nothing from tick to tick: the controller's state comes with the command, as the gate accepted it. So any number of
+//! controllers compute the same, and one that starts late needs no seeding.
+
+use crate::error::ControllerError;
+use crate::task_space::{self, Input as Measured};
+use hapfic_config::{PERIOD_S, Settings};
+use hapfic_ipc::message::{Command, Operator, Process, Reference, Request, State};
+use hapfic_ipc::realtime::Wish;
+use hapfic_ipc::{Clock, Context, Input, IpcError, Output, Wait, clock, topic};
+use hapfic_robot::{Chain, MAX_JOINTS};
+use nalgebra::Vector3;
+
+struct Ports {
+    state: Input<State>,
+    reference: Input<Reference>,
+    command: Input<Command>,
+    operator: Input<Operator>,
+    request: Output<Request>,
+}
+
+/// What has come in, newest first choice.
+#[derive(Clone, Copy, Debug, Default)]
+struct Inbox {
+    /// The last two references: the planner is one tick ahead.
+    references: [Option<Reference>; 2],
+    command: Option<Command>,
+    operator: Option<Operator>,
+}
+
+impl Inbox {
+    /// The reference of a tick.
+    fn reference(&self, tick: i64) -> Option<&Reference> {
+        self.references.iter().flatten().find(|r| r.tick == tick)
+    }
+
+    /// The reference to follow at a tick: its own, or the last one held at rest, or (before any) where the foot is.
+    fn setpoint(&self, state: &State) -> ([f64; 3], [f64; 3]) {
+        if let Some(r) = self.reference(state.tick) {
+            return (r.position, r.velocity);
+        }
+        let older = self.references.iter().flatten().filter(|r| r.tick < state.tick).max_by_key(|r| r.tick);
+        (older.map_or(state.foot_position, |r| r.position), [0.0; 3])
+    }
+}
+
+/// Runs a controller until its last tick or its end.
+///
+/// # Errors
+/// [`ControllerError`] if the robot description is no good or messaging fails.
+pub fn run(context: &mut Context, settings: &Settings) -> Result<(), ControllerError> {
+    let in_step = if context.clock == Clock::Lockstep { Wait::Yes } else { Wait::No };
+    let mut ports = Ports {
+        state: context.bus.input(&topic::STATE, Wait::Yes)?,
+        reference: context.bus.input(&topic::REFERENCE, in_step)?,
+        command: context.bus.input(&topic::COMMAND, in_step)?,
+        operator: context.bus.input(&topic::OPERATOR, Wait::No)?,
+        request: context.bus.output(&topic::REQUEST)?,
+    };
+    let chain = Chain::from_settings(&settings.robot)?;
+    let gravity = Vector3::from(settings.world.gravity_m_per_s2);
+    // The standby gives way to the primary.
+    let priority = settings.realtime.priority_controller - u32::from(context.process == Process::Standby);
+    context.ready(Wish::new(priority, settings.realtime.core_controller))?;
+
+    let last_tick = settings.duration_ticks as i64 - 1;
+    let mut inbox = Inbox::default();
+    let mut seen = -1;
+    while let Some(state) = context.next_state(&mut ports.state, seen, || ports.request.prepare())? {
+        let wake = clock::now_ns();
+        context.begin();
+        seen = state.tick;
+        if !fill(context, &mut ports, &mut inbox, state.tick)? {
+            break;
+        }
+        let mut published = 0;
+        match answer(&chain, &gravity, &state, &inbox, context.process) {
+            Some(request) => {
+                ports.request.send(&Request { stamp_ns: context.stamp(), ..request })?;
+                published = clock::now_ns();
+            }
+            None => context.refuse(),
+        }
+        context.account(state.tick, state.stamp_ns, wake, published)?;
+        ports.request.prepare();
+        if state.tick >= last_tick {
+            context.finish(state.tick)?;
+            break;
+        }
+    }
+    Ok(())
+}
+
+/// One tick of the control law: a pure function of what came in. `None` if that does not allow an answer.
+fn answer(chain: &Chain, gravity: &Vector3<f64>, state: &State, inbox: &Inbox, controller: Process) -> Option<Request> {
+    let n = chain.dof();
+    let parameters = inbox.operator.as_ref()?.at(state.tick);
+    let command = inbox.command.as_ref()?;
+    if state.joints as usize != n || command.tick >= state.tick {
+        return None;
+    }
+    let kin = chain.kinematics(&state.joint_position[..n]);
+    let jacobian = chain.jacobian(&kin);
+    let (reference_position, reference_velocity) = inbox.setpoint(state);
+    let measured = Measured {
+        position: kin.tip_position().into(),
+        velocity: jacobian.linear_mul(&state.joint_velocity[..n]).into(),
+        reference_position,
+        reference_velocity,
+        contact_force: state.foot_force,
+    };
+    let out = task_space::step(command.request.state, &measured, parameters, PERIOD_S).ok()?;
+    let mut torque = jacobian.linear_transpose_mul(&Vector3::from(out.force));
+    if parameters.gravity_compensation == 1 {
+        let hold = chain.gravity_torque(&kin, gravity);
+        for i in 0..MAX_JOINTS {
+            torque[i] += hold[i];
+        }
+    }
+    Some(Request {
+        stamp_ns: 0,
+        tick: state.tick,
+        state_tick: state.tick,
+        parameters_version: parameters.version,
+        controller: controller.code(),
+        joints: n as u32,
+        error: out.error,
+        error_rate: out.error_rate,
+        force: out.force,
+        torque,
+        state: out.state,
+    })
+}
+
+/// Takes what there is; in lockstep waits for reference(k) and command(k - 1). Says whether to go on.
+fn fill(context: &mut Context, ports: &mut Ports, inbox: &mut Inbox, tick: i64) -> Result<bool, IpcError> {
+    loop {
+        context.drain(&mut ports.reference, |new| inbox.references = [Some(new), inbox.references[0]])?;
+        context.drain(&mut ports.command, |new| inbox.command = Some(new))?;
+        context.drain(&mut ports.operator, |new| inbox.operator = Some(new))?;
+        let complete =
+            inbox.reference(tick).is_some() && inbox.command.is_some_and(|c| c.tick >= tick - 1) && inbox.operator.is_some();
+        if context.clock == Clock::Realtime || complete {
+            return Ok(true);
+        }
+        ports.request.prepare();
+        if !context.wait(&[&ports.reference, &ports.command], tick)? {
+            return Ok(false);
+        }
+    }
+}

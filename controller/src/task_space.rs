@@ -1,0 +1,169 @@
+//! Task-space FIC: haptic search, error and attractor on the three axes of the world frame (eqs. 1, 4, 5; Algorithm 1).
+
+use crate::attractor::Attractor;
+use crate::haptic::{HapticParameters, HapticSearch};
+use crate::profile::ForceProfile;
+use hapfic_ipc::message::{ControllerState, Parameters, ResetPolicy, Saturation, Search};
+
+/// Why the law gives no force.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum TaskSpaceError {
+    /// A number that came in, or the error made from it, is not finite.
+    #[error(
+        "task-space FIC: {quantity}[{index}] is {found}, expected a finite number; refuse the message it came in and make no \
+         request for this tick"
+    )]
+    NotFinite {
+        /// Which one.
+        quantity: &'static str,
+        /// Its axis; 0 for a scalar.
+        index: usize,
+        /// What it is.
+        found: f64,
+    },
+    /// A policy's code means nothing.
+    #[error("task-space FIC: {quantity} has code {found}, expected 0 to {last}; refuse the parameter set it came in")]
+    UnknownPolicy {
+        /// Which policy.
+        quantity: &'static str,
+        /// Its code.
+        found: u32,
+        /// The last code that means something.
+        last: usize,
+    },
+    /// The control tick is not a time.
+    #[error("task-space FIC: the period is {found} s, expected a finite, positive time; pass the control tick")]
+    Period {
+        /// What it is, s.
+        found: f64,
+    },
+}
+
+/// The policies of a parameter set, decoded.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Policies {
+    /// What happens to the offset while the search rests.
+    pub reset_policy: ResetPolicy,
+    /// How the force profile saturates.
+    pub saturation: Saturation,
+    /// The step of the haptic search.
+    pub search: Search,
+}
+
+/// Decodes the policies; `None` if a code means nothing.
+#[must_use]
+pub fn policies(p: &Parameters) -> Option<Policies> {
+    decode(p).ok()
+}
+
+/// What the law sees in one tick, world frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Input {
+    /// x, foot position, m.
+    pub position: [f64; 3],
+    /// J q', foot velocity, m/s.
+    pub velocity: [f64; 3],
+    /// x_d, m.
+    pub reference_position: [f64; 3],
+    /// x_d', m/s.
+    pub reference_velocity: [f64; 3],
+    /// F, measured reaction on the foot, unfiltered, N.
+    pub contact_force: [f64; 3],
+}
+
+/// What the law answers.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Output {
+    /// The state after this tick.
+    pub state: ControllerState,
+    /// e = x_d + dx - x, m.
+    pub error: [f64; 3],
+    /// e' = x_d' - J q', m/s. The search's own motion does not enter.
+    pub error_rate: [f64; 3],
+    /// F_c, N, within +-F_max.
+    pub force: [f64; 3],
+}
+
+/// One control tick of `period_s`, s, from the state after the tick before. The law keeps nothing itself.
+///
+/// # Errors
+/// If a number of state, input or parameters is not finite, a policy's code means nothing or the period is not a
+/// positive time. There is no output then: what to do instead is the caller's to decide.
+pub fn step(state: ControllerState, input: &Input, p: &Parameters, period_s: f64) -> Result<Output, TaskSpaceError> {
+    check(&state, input, p, period_s)?;
+    let policies = decode(p)?;
+    let mut output = Output { state, ..Output::default() };
+    for axis in 0..3 {
+        let haptic = HapticParameters {
+            stiffness: p.stiffness[axis],
+            position_bound: p.position_bound[axis],
+            search: policies.search,
+            reset_policy: policies.reset_policy,
+            taper: p.taper,
+            search_scale: p.search_scale,
+            force_resolution: p.force_resolution,
+            period_s,
+        };
+        let profile = ForceProfile {
+            stiffness: p.stiffness[axis],
+            max_force: p.max_force[axis],
+            position_bound: p.position_bound[axis],
+            saturation: policies.saturation,
+        };
+        let search = HapticSearch { offset_m: state.offset[axis] };
+        let search = search.step(p.desired_force[axis], input.contact_force[axis], &haptic);
+        let error = input.reference_position[axis] + search.offset_m - input.position[axis];
+        let error_rate = input.reference_velocity[axis] - input.velocity[axis];
+        let attractor = Attractor { x_max_m: state.x_max[axis], converging: state.converging[axis] != 0 };
+        let (attractor, force) = attractor.step(error, error_rate, &profile);
+
+        output.state.offset[axis] = search.offset_m;
+        output.state.x_max[axis] = attractor.x_max_m;
+        output.state.converging[axis] = u32::from(attractor.converging);
+        output.error[axis] = error;
+        output.error_rate[axis] = error_rate;
+        output.force[axis] = force;
+    }
+    // Finite numbers near the largest can still overflow in a difference.
+    check_finite("error", &output.error)?;
+    check_finite("error_rate", &output.error_rate)?;
+    Ok(output)
+}
+
+fn decode(p: &Parameters) -> Result<Policies, TaskSpaceError> {
+    let unknown = |quantity, found, variants: usize| TaskSpaceError::UnknownPolicy { quantity, found, last: variants - 1 };
+    Ok(Policies {
+        reset_policy: ResetPolicy::from_code(p.reset_policy)
+            .ok_or_else(|| unknown("reset_policy", p.reset_policy, ResetPolicy::ALL.len()))?,
+        saturation: Saturation::from_code(p.saturation)
+            .ok_or_else(|| unknown("saturation", p.saturation, Saturation::ALL.len()))?,
+        search: Search::from_code(p.search).ok_or_else(|| unknown("search", p.search, Search::ALL.len()))?,
+    })
+}
+
+fn check(state: &ControllerState, input: &Input, p: &Parameters, period_s: f64) -> Result<(), TaskSpaceError> {
+    if !period_s.is_finite() || period_s <= 0.0 {
+        return Err(TaskSpaceError::Period { found: period_s });
+    }
+    check_finite("state.offset", &state.offset)?;
+    check_finite("state.x_max", &state.x_max)?;
+    check_finite("position", &input.position)?;
+    check_finite("velocity", &input.velocity)?;
+    check_finite("reference_position", &input.reference_position)?;
+    check_finite("reference_velocity", &input.reference_velocity)?;
+    check_finite("contact_force", &input.contact_force)?;
+    check_finite("desired_force", &p.desired_force)?;
+    check_finite("stiffness", &p.stiffness)?;
+    check_finite("max_force", &p.max_force)?;
+    check_finite("position_bound", &p.position_bound)?;
+    check_finite("taper", &[p.taper])?;
+    check_finite("search_scale", &[p.search_scale])?;
+    check_finite("force_resolution", &[p.force_resolution])
+}
+
+fn check_finite(quantity: &'static str, values: &[f64]) -> Result<(), TaskSpaceError> {
+    match values.iter().enumerate().find(|(_, value)| !value.is_finite()) {
+        Some((index, &found)) => Err(TaskSpaceError::NotFinite { quantity, index, found }),
+        None => Ok(()),
+    }
+}

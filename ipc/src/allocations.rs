@@ -1,0 +1,49 @@
+//! Counts heap allocations of the current thread.
+//!
+//! A real-time loop must not allocate between receiving and sending. The binary installs [`Counting`] as its global allocator;
+//! each loop compares [`count`] before and after and reports the difference in [`crate::message::Timing`].
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+
+thread_local! {
+    static COUNT: Cell<u64> = const { Cell::new(0) };
+}
+
+/// Allocations made by this thread so far; stays zero unless [`Counting`] is the global allocator.
+#[must_use]
+pub fn count() -> u64 {
+    COUNT.with(Cell::get)
+}
+
+/// The system's allocator, counting.
+#[derive(Debug)]
+pub struct Counting;
+
+fn tick() {
+    // A thread that is being torn down has no counter any more, and nobody who reads it.
+    let _ = COUNT.try_with(|c| c.set(c.get() + 1));
+}
+
+// SAFETY: every call is passed on unchanged to the system's allocator; counting touches a plain thread-local cell only.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        tick();
+        // SAFETY: the caller's promises are those `System` asks for.
+        unsafe { System.alloc(layout) }
+    }
+    unsafe fn dealloc(&self, ptr: *mut u8, layout: Layout) {
+        // SAFETY: as above.
+        unsafe { System.dealloc(ptr, layout) }
+    }
+    unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
+        tick();
+        // SAFETY: as above.
+        unsafe { System.alloc_zeroed(layout) }
+    }
+    unsafe fn realloc(&self, ptr: *mut u8, layout: Layout, new_size: usize) -> *mut u8 {
+        tick();
+        // SAFETY: as above.
+        unsafe { System.realloc(ptr, layout, new_size) }
+    }
+}

@@ -1,0 +1,302 @@
+//! Checks of messages that come from another process: finite, in range, codes known. Ticks in order are the receiver's business.
+
+use crate::message::{
+    Command, ControllerState, Credit, Detector, Drive, Event, EventKind, MAX_CONTACTS, MAX_JOINTS, MAX_OBJECTS, Mode, Operator,
+    Parameters, Phase, Process, Reference, Request, ResetPolicy, Saturation, Search, Severity, Source, State, Timing,
+};
+use crate::message::EVENT_TEXT;
+
+/// What is wrong with a message.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum Defect {
+    /// Not a number, or infinite.
+    #[error("'{field}' is {found}, expected a finite number")]
+    NotFinite {
+        /// Which field.
+        field: &'static str,
+        /// Its value.
+        found: f64,
+    },
+    /// A code that means nothing.
+    #[error("'{field}' has code {found}, which means nothing")]
+    Code {
+        /// Which field.
+        field: &'static str,
+        /// Its value.
+        found: u32,
+    },
+    /// More than there is room for, or another number than agreed.
+    #[error("'{field}' is {found}, expected {expected}")]
+    Count {
+        /// Which field.
+        field: &'static str,
+        /// Its value.
+        found: u64,
+        /// What it may be.
+        expected: u64,
+    },
+    /// Out of its range.
+    #[error("'{field}' is {found}, expected {expected}")]
+    Range {
+        /// Which field.
+        field: &'static str,
+        /// Its value.
+        found: f64,
+        /// What it may be.
+        expected: &'static str,
+    },
+    /// Another tick than the one waited for.
+    #[error("'{field}' is {found}, expected {expected}")]
+    Tick {
+        /// Which field.
+        field: &'static str,
+        /// Its value.
+        found: i64,
+        /// What it should be.
+        expected: i64,
+    },
+}
+
+/// A message that can be checked by itself.
+pub trait Check {
+    /// The first defect found.
+    ///
+    /// # Errors
+    /// The [`Defect`].
+    fn check(&self) -> Result<(), Defect>;
+}
+
+fn finite(field: &'static str, values: &[f64]) -> Result<(), Defect> {
+    match values.iter().find(|v| !v.is_finite()) {
+        Some(&found) => Err(Defect::NotFinite { field, found }),
+        None => Ok(()),
+    }
+}
+
+fn code<T>(field: &'static str, found: u32, decoded: Option<T>) -> Result<(), Defect> {
+    decoded.map(drop).ok_or(Defect::Code { field, found })
+}
+
+fn at_most(field: &'static str, found: u32, most: usize) -> Result<(), Defect> {
+    if found as usize <= most {
+        Ok(())
+    } else {
+        Err(Defect::Count { field, found: found.into(), expected: most as u64 })
+    }
+}
+
+fn positive(field: &'static str, values: &[f64]) -> Result<(), Defect> {
+    finite(field, values)?;
+    match values.iter().find(|v| **v <= 0.0) {
+        Some(&found) => Err(Defect::Range { field, found, expected: "a positive number" }),
+        None => Ok(()),
+    }
+}
+
+impl Check for State {
+    fn check(&self) -> Result<(), Defect> {
+        at_most("joints", self.joints, MAX_JOINTS)?;
+        at_most("object_count", self.object_count, MAX_OBJECTS)?;
+        at_most("contact_count", self.contact_count, MAX_CONTACTS)?;
+        code("drive", self.drive, Drive::from_code(self.drive))?;
+        finite("joint_position", &self.joint_position)?;
+        finite("joint_velocity", &self.joint_velocity)?;
+        finite("joint_torque", &self.joint_torque)?;
+        finite("foot_position", &self.foot_position)?;
+        finite("foot_velocity", &self.foot_velocity)?;
+        finite("foot_force", &self.foot_force)?;
+        for o in &self.objects[..self.object_count as usize] {
+            finite("objects.position", &o.position)?;
+            finite("objects.orientation", &o.orientation)?;
+            finite("objects.linear_velocity", &o.linear_velocity)?;
+            finite("objects.angular_velocity", &o.angular_velocity)?;
+        }
+        Ok(())
+    }
+}
+
+impl Check for Reference {
+    fn check(&self) -> Result<(), Defect> {
+        finite("position", &self.position)?;
+        finite("velocity", &self.velocity)?;
+        for a in &self.planner.axes {
+            finite(
+                "planner",
+                &[
+                    a.target,
+                    a.start,
+                    a.start_velocity,
+                    a.brake_acceleration,
+                    a.brake_time,
+                    a.amplitude,
+                    a.rate,
+                    a.phase,
+                ],
+            )?;
+        }
+        Ok(())
+    }
+}
+
+impl Check for ControllerState {
+    fn check(&self) -> Result<(), Defect> {
+        finite("offset", &self.offset)?;
+        finite("x_max", &self.x_max)?;
+        match self.converging.iter().find(|c| **c > 1) {
+            Some(&found) => Err(Defect::Code { field: "converging", found }),
+            None => Ok(()),
+        }
+    }
+}
+
+impl Check for Request {
+    fn check(&self) -> Result<(), Defect> {
+        at_most("joints", self.joints, MAX_JOINTS)?;
+        code("controller", self.controller, Process::from_code(self.controller))?;
+        finite("error", &self.error)?;
+        finite("error_rate", &self.error_rate)?;
+        finite("force", &self.force)?;
+        finite("torque", &self.torque)?;
+        self.state.check()
+    }
+}
+
+impl Check for Command {
+    fn check(&self) -> Result<(), Defect> {
+        code("mode", self.mode, Mode::from_code(self.mode))?;
+        code("source", self.source, Source::from_code(self.source))?;
+        code("severity", self.severity, Severity::from_code(self.severity))?;
+        at_most("joints", self.joints, MAX_JOINTS)?;
+        finite("torque", &self.torque)?;
+        self.request.check()
+    }
+}
+
+impl Check for Parameters {
+    fn check(&self) -> Result<(), Defect> {
+        code("reset_policy", self.reset_policy, ResetPolicy::from_code(self.reset_policy))?;
+        code("saturation", self.saturation, Saturation::from_code(self.saturation))?;
+        code("search", self.search, Search::from_code(self.search))?;
+        at_most("gravity_compensation", self.gravity_compensation, 1)?;
+        finite("target_position", &self.target_position)?;
+        finite("desired_force", &self.desired_force)?;
+        positive("stiffness", &self.stiffness)?;
+        positive("max_force", &self.max_force)?;
+        positive("position_bound", &self.position_bound)?;
+        positive("taper", &[self.taper])?;
+        positive("search_scale", &[self.search_scale])?;
+        positive("force_resolution", &[self.force_resolution])?;
+        positive("mean_speed", &[self.mean_speed])?;
+        positive("max_acceleration", &[self.max_acceleration])
+    }
+}
+
+impl Check for Operator {
+    fn check(&self) -> Result<(), Defect> {
+        self.current.check()?;
+        self.next.check()
+    }
+}
+
+impl Check for Event {
+    fn check(&self) -> Result<(), Defect> {
+        code("process", self.process, Process::from_code(self.process))?;
+        code("kind", self.kind, EventKind::from_code(self.kind))?;
+        code("severity", self.severity, Severity::from_code(self.severity))?;
+        code("detector", self.detector, Detector::from_code(self.detector))?;
+        at_most("text_len", self.text_len, EVENT_TEXT)
+    }
+}
+
+impl Check for Timing {
+    fn check(&self) -> Result<(), Defect> {
+        code("process", self.process, Process::from_code(self.process))?;
+        code("phase", self.phase, Phase::from_code(self.phase))
+    }
+}
+
+impl Check for Credit {
+    fn check(&self) -> Result<(), Defect> {
+        Ok(())
+    }
+}
+
+impl Event {
+    /// An event with a text, cut at [`EVENT_TEXT`] bytes (at a character's border).
+    #[must_use]
+    pub fn new(
+        tick: i64,
+        process: Process,
+        kind: EventKind,
+        severity: Severity,
+        detector: Detector,
+        text: &str,
+    ) -> Self {
+        let len = text.floor_char_boundary(EVENT_TEXT);
+        let mut bytes = [0; EVENT_TEXT];
+        bytes[..len].copy_from_slice(&text.as_bytes()[..len]);
+        Self {
+            stamp_ns: 0,
+            tick,
+            process: process.code(),
+            kind: kind.code(),
+            severity: severity.code(),
+            detector: detector.code(),
+            text_len: len as u32,
+            reserved: 0,
+            text: bytes,
+        }
+    }
+
+    /// The text; what is not UTF-8 is shown as U+FFFD.
+    #[must_use]
+    pub fn text(&self) -> std::borrow::Cow<'_, str> {
+        String::from_utf8_lossy(&self.text[..(self.text_len as usize).min(EVENT_TEXT)])
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_nan_anywhere_in_the_counted_part_is_found() {
+        let good = State { joints: 3, ..State::default() };
+        assert_eq!(good.check(), Ok(()));
+        let mut bad = good;
+        bad.foot_force[2] = f64::NAN;
+        assert!(matches!(bad.check(), Err(Defect::NotFinite { field: "foot_force", .. })));
+        let mut request = Request { controller: Process::Controller.code(), joints: 3, ..Request::default() };
+        assert_eq!(request.check(), Ok(()));
+        request.state.converging[1] = 7;
+        assert_eq!(request.check(), Err(Defect::Code { field: "converging", found: 7 }));
+    }
+
+    #[test]
+    fn counts_beyond_the_room_are_refused() {
+        let state = State { joints: 9, ..State::default() };
+        assert_eq!(state.check(), Err(Defect::Count { field: "joints", found: 9, expected: 8 }));
+        let event = Event { text_len: 5000, ..Event::new(0, Process::Plant, EventKind::Note, Severity::Nominal, Detector::None, "") };
+        assert!(event.check().is_err());
+        assert_eq!(event.text().len(), EVENT_TEXT);
+    }
+
+    #[test]
+    fn a_long_text_is_cut_between_characters() {
+        let text = "é".repeat(EVENT_TEXT);
+        let event = Event::new(3, Process::Planner, EventKind::Note, Severity::Nominal, Detector::None, &text);
+        assert_eq!(event.check(), Ok(()));
+        assert!(text.starts_with(event.text().as_ref()));
+        assert!(event.text().len() >= EVENT_TEXT - 1);
+    }
+
+    #[test]
+    fn codes_and_names_lead_back() {
+        for &mode in Mode::ALL {
+            assert_eq!(Mode::from_code(mode.code()), Some(mode));
+            assert_eq!(Mode::from_name(mode.name()), Some(mode));
+        }
+        assert_eq!(Mode::from_code(77), None);
+    }
+}

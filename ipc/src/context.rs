@@ -1,0 +1,257 @@
+//! A child process of the stack: its bus, its clock, its end.
+
+use crate::bus::{Bus, Domain, Input, Output, Wakes, wait};
+use crate::check::Check;
+use crate::error::IpcError;
+use crate::message::{Phase, Process, State, Timing};
+use crate::realtime::{self, Granted, Wish};
+use crate::run::{Clock, RealtimeMode, RunFile};
+use crate::{allocations, topic};
+use core::time::Duration;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// How long a process waits for input before it looks around.
+const PATIENCE: Duration = Duration::from_millis(50);
+
+/// What every process loop has at hand.
+#[derive(Debug)]
+pub struct Context {
+    /// Which process this is.
+    pub process: Process,
+    /// How time passes.
+    pub clock: Clock,
+    /// The topics.
+    pub bus: Bus,
+    stop: Arc<AtomicBool>,
+    supervisor_pid: i32,
+    realtime: RealtimeMode,
+    granted: Granted,
+    timing: Output<Timing>,
+    refused: u32,
+    faults_at_start: u64,
+    faults: u32,
+    allocations_at_wake: u64,
+}
+
+impl Context {
+    /// Joins a run: dies with its supervisor, ends on SIGTERM, leaves SIGINT to the supervisor.
+    ///
+    /// # Errors
+    /// [`IpcError`] if the supervisor is gone already or its topics cannot be opened.
+    pub fn join(run: &RunFile, process: Process) -> Result<Self, IpcError> {
+        let system = |action| move |e: rustix::io::Errno| IpcError::System { action, cause: e.into() };
+        let stop = Arc::new(AtomicBool::new(false));
+        for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
+            signal_hook::flag::register(signal, Arc::clone(&stop))
+                .map_err(|cause| IpcError::System { action: "handle signals", cause })?;
+        }
+        rustix::process::set_parent_process_death_signal(Some(rustix::process::Signal::TERM))
+            .map_err(system("ask to end with the supervisor"))?;
+        let name = std::ffi::CString::new(format!("hapfic-{}", process.name())).unwrap_or_default();
+        rustix::thread::set_name(&name).map_err(system("set the process's name"))?;
+        let domain = Domain::new(&run.prefix, &run.root)?;
+        let bus = Bus::open(&domain, process.name())?;
+        let timing = bus.output(&topic::TIMING)?;
+        let context = Self {
+            process,
+            clock: run.clock,
+            bus,
+            stop,
+            supervisor_pid: run.supervisor_pid,
+            realtime: if run.clock == Clock::Lockstep { RealtimeMode::Off } else { run.realtime },
+            granted: Granted::default(),
+            timing,
+            refused: 0,
+            faults_at_start: 0,
+            faults: 0,
+            allocations_at_wake: 0,
+        };
+        // The death signal is only sent for a death after it was asked for.
+        if context.supervisor_gone() {
+            return Err(IpcError::System {
+                action: "join the run",
+                cause: std::io::Error::other("the supervisor has ended"),
+            });
+        }
+        Ok(context)
+    }
+
+    fn supervisor_gone(&self) -> bool {
+        rustix::process::getppid().is_none_or(|p| p.as_raw_nonzero().get() != self.supervisor_pid)
+    }
+
+    /// Takes real-time privileges, as far as the run asks for them, and says that the process is ready.
+    ///
+    /// # Errors
+    /// [`IpcError`] if the message cannot be sent.
+    pub fn ready(&mut self, wish: Wish) -> Result<(), IpcError> {
+        if self.realtime != RealtimeMode::Off {
+            self.granted = realtime::enter(wish);
+        }
+        self.faults_at_start = realtime::page_faults();
+        self.beat(Phase::Ready, -1)
+    }
+
+    /// Whether the loop should go on. Asks the system for the parent only in the slack, see [`idle`](Self::idle).
+    #[must_use]
+    pub fn running(&self) -> bool {
+        !self.stop.load(Ordering::Relaxed)
+    }
+
+    /// Waits for something on one of the inputs, a signal or [`PATIENCE`]; in the latter case does what [`idle`](Self::idle)
+    /// does. Says whether to go on.
+    ///
+    /// # Errors
+    /// [`IpcError`] if waiting fails or the heartbeat cannot be sent.
+    pub fn wait(&mut self, inputs: &[&dyn Wakes], tick: i64) -> Result<bool, IpcError> {
+        if !wait(inputs, PATIENCE)? {
+            self.idle(tick)?;
+        }
+        Ok(self.running())
+    }
+
+    /// Takes everything that has come in; what does not pass its check is counted and left out.
+    ///
+    /// # Errors
+    /// [`IpcError`] if a connection is damaged.
+    pub fn drain<T>(&mut self, input: &mut Input<T>, mut take: impl FnMut(T)) -> Result<(), IpcError>
+    where
+        T: Check + Copy + core::fmt::Debug + iceoryx2::prelude::ZeroCopySend + 'static,
+    {
+        while let Some(message) = input.next()? {
+            if message.check().is_ok() {
+                take(message);
+            } else {
+                self.refuse();
+            }
+        }
+        Ok(())
+    }
+
+    /// The state to work on after tick `seen`: the next one in lockstep, the newest in realtime. `None` when the process should
+    /// end. `slack` is called before each wait.
+    ///
+    /// # Errors
+    /// [`IpcError`] if waiting or receiving fails.
+    pub fn next_state(
+        &mut self,
+        input: &mut Input<State>,
+        seen: i64,
+        mut slack: impl FnMut(),
+    ) -> Result<Option<State>, IpcError> {
+        loop {
+            let mut found = None;
+            while let Some(state) = input.next()? {
+                if state.check().is_err() || state.tick <= seen {
+                    self.refuse();
+                    continue;
+                }
+                found = Some(state);
+                if self.clock == Clock::Lockstep {
+                    break;
+                }
+            }
+            if found.is_some() {
+                return Ok(found);
+            }
+            slack();
+            if !self.wait(&[&*input], seen)? {
+                return Ok(None);
+            }
+        }
+    }
+
+    /// Waits until the supervisor ends the process: what it has sent stays in being as long as it does.
+    ///
+    /// # Errors
+    /// [`IpcError`] if the heartbeat cannot be sent.
+    pub fn finish(&mut self, tick: i64) -> Result<(), IpcError> {
+        while self.running() {
+            self.beat(Phase::Finished, tick)?;
+            wait(&[], PATIENCE)?;
+            if self.supervisor_gone() {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    /// To be called when a wait timed out: sends a heartbeat, and ends the loop if the supervisor is gone.
+    ///
+    /// # Errors
+    /// [`IpcError`] if the heartbeat cannot be sent.
+    pub fn idle(&mut self, tick: i64) -> Result<(), IpcError> {
+        if self.supervisor_gone() {
+            self.stop.store(true, Ordering::Relaxed);
+        }
+        self.beat(if tick < 0 { Phase::Ready } else { Phase::Waiting }, tick)
+    }
+
+    /// Counts a message that was not used.
+    pub fn refuse(&mut self) {
+        self.refused = self.refused.saturating_add(1);
+    }
+
+    /// To be called on waking up with work to do: starts counting allocations.
+    pub fn begin(&mut self) {
+        self.allocations_at_wake = allocations::count();
+    }
+
+    /// Time of the monotonic clock for messages: zero in lockstep.
+    #[must_use]
+    pub fn stamp(&self) -> u64 {
+        match self.clock {
+            Clock::Realtime => crate::clock::now_ns(),
+            Clock::Lockstep => 0,
+        }
+    }
+
+    /// Accounts for a tick after its output was sent.
+    ///
+    /// # Errors
+    /// [`IpcError`] if the message cannot be sent.
+    pub fn account(&mut self, tick: i64, due_ns: u64, wake_ns: u64, publish_ns: u64) -> Result<(), IpcError> {
+        // A system call: in the slack, and not at every tick.
+        if tick % 1000 == 999 {
+            self.count_faults();
+        }
+        let allocations = (allocations::count() - self.allocations_at_wake) as u32;
+        self.send(&Timing {
+            phase: Phase::Running.code(),
+            tick,
+            due_ns,
+            wake_ns,
+            publish_ns,
+            allocations,
+            ..Timing::default()
+        })
+    }
+
+    /// A heartbeat without a tick's work.
+    ///
+    /// # Errors
+    /// [`IpcError`] if the message cannot be sent.
+    pub fn beat(&mut self, phase: Phase, tick: i64) -> Result<(), IpcError> {
+        let now = crate::clock::now_ns();
+        if phase == Phase::Finished {
+            self.count_faults();
+        }
+        self.send(&Timing { phase: phase.code(), tick, due_ns: now, wake_ns: now, ..Timing::default() })
+    }
+
+    fn count_faults(&mut self) {
+        self.faults = (realtime::page_faults() - self.faults_at_start) as u32;
+    }
+
+    fn send(&mut self, timing: &Timing) -> Result<(), IpcError> {
+        self.timing.prepare();
+        self.timing.send(&Timing {
+            process: self.process.code(),
+            refused: self.refused,
+            page_faults: self.faults,
+            realtime: self.granted.0,
+            ..*timing
+        })
+    }
+}

@@ -1,0 +1,40 @@
+//! What the processes of the stack say to each other, and how: message types, topics, ports over iceoryx2, and the real-time
+//! set-up of a process.
+//!
+//! A process opens a [`Bus`] on the run's domain, takes [`Input`]s and [`Output`]s of the [`topic`]s it needs, and loops:
+//! wait, read, check, step, publish, account.
+//!
+//! ```no_run
+//! use hapfic_ipc::{Bus, Domain, Wait, topic};
+//! # fn main() -> Result<(), hapfic_ipc::IpcError> {
+//! let domain = Domain::new("hf1_", "/dev/shm/hf1")?;
+//! let bus = Bus::open(&domain, "listener")?;
+//! let mut state = bus.input(&topic::STATE, Wait::Yes)?;
+//! hapfic_ipc::wait(&[&state], core::time::Duration::from_millis(100))?;
+//! while let Some(sample) = state.next()? {
+//!     let _ = sample.tick;
+//! }
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! This is the only crate with `unsafe` code.
+#![allow(unsafe_code)]
+
+pub mod allocations;
+mod bus;
+mod check;
+pub mod clock;
+mod context;
+mod error;
+pub mod message;
+pub mod realtime;
+mod run;
+pub mod topic;
+mod wire_enum;
+
+pub use bus::{Bus, Domain, Input, Output, Wait, Wakes, wait};
+pub use check::{Check, Defect};
+pub use context::Context;
+pub use error::IpcError;
+pub use run::{Clock, RealtimeMode, RunFile};

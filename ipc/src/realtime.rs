@@ -1,0 +1,207 @@
+//! The real-time set-up of a thread and of the machine: takes what it can get and says what it lacks.
+
+use std::fs::{File, OpenOptions};
+use std::io::Write;
+use rustix::mm::{MlockAllFlags, mlockall};
+use rustix::process::{Resource, getrlimit};
+use rustix::thread::{CapabilitySet, CpuSet};
+
+/// What a thread got; a set of bits that travels in [`crate::message::Timing`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Granted(pub u32);
+
+impl Granted {
+    /// The scheduler `SCHED_FIFO` at the priority asked for.
+    pub const FIFO: u32 = 1;
+    /// All memory of the process is locked.
+    pub const LOCKED: u32 = 2;
+    /// The thread stays on the core asked for.
+    pub const PINNED: u32 = 4;
+
+    /// Whether a bit is set.
+    #[must_use]
+    pub fn has(self, bit: u32) -> bool {
+        self.0 & bit != 0
+    }
+}
+
+/// What a thread asks for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Wish {
+    /// Priority of `SCHED_FIFO`, 1 to 98.
+    pub priority: i32,
+    /// Core to stay on.
+    pub core: Option<usize>,
+}
+
+impl Wish {
+    /// A priority, and a core or none.
+    #[must_use]
+    pub fn new(priority: u32, core: Option<u32>) -> Self {
+        Self { priority: priority as i32, core: core.map(|c| c as usize) }
+    }
+}
+
+/// Bytes of stack touched beforehand, so that a deep call does not fault.
+const STACK: usize = 256 * 1024;
+
+/// Makes the calling thread a real-time one as far as it may. Nothing fails: what is missing is missing in the result.
+#[must_use]
+pub fn enter(wish: Wish) -> Granted {
+    let mut granted = 0;
+    // Memory first: a page locked later would fault at real-time priority.
+    if lock_memory().is_ok() {
+        granted |= Granted::LOCKED;
+    }
+    touch_stack();
+    if let Some(core) = wish.core {
+        let mut set = CpuSet::new();
+        if core < CpuSet::MAX_CPU {
+            set.set(core);
+            if rustix::thread::sched_setaffinity(None, &set).is_ok() {
+                granted |= Granted::PINNED;
+            }
+        }
+    }
+    if set_fifo(wish.priority) {
+        granted |= Granted::FIFO;
+    }
+    Granted(granted)
+}
+
+fn set_fifo(priority: i32) -> bool {
+    let parameters = libc::sched_param { sched_priority: priority };
+    // SAFETY: `parameters` lives through the call; 0 names the calling thread.
+    unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO, &raw const parameters) == 0 }
+}
+
+#[inline(never)]
+fn touch_stack() {
+    let mut stack = [0_u8; STACK];
+    for byte in stack.iter_mut().step_by(4096) {
+        *byte = 1;
+    }
+    std::hint::black_box(&stack);
+}
+
+fn capable(capability: CapabilitySet) -> bool {
+    rustix::thread::capabilities(None).is_ok_and(|sets| sets.effective.contains(capability))
+}
+
+/// Locks all present and future memory of the process.
+///
+/// Only where the limit cannot be reached: with a finite limit a later allocation would fail, and abort the process.
+fn lock_memory() -> Result<(), ()> {
+    if !may_lock() {
+        return Err(());
+    }
+    mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE).map_err(drop)
+}
+
+fn may_lock() -> bool {
+    getrlimit(Resource::Memlock).current.is_none() || capable(CapabilitySet::IPC_LOCK)
+}
+
+fn may_fifo(priority: i32) -> bool {
+    capable(CapabilitySet::SYS_NICE) || rtprio_limit() >= priority as u64
+}
+
+fn rtprio_limit() -> u64 {
+    getrlimit(Resource::Rtprio).current.unwrap_or(u64::MAX)
+}
+
+/// Keeps the processors out of idle states that take long to leave, for as long as it lives.
+#[derive(Debug)]
+pub struct IdleHold(#[allow(dead_code)] File);
+
+/// Where the wish for the longest exit latency is written.
+const DMA_LATENCY: &str = "/dev/cpu_dma_latency";
+
+impl IdleHold {
+    /// Asks for no exit latency at all; `None` if this user may not.
+    #[must_use]
+    pub fn take() -> Option<Self> {
+        let mut file = OpenOptions::new().write(true).open(DMA_LATENCY).ok()?;
+        file.write_all(&0_i32.to_ne_bytes()).ok()?;
+        Some(Self(file))
+    }
+}
+
+/// One line of what real time needs: whether it can be had, and if not, what would give it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Privilege {
+    /// What it is.
+    pub name: &'static str,
+    /// Whether this process may.
+    pub granted: bool,
+    /// The value found, or what to do.
+    pub note: String,
+}
+
+/// What this process may take, for the highest priority it will ask for.
+#[must_use]
+pub fn privileges(priority: i32) -> Vec<Privilege> {
+    let fifo = may_fifo(priority);
+    let lock = may_lock();
+    let idle = OpenOptions::new().write(true).open(DMA_LATENCY).is_ok();
+    let say = |ok: bool, yes: String, no: &str| if ok { yes } else { no.to_owned() };
+    vec![
+        Privilege {
+            name: "SCHED_FIFO",
+            granted: fifo,
+            note: say(
+                fifo,
+                format!("priority up to {priority}"),
+                "needs CAP_SYS_NICE, or `@realtime - rtprio 98` in /etc/security/limits.conf",
+            ),
+        },
+        Privilege {
+            name: "memory lock",
+            granted: lock,
+            note: say(
+                lock,
+                "all pages stay in memory".to_owned(),
+                "needs CAP_IPC_LOCK, or `@realtime - memlock unlimited` in /etc/security/limits.conf",
+            ),
+        },
+        Privilege {
+            name: "no deep idle",
+            granted: idle,
+            note: say(
+                idle,
+                "/dev/cpu_dma_latency held at 0".to_owned(),
+                "needs write access to /dev/cpu_dma_latency (a udev rule: KERNEL==\"cpu_dma_latency\", GROUP=\"realtime\", MODE=\"0660\")",
+            ),
+        },
+    ]
+}
+
+/// Page faults of the calling thread so far, minor and major together.
+#[must_use]
+pub fn page_faults() -> u64 {
+    // SAFETY: all-zero bytes are a valid `rusage`, which holds numbers only.
+    let mut usage: libc::rusage = unsafe { core::mem::zeroed() };
+    // SAFETY: `usage` lives through the call and is of the type it fills.
+    let done = unsafe { libc::getrusage(libc::RUSAGE_THREAD, &raw mut usage) } == 0;
+    if done { (usage.ru_minflt + usage.ru_majflt) as u64 } else { 0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_privilege_is_named_and_says_what_it_lacks() {
+        let list = privileges(80);
+        assert_eq!(list.len(), 3);
+        assert!(list.iter().all(|p| !p.note.is_empty() && (p.granted || p.note.contains("needs"))));
+    }
+
+    #[test]
+    fn page_faults_count_up() {
+        let before = page_faults();
+        let memory = vec![1_u8; 64 << 20];
+        std::hint::black_box(&memory);
+        assert!(page_faults() > before);
+    }
+}

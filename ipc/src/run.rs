@@ -1,0 +1,86 @@
+//! The run file: what a supervisor tells the processes it starts.
+
+use crate::error::IpcError;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// How time passes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Clock {
+    /// An absolute timer, 1 ms.
+    Realtime,
+    /// As fast as it goes: everyone waits for exactly what it needs.
+    Lockstep,
+}
+
+impl Clock {
+    /// Its name on the command line and in logs.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Realtime => "realtime",
+            Self::Lockstep => "lockstep",
+        }
+    }
+}
+
+/// How hard to try for real-time privileges.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum RealtimeMode {
+    /// Takes what it can get.
+    Auto,
+    /// Refuses to start without all of it.
+    Require,
+    /// Asks for none.
+    Off,
+}
+
+/// Everything a process of the stack needs to take part in a run. JSON; its path is in the environment variable
+/// [`RunFile::VARIABLE`] of every process the supervisor starts.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RunFile {
+    /// Prefix of the run's shared memory.
+    pub prefix: String,
+    /// The run's folder.
+    pub root: String,
+    /// The process all others end with.
+    pub supervisor_pid: i32,
+    /// How time passes.
+    pub clock: Clock,
+    /// Whether to ask for real-time privileges.
+    pub realtime: RealtimeMode,
+    /// The effective configuration, TOML.
+    pub settings: String,
+    /// Where the URDF came from.
+    pub urdf_name: String,
+    /// The URDF itself.
+    pub urdf: String,
+}
+
+impl RunFile {
+    /// Environment variable that holds the run file's path.
+    pub const VARIABLE: &'static str = "HAPFIC_RUN";
+
+    /// Reads a run file.
+    ///
+    /// # Errors
+    /// [`IpcError::RunFile`] naming the file and what is wrong with it.
+    pub fn read(path: &Path) -> Result<Self, IpcError> {
+        let fail = |cause: String| IpcError::RunFile { path: path.to_owned(), cause };
+        let text = std::fs::read_to_string(path).map_err(|e| fail(e.to_string()))?;
+        serde_json::from_str(&text).map_err(|e| fail(e.to_string()))
+    }
+
+    /// Writes it.
+    ///
+    /// # Errors
+    /// [`IpcError::RunFile`] if the file cannot be written.
+    pub fn write(&self, path: &Path) -> Result<(), IpcError> {
+        let fail = |cause: String| IpcError::RunFile { path: path.to_owned(), cause };
+        let text = serde_json::to_string_pretty(self).map_err(|e| fail(e.to_string()))?;
+        std::fs::write(path, text).map_err(|e| fail(e.to_string()))
+    }
+}

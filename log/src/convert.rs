@@ -1,0 +1,218 @@
+//! From the messages between processes to those of the log.
+//!
+//! Joint lists are cut to the joints that count, codes become names. A code that no name belongs to becomes `unknown`:
+//! the log records what was sent, also if it was wrong.
+
+use crate::names::Names;
+use crate::proto;
+use hapfic_ipc::message::{
+    AxisPlan, Command, ContactState, Detector, Drive, Event, EventKind, Mode, ObjectState, Parameters, Phase, Physics, Process,
+    Reference, Request, ResetPolicy, Saturation, Search, Severity, Source, State, Timing,
+};
+
+const UNKNOWN: &str = "unknown";
+
+/// Topic `/state`.
+#[must_use]
+pub fn state(state: &State, names: &Names) -> proto::State {
+    let objects = state.objects.iter().take(state.object_count as usize).enumerate();
+    let contacts = state.contacts.iter().take(state.contact_count as usize);
+    proto::State {
+        tick: state.tick,
+        time_ns: state.time_ns,
+        joint_position: first(&state.joint_position, state.joints),
+        joint_velocity: first(&state.joint_velocity, state.joints),
+        joint_torque: first(&state.joint_torque, state.joints),
+        foot_position: state.foot_position.to_vec(),
+        foot_velocity: state.foot_velocity.to_vec(),
+        foot_force: state.foot_force.to_vec(),
+        command_tick: state.command_tick,
+        wake_lateness_ns: state.wake_lateness_ns,
+        objects: objects.map(|(index, body)| object(body, names.object(index))).collect(),
+        slipped: state.slipped,
+        drive: Drive::from_code(state.drive).map_or(UNKNOWN, Drive::name).to_owned(),
+        contacts: contacts.map(|c| contact(c, names)).collect(),
+        physics: Some(physics(&state.physics)),
+    }
+}
+
+/// Topic `/reference`.
+#[must_use]
+pub fn reference(reference: &Reference) -> proto::Reference {
+    proto::Reference {
+        tick: reference.tick,
+        position: reference.position.to_vec(),
+        velocity: reference.velocity.to_vec(),
+        parameters_version: reference.parameters_version,
+        planner: Some(proto::PlannerState {
+            ticks: reference.planner.ticks,
+            axes: reference.planner.axes.iter().map(axis_plan).collect(),
+        }),
+    }
+}
+
+/// Topic `/request`.
+#[must_use]
+pub fn request(request: &Request) -> proto::Request {
+    proto::Request {
+        tick: request.tick,
+        state_tick: request.state_tick,
+        controller: controller(request.controller).to_owned(),
+        parameters_version: request.parameters_version,
+        error: request.error.to_vec(),
+        error_rate: request.error_rate.to_vec(),
+        offset: request.state.offset.to_vec(),
+        x_max: request.state.x_max.to_vec(),
+        converging: flags(&request.state.converging),
+        force: request.force.to_vec(),
+        torque: first(&request.torque, request.joints),
+    }
+}
+
+/// Topic `/command`.
+#[must_use]
+pub fn command(command: &Command) -> proto::Command {
+    let request = &command.request;
+    proto::Command {
+        tick: command.tick,
+        // The command's count: before the first request, the request's own is zero.
+        torque_raw: first(&request.torque, command.joints),
+        torque: first(&command.torque, command.joints),
+        controller: controller(request.controller).to_owned(),
+        mode: Mode::from_code(command.mode).map_or(UNKNOWN, Mode::name).to_owned(),
+        state_tick: request.state_tick,
+        parameters_version: request.parameters_version,
+        error: request.error.to_vec(),
+        error_rate: request.error_rate.to_vec(),
+        offset: request.state.offset.to_vec(),
+        x_max: request.state.x_max.to_vec(),
+        converging: flags(&request.state.converging),
+        force: request.force.to_vec(),
+        source: Source::from_code(command.source).map_or(UNKNOWN, Source::name).to_owned(),
+        severity: severity(command.severity).to_owned(),
+        limited: command.limited,
+    }
+}
+
+/// Topic `/operator`.
+#[must_use]
+pub fn operator(parameters: &Parameters) -> proto::Operator {
+    proto::Operator {
+        version: parameters.version,
+        effective_tick: parameters.effective_tick,
+        target_position: parameters.target_position.to_vec(),
+        desired_force: parameters.desired_force.to_vec(),
+        stiffness: parameters.stiffness.to_vec(),
+        max_force: parameters.max_force.to_vec(),
+        position_bound: parameters.position_bound.to_vec(),
+        reset_policy: ResetPolicy::from_code(parameters.reset_policy).map_or(UNKNOWN, ResetPolicy::name).to_owned(),
+        saturation: Saturation::from_code(parameters.saturation).map_or(UNKNOWN, Saturation::name).to_owned(),
+        search: Search::from_code(parameters.search).map_or(UNKNOWN, Search::name).to_owned(),
+        taper: parameters.taper,
+        mean_speed: parameters.mean_speed,
+        search_scale: parameters.search_scale,
+        force_resolution: parameters.force_resolution,
+        max_acceleration: parameters.max_acceleration,
+        gravity_compensation: parameters.gravity_compensation != 0,
+    }
+}
+
+/// Topic `/event`. Bytes that are not UTF-8 are replaced.
+#[must_use]
+pub fn event(event: &Event) -> proto::Event {
+    let text = event.text.get(..event.text_len as usize).unwrap_or(&event.text);
+    proto::Event {
+        tick: event.tick,
+        process: process(event.process).to_owned(),
+        kind: EventKind::from_code(event.kind).map_or(UNKNOWN, EventKind::name).to_owned(),
+        severity: severity(event.severity).to_owned(),
+        detector: Detector::from_code(event.detector).map_or(UNKNOWN, Detector::name).to_owned(),
+        text: String::from_utf8_lossy(text).into_owned(),
+    }
+}
+
+/// Topic `/timing`.
+#[must_use]
+pub fn timing(timing: &Timing) -> proto::Timing {
+    proto::Timing {
+        tick: timing.tick,
+        process: process(timing.process).to_owned(),
+        phase: Phase::from_code(timing.phase).map_or(UNKNOWN, Phase::name).to_owned(),
+        due_ns: timing.due_ns,
+        wake_ns: timing.wake_ns,
+        publish_ns: timing.publish_ns,
+        latency_ns: timing.latency_ns,
+        wake_lateness_ns: timing.wake_ns.saturating_sub(timing.due_ns),
+        allocations: timing.allocations,
+        refused: timing.refused,
+        page_faults: timing.page_faults,
+    }
+}
+
+fn object(body: &ObjectState, name: String) -> proto::Object {
+    proto::Object {
+        name,
+        position: body.position.to_vec(),
+        orientation: body.orientation.to_vec(),
+        linear_velocity: body.linear_velocity.to_vec(),
+        angular_velocity: body.angular_velocity.to_vec(),
+    }
+}
+
+fn contact(contact: &ContactState, names: &Names) -> proto::Contact {
+    proto::Contact {
+        body: names.body(contact.body),
+        against: names.body(contact.against),
+        point: contact.point.to_vec(),
+        force: contact.force.to_vec(),
+        depth: contact.depth,
+    }
+}
+
+fn physics(physics: &Physics) -> proto::Physics {
+    proto::Physics {
+        substeps: physics.substeps,
+        newton_iterations: physics.newton_iterations,
+        unconverged: physics.unconverged,
+        energy_j: physics.energy_j,
+        contact_work_j: physics.contact_work_j,
+    }
+}
+
+fn axis_plan(plan: &AxisPlan) -> proto::AxisPlan {
+    proto::AxisPlan {
+        target: plan.target,
+        start: plan.start,
+        start_velocity: plan.start_velocity,
+        brake_acceleration: plan.brake_acceleration,
+        brake_time: plan.brake_time,
+        amplitude: plan.amplitude,
+        rate: plan.rate,
+        phase: plan.phase,
+    }
+}
+
+fn first(values: &[f64], count: u32) -> Vec<f64> {
+    values.iter().take(count as usize).copied().collect()
+}
+
+fn flags(codes: &[u32]) -> Vec<bool> {
+    codes.iter().map(|&code| code != 0).collect()
+}
+
+fn process(code: u32) -> &'static str {
+    Process::from_code(code).map_or(UNKNOWN, Process::name)
+}
+
+fn severity(code: u32) -> &'static str {
+    Severity::from_code(code).map_or(UNKNOWN, Severity::name)
+}
+
+/// Only the two controllers make requests; the zeroed request before the first one carries the supervisor's code.
+fn controller(code: u32) -> &'static str {
+    match Process::from_code(code) {
+        Some(made @ (Process::Controller | Process::Standby)) => made.name(),
+        Some(_) => "none",
+        None => UNKNOWN,
+    }
+}

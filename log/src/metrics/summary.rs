@@ -1,0 +1,107 @@
+//! The figures of a run. Every number is finite; what there was nothing to measure for is `None`, `null` in JSON.
+
+use serde::Serialize;
+
+/// The figures of a run. Arrays are the axes x, y and z of the world.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct MetricsSummary {
+    /// How well the foot followed the reference.
+    pub tracking: TrackingSummary,
+    /// How well the contact force was matched.
+    pub force: ForceSummary,
+    /// The controller's force against its limit.
+    pub force_command: ForceCommandSummary,
+    /// By the wall clock.
+    pub timing: TimingSummary,
+    /// What the figures are from.
+    pub ticks: TickSummary,
+}
+
+/// x - x_d, over all ticks that have a state and a reference; the searched offset dx does not count as reference.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct TrackingSummary {
+    /// Largest error, m.
+    pub max_m: [f64; 3],
+    /// Root of the mean square of the error, m.
+    pub rms_m: [f64; 3],
+    /// Largest position bound x_b that was in force, m.
+    pub bound_m: [f64; 3],
+    /// Ticks at which any axis was further off than the x_b in force then.
+    pub outside_ticks: u64,
+}
+
+/// F - F_d, in windows in which it may be expected to be small: F_d is not zero on that axis, has not changed for 0.5 s, and
+/// has been reached (to 1 % or the force resolution) since it was set.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct ForceSummary {
+    /// The last F_d that was not zero, N.
+    pub desired_n: [Option<f64>; 3],
+    /// Root of the mean square of the error while the reference has been at rest on all axes for 0.5 s, N.
+    pub settled_rms_n: [Option<f64>; 3],
+    /// The same of the error relative to |F_d|, %.
+    pub settled_rms_percent: [Option<f64>; 3],
+    /// Ticks of these two.
+    pub settled_ticks: [u64; 3],
+    /// As `settled_rms_percent`, while the reference moves on any axis, %.
+    pub sliding_rms_percent: [Option<f64>; 3],
+    /// Ticks of it.
+    pub sliding_ticks: [u64; 3],
+}
+
+/// F_c of the commands in mode `active`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct ForceCommandSummary {
+    /// Largest |F_c|, N.
+    pub max_n: [f64; 3],
+    /// Largest F_max that was in force, N.
+    pub limit_n: [f64; 3],
+    /// Largest |F_c| / F_max, with the F_max in force then.
+    pub max_ratio: [f64; 3],
+    /// Ticks at which |F_c| of any axis was above the F_max in force then; the law allows none.
+    pub above_limit_ticks: u64,
+}
+
+/// By the wall clock.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct TimingSummary {
+    /// From state published to command published, us.
+    pub latency_us: Option<Quantiles>,
+    /// Periods by which simulated time slipped, because the plant's timer came late.
+    pub late_ticks: u64,
+    /// Commands that no request of their tick stands behind, after the first one in mode `active`.
+    pub missed_ticks: u64,
+    /// How late the plant's timer was, us; all zero in lockstep, which has no timer.
+    pub wake_lateness_us: Option<Quantiles>,
+    /// Heap allocations between receiving and sending, in all processes.
+    pub allocations: u64,
+}
+
+/// Quantiles of a distribution, to three digits; the largest value is exact.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Quantiles {
+    /// Median.
+    pub p50: f64,
+    /// 99 % are no larger.
+    pub p99: f64,
+    /// 99.9 % are no larger.
+    pub p999: f64,
+    /// Largest.
+    pub max: f64,
+}
+
+/// What the figures are from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct TickSummary {
+    /// First tick in `/state`.
+    pub first: Option<i64>,
+    /// Last tick in `/state`.
+    pub last: Option<i64>,
+    /// Ticks between the two that are missing in `/state`.
+    pub missing_states: u64,
+    /// Ticks from the first on, before the last, that are missing in `/command`: the run may end before the last is answered.
+    pub missing_commands: u64,
+    /// Both together.
+    pub lost: u64,
+    /// Messages left out since they held no finite numbers, or the wrong number of them.
+    pub invalid: u64,
+}

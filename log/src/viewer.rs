@@ -1,0 +1,324 @@
+//! What a 3-D view of a run shows: bodies that move, contact forces, the reference and the target.
+//!
+//! The messages are Foxglove's own, which other viewers read too. They are for the eye: thinned out to some 60 a second,
+//! by integer arithmetic on the tick alone, so that the log of a lockstep run stays a function of scenario and seed.
+
+use crate::{proto, time_of};
+use foxglove::messages::log::Level;
+use foxglove::messages::{
+    ArrowPrimitive, Color, CubePrimitive, CylinderPrimitive, FrameTransform, FrameTransforms, Log, Pose, Quaternion,
+    SceneEntity, SceneUpdate, SpherePrimitive, Timestamp, Vector3,
+};
+use hapfic_ipc::message::Severity;
+
+/// The frame that does not move.
+pub const WORLD: &str = "world";
+
+/// Ticks of a second.
+const TICKS_PER_SECOND: i64 = 1000;
+/// Length of an arrow for 1 N, m: 10 N are 1 cm.
+const ARROW_M_PER_N: f64 = 1e-3;
+/// Forces below it are not drawn, N.
+const SMALLEST_FORCE_N: f64 = 0.01;
+/// Longest head of an arrow, m.
+const HEAD_M: f64 = 0.02;
+/// Diameter of an arrow's shaft, m.
+const SHAFT_M: f64 = 0.006;
+/// Diameter of the spheres at reference and target, m.
+const MARK_M: f64 = 0.012;
+/// A plane is drawn as thin as this, m.
+const PLANE_M: f64 = 1e-4;
+const UPRIGHT: [f64; 4] = [0.0, 0.0, 0.0, 1.0];
+const FORCE_COLOR: [f64; 4] = [0.9, 0.2, 0.1, 1.0];
+const REFERENCE_COLOR: [f64; 4] = [0.1, 0.6, 0.2, 1.0];
+const TARGET_COLOR: [f64; 4] = [0.1, 0.3, 0.9, 0.7];
+
+/// What there is to see. Given once.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Scene {
+    /// Bodies, each with the frame its shapes move with.
+    pub bodies: Vec<SceneBody>,
+}
+
+/// A body and its shapes.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct SceneBody {
+    /// Name, unique in the scene.
+    pub name: String,
+    /// Frame of its shapes; [`WORLD`] if it does not move.
+    pub frame: String,
+    /// Shapes.
+    pub shapes: Vec<SceneShape>,
+}
+
+/// A shape in the frame of its body.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SceneShape {
+    /// Centre of the shape, m.
+    pub position: [f64; 3],
+    /// Unit quaternion, x y z w.
+    pub orientation: [f64; 4],
+    /// Form and size.
+    pub shape: Shape,
+    /// Red, green, blue and opacity, 0 to 1.
+    pub color: [f64; 4],
+}
+
+/// Form and size of a shape.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Shape {
+    /// A sphere.
+    Sphere {
+        /// Radius, m.
+        radius: f64,
+    },
+    /// A cylinder along z.
+    Cylinder {
+        /// Radius, m.
+        radius: f64,
+        /// Length, m.
+        length: f64,
+    },
+    /// A box.
+    Box {
+        /// Edges along x, y and z, m.
+        size: [f64; 3],
+    },
+    /// The plane z = 0, without end, of which a square is drawn.
+    Plane {
+        /// Edge of the square, m.
+        size: f64,
+    },
+}
+
+/// Makes the messages for viewers.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Viewer {
+    scene: Scene,
+    rate_hz: u32,
+    start_unix_ns: u64,
+}
+
+impl Viewer {
+    /// `rate_hz` is 0 (nothing is due) to 1000; more counts as 1000. `start_unix_ns` is the time of tick 0, as in the log.
+    #[must_use]
+    pub fn new(scene: Scene, rate_hz: u32, start_unix_ns: u64) -> Self {
+        Self { scene, rate_hz, start_unix_ns }
+    }
+
+    /// Whether this tick is one of the `rate_hz` in a second that are shown. Every whole second is, if any.
+    #[must_use]
+    pub fn due(&self, tick: i64) -> bool {
+        let frame = |tick: i64| (i128::from(tick) * i128::from(self.rate_hz)).div_euclid(i128::from(TICKS_PER_SECOND));
+        tick >= 0 && frame(tick) > frame(tick - 1)
+    }
+
+    /// Frames that move, in the order of the scene: [`Viewer::transforms`] wants a pose for each.
+    pub fn moving_frames(&self) -> impl Iterator<Item = &str> {
+        self.scene.bodies.iter().map(|body| body.frame.as_str()).filter(|frame| *frame != WORLD)
+    }
+
+    /// Poses of the moving frames in the world: position, m, and unit quaternion, x y z w. Frames without one are left out.
+    #[must_use]
+    pub fn transforms(&self, tick: i64, poses: &[([f64; 3], [f64; 4])]) -> FrameTransforms {
+        let timestamp = self.timestamp(tick);
+        let transforms = self.moving_frames().zip(poses).map(|(frame, (position, orientation))| FrameTransform {
+            timestamp: Some(timestamp),
+            parent_frame_id: WORLD.to_owned(),
+            child_frame_id: frame.to_owned(),
+            translation: Some(vector(*position)),
+            rotation: Some(quaternion(*orientation)),
+        });
+        FrameTransforms { transforms: transforms.collect() }
+    }
+
+    /// Contact forces, reference and target, in the world; once a second also the bodies, for viewers that came late.
+    #[must_use]
+    pub fn scene_update(
+        &self,
+        tick: i64,
+        contacts: &[proto::Contact],
+        reference: Option<[f64; 3]>,
+        target: Option<[f64; 3]>,
+    ) -> SceneUpdate {
+        let mut entities = Vec::new();
+        if tick.rem_euclid(TICKS_PER_SECOND) == 0 {
+            entities.extend(self.scene.bodies.iter().map(|body| self.body(tick, body)));
+        }
+        // Always sent: an entity without a shape takes away the one before.
+        let mut forces = self.entity(tick, WORLD, "contacts");
+        forces.arrows = contacts.iter().filter_map(arrow).collect();
+        entities.push(forces);
+        for (id, position, color) in [("reference", reference, REFERENCE_COLOR), ("target", target, TARGET_COLOR)] {
+            let mut mark = self.entity(tick, WORLD, id);
+            mark.spheres = position.map(|position| sphere(pose(position, UPRIGHT), MARK_M, color)).into_iter().collect();
+            entities.push(mark);
+        }
+        SceneUpdate { deletions: Vec::new(), entities }
+    }
+
+    fn body(&self, tick: i64, body: &SceneBody) -> SceneEntity {
+        let mut entity = self.entity(tick, &body.frame, &body.name);
+        for part in &body.shapes {
+            let pose = pose(part.position, part.orientation);
+            let color = Some(rgba(part.color));
+            match part.shape {
+                Shape::Sphere { radius } => entity.spheres.push(sphere(pose, 2.0 * radius, part.color)),
+                Shape::Cylinder { radius, length } => entity.cylinders.push(CylinderPrimitive {
+                    pose: Some(pose),
+                    size: Some(vector([2.0 * radius, 2.0 * radius, length])),
+                    bottom_scale: 1.0,
+                    top_scale: 1.0,
+                    color,
+                }),
+                Shape::Box { size } => {
+                    entity.cubes.push(CubePrimitive { pose: Some(pose), size: Some(vector(size)), color });
+                }
+                Shape::Plane { size } => {
+                    let size = Some(vector([size, size, PLANE_M]));
+                    entity.cubes.push(CubePrimitive { pose: Some(pose), size, color });
+                }
+            }
+        }
+        entity
+    }
+
+    fn entity(&self, tick: i64, frame: &str, id: &str) -> SceneEntity {
+        SceneEntity {
+            timestamp: Some(self.timestamp(tick)),
+            frame_id: frame.to_owned(),
+            id: id.to_owned(),
+            frame_locked: true,
+            ..SceneEntity::default()
+        }
+    }
+
+    /// An event as a line of text; its level follows from the severity.
+    #[must_use]
+    pub fn log_line(&self, event: &proto::Event) -> Log {
+        let level = match Severity::from_name(&event.severity) {
+            Some(Severity::Nominal) => Level::Info,
+            Some(Severity::Degraded) => Level::Warning,
+            Some(Severity::Brake) => Level::Error,
+            Some(Severity::Stopped) => Level::Fatal,
+            None => Level::Unknown,
+        };
+        Log {
+            timestamp: Some(self.timestamp(event.tick)),
+            level: level as i32,
+            message: format!("{}: {}", event.kind, event.text),
+            name: event.process.clone(),
+            ..Log::default()
+        }
+    }
+
+    fn timestamp(&self, tick: i64) -> Timestamp {
+        const NS_PER_SECOND: u64 = 1_000_000_000;
+        let ns = time_of(self.start_unix_ns, tick);
+        let seconds = u32::try_from(ns / NS_PER_SECOND);
+        seconds.map_or(Timestamp::MAX, |seconds| Timestamp::new(seconds, (ns % NS_PER_SECOND) as u32))
+    }
+}
+
+/// The force of a contact, from its point on; `None` if it is too small to see, or is not one.
+fn arrow(contact: &proto::Contact) -> Option<ArrowPrimitive> {
+    let point: [f64; 3] = contact.point.as_slice().try_into().ok()?;
+    let force: [f64; 3] = contact.force.as_slice().try_into().ok()?;
+    let size = force.iter().map(|f| f * f).sum::<f64>().sqrt();
+    if !size.is_finite() || size < SMALLEST_FORCE_N {
+        return None;
+    }
+    let length = size * ARROW_M_PER_N;
+    let head = HEAD_M.min(0.3 * length);
+    Some(ArrowPrimitive {
+        pose: Some(pose(point, from_x_axis(force.map(|f| f / size)))),
+        shaft_length: length - head,
+        shaft_diameter: SHAFT_M,
+        head_length: head,
+        head_diameter: 2.0 * SHAFT_M,
+        color: Some(rgba(FORCE_COLOR)),
+    })
+}
+
+/// The shortest turn from the x axis to a unit vector, as a unit quaternion x y z w.
+fn from_x_axis(direction: [f64; 3]) -> [f64; 4] {
+    let [x, y, z] = direction;
+    // Opposite to x every half turn about an axis across is a shortest one.
+    if x < -1.0 + 1e-9 {
+        return [0.0, 0.0, 1.0, 0.0];
+    }
+    let norm = ((1.0 + x).powi(2) + y * y + z * z).sqrt();
+    [0.0, -z / norm, y / norm, (1.0 + x) / norm]
+}
+
+fn sphere(pose: Pose, diameter: f64, color: [f64; 4]) -> SpherePrimitive {
+    SpherePrimitive { pose: Some(pose), size: Some(vector([diameter; 3])), color: Some(rgba(color)) }
+}
+
+fn pose(position: [f64; 3], orientation: [f64; 4]) -> Pose {
+    Pose { position: Some(vector(position)), orientation: Some(quaternion(orientation)) }
+}
+
+fn vector([x, y, z]: [f64; 3]) -> Vector3 {
+    Vector3 { x, y, z }
+}
+
+fn quaternion([x, y, z, w]: [f64; 4]) -> Quaternion {
+    Quaternion { x, y, z, w }
+}
+
+fn rgba([r, g, b, a]: [f64; 4]) -> Color {
+    Color { r, g, b, a }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn turn([x, y, z, w]: [f64; 4]) -> [f64; 3] {
+        // First column of the rotation matrix: where the x axis goes.
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + z * w), 2.0 * (x * z - y * w)]
+    }
+
+    #[test]
+    fn an_arrow_points_along_its_force() {
+        let third = 1.0 / 3.0_f64.sqrt();
+        let directions = [
+            [1.0, 0.0, 0.0],
+            [-1.0, 0.0, 0.0],
+            [0.0, 1.0, 0.0],
+            [0.0, 0.0, 1.0],
+            [0.0, 0.0, -1.0],
+            [third, -third, third],
+            [-0.6, 0.0, 0.8],
+        ];
+        for direction in directions {
+            let turned = turn(from_x_axis(direction));
+            let same = turned.iter().zip(&direction).all(|(a, b)| (a - b).abs() < 1e-12);
+            assert!(same, "{direction:?} came out as {turned:?}");
+        }
+    }
+
+    #[test]
+    fn sixty_frames_a_second_are_due_and_every_whole_second_is_one() {
+        let viewer = |rate_hz| Viewer::new(Scene::default(), rate_hz, 0);
+        for (rate_hz, expected) in [(0, 0), (1, 3), (60, 180), (999, 2997), (1000, 3000), (5000, 3000)] {
+            assert_eq!((0..3000).filter(|&tick| viewer(rate_hz).due(tick)).count(), expected, "{rate_hz} Hz");
+        }
+        assert!([0, 1000, 2000].into_iter().all(|tick| viewer(60).due(tick)));
+        assert!(!viewer(60).due(-1));
+    }
+
+    #[test]
+    fn ten_newtons_are_a_centimetre() {
+        let contact = |force: f64| proto::Contact {
+            point: vec![0.1, 0.2, 0.0],
+            force: vec![0.0, 0.0, force],
+            ..proto::Contact::default()
+        };
+        let drawn = arrow(&contact(10.0)).map(|a| a.shaft_length + a.head_length);
+        assert!(drawn.is_some_and(|length| (length - 0.01).abs() < 1e-15));
+        assert_eq!(arrow(&contact(0.001)), None);
+        assert_eq!(arrow(&contact(f64::NAN)), None);
+    }
+}

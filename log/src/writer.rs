@@ -1,0 +1,330 @@
+//! Writing a log.
+
+use crate::attachment::Attachment;
+use crate::error::LogError;
+use crate::names::Names;
+use crate::topic::Topic;
+use crate::{convert, proto, time_of};
+use foxglove::messages::{FrameTransforms, Log, SceneUpdate};
+use hapfic_ipc::message::{Command, Event, Parameters, Reference, Request, State, Timing};
+use mcap::records::{MessageHeader, Metadata};
+use mcap::write::NoSeek;
+use prost::Message;
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::fmt;
+use std::fs::File;
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+/// How a log is written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct WriterOptions {
+    /// Time of tick 0, ns since 1970. Zero in lockstep, so that a log is a function of scenario and seed.
+    pub start_unix_ns: u64,
+    /// Uncompressed size at which a chunk is closed, bytes. More compresses better, and loses more when the writer is killed.
+    pub chunk_bytes: u64,
+}
+
+impl Default for WriterOptions {
+    fn default() -> Self {
+        Self { start_unix_ns: 0, chunk_bytes: 256 * 1024 }
+    }
+}
+
+/// What a finished log holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Totals {
+    messages: [u64; Topic::COUNT],
+    /// Encoded messages, before compression, bytes.
+    pub message_bytes: u64,
+    /// The file, bytes.
+    pub file_bytes: u64,
+}
+
+impl Totals {
+    /// Messages of a topic.
+    #[must_use]
+    pub const fn messages(&self, topic: Topic) -> u64 {
+        self.messages[topic.index()]
+    }
+}
+
+/// Writes a log.
+///
+/// Chunks are compressed in memory and written whole, so a file cut off at any moment loses no more than what has not been
+/// flushed. After an error nothing more is written; dropping a writer finishes the file as well as it can and never panics.
+/// Writing may block for as long as the disk does: never call it from a real-time thread.
+pub struct Writer<W: Write = BufWriter<File>> {
+    mcap: mcap::Writer<NoSeek<Output<W>>>,
+    path: PathBuf,
+    names: Names,
+    start_unix_ns: u64,
+    channels: [u16; Topic::COUNT],
+    messages: [u64; Topic::COUNT],
+    message_bytes: u64,
+    buffer: Vec<u8>,
+    unflushed: bool,
+}
+
+impl Writer<BufWriter<File>> {
+    /// Creates the file `path`, replacing one that exists, and writes metadata and attachments, so that a path or disk that
+    /// cannot be written fails here, before anything else starts.
+    ///
+    /// `header` are metadata records by name; [`Names::METADATA`] is added to them.
+    ///
+    /// # Errors
+    /// [`LogError::Create`] and [`LogError::Write`].
+    pub fn create(
+        path: impl AsRef<Path>,
+        names: &Names,
+        header: &[(String, BTreeMap<String, String>)],
+        attachments: &[Attachment],
+        options: &WriterOptions,
+    ) -> Result<Self, LogError> {
+        let path = path.as_ref();
+        let file = File::create(path).map_err(|cause| LogError::Create { path: path.to_owned(), cause })?;
+        Self::new(BufWriter::with_capacity(64 * 1024, file), path, names, header, attachments, options)
+    }
+}
+
+impl<W: Write> Writer<W> {
+    /// As [`Writer::create`], to any output; `path` is what errors call it.
+    ///
+    /// # Errors
+    /// [`LogError::Write`].
+    pub fn new(
+        output: W,
+        path: &Path,
+        names: &Names,
+        header: &[(String, BTreeMap<String, String>)],
+        attachments: &[Attachment],
+        options: &WriterOptions,
+    ) -> Result<Self, LogError> {
+        let failed = |error| LogError::write(path, error);
+        let mut mcap = mcap::WriteOptions::new()
+            .compression(Some(mcap::Compression::Lz4))
+            .profile("")
+            .library(concat!("hapfic ", env!("CARGO_PKG_VERSION")))
+            .chunk_size(Some(options.chunk_bytes))
+            // Chunks are put together in memory: without it the file holds an unfinished chunk most of the time.
+            .disable_seeking(true)
+            .create(NoSeek::new(Output { inner: output, bytes: 0 }))
+            .map_err(failed)?;
+        let own = (Names::METADATA.to_owned(), names.to_metadata());
+        for (name, metadata) in header.iter().chain([&own]) {
+            mcap.write_metadata(&Metadata { name: name.clone(), metadata: metadata.clone() }).map_err(failed)?;
+        }
+        for attachment in attachments {
+            mcap.attach(&mcap::Attachment {
+                log_time: options.start_unix_ns,
+                create_time: options.start_unix_ns,
+                name: attachment.name.clone(),
+                media_type: attachment.media_type.clone(),
+                data: Cow::Borrowed(&attachment.bytes),
+            })
+            .map_err(failed)?;
+        }
+        mcap.flush().map_err(failed)?;
+        let mut channels = [0; Topic::COUNT];
+        for topic in Topic::ALL {
+            let schema = mcap.add_schema(topic.schema_name(), "protobuf", &topic.schema()).map_err(failed)?;
+            channels[topic.index()] =
+                mcap.add_channel(schema, topic.name(), "protobuf", &BTreeMap::new()).map_err(failed)?;
+        }
+        Ok(Self {
+            mcap,
+            path: path.to_owned(),
+            names: names.clone(),
+            start_unix_ns: options.start_unix_ns,
+            channels,
+            messages: [0; Topic::COUNT],
+            message_bytes: 0,
+            buffer: Vec::with_capacity(4096),
+            unflushed: false,
+        })
+    }
+
+    /// Time of a tick in this log, ns.
+    #[must_use]
+    pub fn time_of(&self, tick: i64) -> u64 {
+        time_of(self.start_unix_ns, tick)
+    }
+
+    /// Writes to `/state`; returns what was written.
+    ///
+    /// # Errors
+    /// [`LogError::Write`], as for every method that writes.
+    pub fn state(&mut self, state: &State) -> Result<proto::State, LogError> {
+        let message = convert::state(state, &self.names);
+        self.put(Topic::State, message.tick, self.time_of(message.tick), &message)?;
+        Ok(message)
+    }
+
+    /// Writes to `/reference`; returns what was written.
+    ///
+    /// # Errors
+    /// [`LogError::Write`].
+    pub fn reference(&mut self, reference: &Reference) -> Result<proto::Reference, LogError> {
+        let message = convert::reference(reference);
+        self.put(Topic::Reference, message.tick, self.time_of(message.tick), &message)?;
+        Ok(message)
+    }
+
+    /// Writes to `/request`; returns what was written.
+    ///
+    /// # Errors
+    /// [`LogError::Write`].
+    pub fn request(&mut self, request: &Request) -> Result<proto::Request, LogError> {
+        let message = convert::request(request);
+        self.put(Topic::Request, message.tick, self.time_of(message.tick), &message)?;
+        Ok(message)
+    }
+
+    /// Writes to `/command`; returns what was written.
+    ///
+    /// # Errors
+    /// [`LogError::Write`].
+    pub fn command(&mut self, command: &Command) -> Result<proto::Command, LogError> {
+        let message = convert::command(command);
+        self.put(Topic::Command, message.tick, self.time_of(message.tick), &message)?;
+        Ok(message)
+    }
+
+    /// Writes to `/operator`, at the tick from which the set is in force; returns what was written.
+    ///
+    /// # Errors
+    /// [`LogError::Write`].
+    pub fn operator(&mut self, parameters: &Parameters) -> Result<proto::Operator, LogError> {
+        let message = convert::operator(parameters);
+        let tick = message.effective_tick;
+        self.put(Topic::Operator, tick, self.time_of(tick), &message)?;
+        Ok(message)
+    }
+
+    /// Writes to `/event`; returns what was written.
+    ///
+    /// # Errors
+    /// [`LogError::Write`].
+    pub fn event(&mut self, event: &Event) -> Result<proto::Event, LogError> {
+        let message = convert::event(event);
+        self.put(Topic::Event, message.tick, self.time_of(message.tick), &message)?;
+        Ok(message)
+    }
+
+    /// Writes to `/timing`, at a time of its own, ns: a process that waits has no tick. Returns what was written.
+    ///
+    /// # Errors
+    /// [`LogError::Write`].
+    pub fn timing(&mut self, timing: &Timing, log_time_ns: u64) -> Result<proto::Timing, LogError> {
+        let message = convert::timing(timing);
+        self.put(Topic::Timing, message.tick, log_time_ns, &message)?;
+        Ok(message)
+    }
+
+    /// Writes to `/tf`.
+    ///
+    /// # Errors
+    /// [`LogError::Write`].
+    pub fn transforms(&mut self, tick: i64, transforms: &FrameTransforms) -> Result<(), LogError> {
+        self.put(Topic::Transforms, tick, self.time_of(tick), transforms)
+    }
+
+    /// Writes to `/scene`.
+    ///
+    /// # Errors
+    /// [`LogError::Write`].
+    pub fn scene(&mut self, tick: i64, scene: &SceneUpdate) -> Result<(), LogError> {
+        self.put(Topic::Scene, tick, self.time_of(tick), scene)
+    }
+
+    /// Writes to `/log`.
+    ///
+    /// # Errors
+    /// [`LogError::Write`].
+    pub fn log(&mut self, tick: i64, line: &Log) -> Result<(), LogError> {
+        self.put(Topic::Log, tick, self.time_of(tick), line)
+    }
+
+    /// Messages written to a topic so far.
+    #[must_use]
+    pub fn messages(&self, topic: Topic) -> u64 {
+        self.messages[topic.index()]
+    }
+
+    /// Bytes of all messages written so far, before compression.
+    #[must_use]
+    pub fn message_bytes(&self) -> u64 {
+        self.message_bytes
+    }
+
+    /// Closes the chunk and hands it to the operating system: what was written until now survives a killed writer.
+    ///
+    /// # Errors
+    /// [`LogError::Write`].
+    pub fn flush(&mut self) -> Result<(), LogError> {
+        // A chunk without a message is legal, and useless.
+        if self.unflushed {
+            self.mcap.flush().map_err(|error| LogError::write(&self.path, error))?;
+            self.unflushed = false;
+        }
+        Ok(())
+    }
+
+    /// Writes summary and index and closes the log.
+    ///
+    /// # Errors
+    /// [`LogError::Write`].
+    pub fn finish(self) -> Result<Totals, LogError> {
+        let Self { mut mcap, path, messages, message_bytes, .. } = self;
+        mcap.finish().map_err(|error| LogError::write(&path, error))?;
+        let mut output = mcap.into_inner().into_inner();
+        output.flush().map_err(|cause| LogError::Write { path, cause })?;
+        Ok(Totals { messages, message_bytes, file_bytes: output.bytes })
+    }
+
+    fn put(&mut self, topic: Topic, tick: i64, log_time: u64, message: &impl Message) -> Result<(), LogError> {
+        self.buffer.clear();
+        message
+            .encode(&mut self.buffer)
+            .map_err(|error| LogError::Write { path: self.path.clone(), cause: io::Error::other(error) })?;
+        let header = MessageHeader {
+            channel_id: self.channels[topic.index()],
+            // The field has 32 bits: it wraps after 49 days.
+            sequence: tick as u32,
+            log_time,
+            publish_time: log_time,
+        };
+        self.mcap
+            .write_to_known_channel(&header, &self.buffer)
+            .map_err(|error| LogError::write(&self.path, error))?;
+        self.messages[topic.index()] += 1;
+        self.message_bytes += self.buffer.len() as u64;
+        self.unflushed = true;
+        Ok(())
+    }
+}
+
+impl<W: Write> fmt::Debug for Writer<W> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Writer").field("path", &self.path).field("messages", &self.messages).finish_non_exhaustive()
+    }
+}
+
+/// Counts what is written.
+struct Output<W> {
+    inner: W,
+    bytes: u64,
+}
+
+impl<W: Write> Write for Output<W> {
+    fn write(&mut self, buffer: &[u8]) -> io::Result<usize> {
+        let written = self.inner.write(buffer)?;
+        self.bytes += written as u64;
+        Ok(written)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.inner.flush()
+    }
+}

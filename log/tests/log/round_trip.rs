@@ -1,0 +1,202 @@
+//! What is written is read again, here and by another reader.
+
+use crate::samples::{
+    MESSAGES_PER_TICK, attachments, command, event, header, line, log, names, parameters, read, reference, request, scene,
+    state, timing, transforms, write_tick,
+};
+use foxglove::messages::{FrameTransforms, Log, SceneUpdate};
+use hapfic_ipc::message::{Command, Mode, Source};
+use hapfic_log::{LogError, Metrics, Reader, Record, Topic, Writer, WriterOptions, convert, time_of};
+use prost::Message;
+use std::path::{Path, PathBuf};
+
+fn path(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_TARGET_TMPDIR")).join(name)
+}
+
+fn decoded<M: Message + Default>(record: &Record, schema: &str) -> M {
+    let Record::Other { schema: found, data } = record else { panic!("found {record:?}, expected {schema}") };
+    assert_eq!(&**found, schema);
+    M::decode(data.as_slice()).unwrap()
+}
+
+#[test]
+fn every_topic_comes_back_as_it_was_written() {
+    let (entries, error) = read(&log(3, &WriterOptions::default()));
+    assert!(error.is_none(), "{error:?}");
+    assert_eq!(entries.len(), 3 * MESSAGES_PER_TICK);
+    for (tick, records) in (0..3).zip(entries.chunks(MESSAGES_PER_TICK)) {
+        assert_eq!(records[0].record, Record::Operator(convert::operator(&parameters(tick))));
+        assert_eq!(records[1].record, Record::State(convert::state(&state(tick), &names())));
+        assert_eq!(records[2].record, Record::Reference(convert::reference(&reference(tick))));
+        assert_eq!(records[3].record, Record::Request(convert::request(&request(tick))));
+        assert_eq!(records[4].record, Record::Command(convert::command(&command(tick))));
+        assert_eq!(records[5].record, Record::Event(convert::event(&event(tick, "größer"))));
+        assert_eq!(records[6].record, Record::Timing(convert::timing(&timing(tick))));
+        assert_eq!(decoded::<FrameTransforms>(&records[7].record, "foxglove.FrameTransforms"), transforms(tick));
+        assert_eq!(decoded::<SceneUpdate>(&records[8].record, "foxglove.SceneUpdate"), scene(tick));
+        assert_eq!(decoded::<Log>(&records[9].record, "foxglove.Log"), line(tick));
+        for (index, entry) in records.iter().enumerate() {
+            let late = if index == 6 { 17 } else { 0 };
+            assert_eq!((entry.sequence, entry.log_time_ns), (tick as u32, tick as u64 * 1_000_000 + late));
+        }
+        let topics: Vec<_> = records.iter().map(|entry| &*entry.topic).collect();
+        let expected = [
+            "/operator", "/state", "/reference", "/request", "/command", "/event", "/timing", "/tf", "/scene", "/log",
+        ];
+        assert_eq!(topics, expected);
+    }
+}
+
+#[test]
+fn conversion_keeps_names_and_full_lists() {
+    let message = convert::state(&state(4), &names());
+    assert_eq!(message.joint_position, state(4).joint_position[..3]);
+    assert_eq!(message.foot_force, [0.0; 3], "zeros are kept: the list has its full length");
+    assert_eq!(message.objects[0].name, "ball");
+    assert_eq!((&*message.contacts[0].body, &*message.contacts[0].against), ("foot", "floor"));
+    assert_eq!(message.contacts[1].against, "body 9");
+    let read_back = hapfic_log::proto::State::decode(message.encode_to_vec().as_slice()).unwrap();
+    assert_eq!(read_back, message);
+
+    let before = Command { mode: Mode::Hold.code(), source: Source::None.code(), joints: 3, ..Command::default() };
+    let message = convert::command(&before);
+    assert_eq!((&*message.mode, &*message.source, &*message.controller), ("hold", "none", "none"));
+    assert_eq!(message.torque_raw, [0.0; 3]);
+    assert_eq!(message.converging, [false; 3]);
+    assert_eq!(convert::command(&Command { mode: 99, ..before }).mode, "unknown");
+
+    let mut broken = event(0, "abc");
+    broken.text_len = 10_000;
+    assert!(convert::event(&broken).text.starts_with("abc"));
+    assert_eq!(convert::timing(&timing(0)).wake_lateness_ns, 250);
+}
+
+#[test]
+fn metadata_and_attachments_stand_before_all_messages() {
+    let bytes = log(1, &WriterOptions::default());
+    let reader = Reader::new(bytes.as_slice(), Path::new("memory")).unwrap();
+    assert_eq!(reader.metadata()["hapfic"], header()[0].1);
+    assert_eq!(reader.names(), names());
+    assert_eq!(reader.attachments(), attachments());
+}
+
+#[test]
+fn times_start_where_told() {
+    let start_unix_ns = 1_760_000_000_000_000_000;
+    assert_eq!(time_of(start_unix_ns, 5), start_unix_ns + 5_000_000);
+    assert_eq!(time_of(start_unix_ns, -1), start_unix_ns - 1_000_000);
+    assert_eq!(time_of(0, -1), 0);
+    let (entries, _) = read(&log(2, &WriterOptions { start_unix_ns, ..WriterOptions::default() }));
+    assert_eq!(entries.last().map(|entry| entry.log_time_ns), Some(start_unix_ns + 1_000_000));
+}
+
+#[test]
+fn the_same_messages_give_the_same_bytes() {
+    let options = WriterOptions { chunk_bytes: 8 * 1024, ..WriterOptions::default() };
+    assert_eq!(log(20, &options), log(20, &options));
+}
+
+#[test]
+fn another_reader_finds_summary_index_and_messages() {
+    let bytes = log(50, &WriterOptions { chunk_bytes: 8 * 1024, ..WriterOptions::default() });
+    let summary = mcap::Summary::read(&bytes).unwrap().expect("a summary");
+    let stats = summary.stats.expect("statistics");
+    assert_eq!(stats.message_count, 50 * MESSAGES_PER_TICK as u64);
+    assert!(summary.chunk_indexes.len() > 2, "{} chunks", summary.chunk_indexes.len());
+    assert_eq!(summary.channels.len(), Topic::COUNT);
+    for topic in Topic::ALL {
+        let channel = summary.channels.values().find(|channel| channel.topic == topic.name()).expect("the topic");
+        let schema = channel.schema.as_ref().expect("its schema");
+        assert_eq!((&*schema.name, &*schema.encoding), (topic.schema_name(), "protobuf"));
+        assert_eq!(channel.message_encoding, "protobuf");
+    }
+    let messages = mcap::MessageStream::new(&bytes).unwrap().collect::<Result<Vec<_>, _>>().unwrap();
+    let ours = read(&bytes).0;
+    assert_eq!(messages.len(), ours.len());
+    assert!(messages.iter().zip(&ours).all(|(theirs, ours)| theirs.channel.topic == *ours.topic));
+}
+
+#[test]
+fn totals_count_what_was_written() {
+    let mut bytes = Vec::new();
+    let options = WriterOptions::default();
+    let mut writer =
+        Writer::new(&mut bytes, Path::new("memory"), &names(), &header(), &attachments(), &options).unwrap();
+    for tick in 0..4 {
+        write_tick(&mut writer, tick).unwrap();
+    }
+    writer.state(&state(4)).unwrap();
+    assert_eq!((writer.messages(Topic::State), writer.messages(Topic::Log)), (5, 4));
+    let message_bytes = writer.message_bytes();
+    let totals = writer.finish().unwrap();
+    assert_eq!((totals.messages(Topic::State), totals.messages(Topic::Log)), (5, 4));
+    assert_eq!(totals.message_bytes, message_bytes);
+    assert_eq!(totals.file_bytes, bytes.len() as u64);
+}
+
+#[test]
+fn what_was_flushed_survives_a_writer_that_is_killed() {
+    let path = path("flushed.mcap");
+    let options = WriterOptions::default();
+    let mut writer = Writer::create(&path, &names(), &header(), &attachments(), &options).unwrap();
+    write_tick(&mut writer, 0).unwrap();
+    writer.flush().unwrap();
+    writer.flush().unwrap();
+    write_tick(&mut writer, 1).unwrap();
+    // What stands in the file now is what a killed writer leaves.
+    let left = std::fs::read(&path).unwrap();
+    let (entries, error) = read(&left);
+    assert_eq!(entries.len(), MESSAGES_PER_TICK);
+    assert!(matches!(error, Some(LogError::Truncated { byte, .. }) if byte == left.len() as u64), "{error:?}");
+
+    writer.finish().unwrap();
+    let entries: Result<Vec<_>, _> = Reader::open(&path).unwrap().collect();
+    assert_eq!(entries.unwrap().len(), 2 * MESSAGES_PER_TICK);
+}
+
+#[test]
+fn a_dropped_writer_leaves_a_complete_log() {
+    let mut bytes = Vec::new();
+    let options = WriterOptions::default();
+    let mut writer = Writer::new(&mut bytes, Path::new("memory"), &names(), &[], &[], &options).unwrap();
+    write_tick(&mut writer, 0).unwrap();
+    drop(writer);
+    let (entries, error) = read(&bytes);
+    assert!(error.is_none(), "{error:?}");
+    assert_eq!(entries.len(), MESSAGES_PER_TICK);
+}
+
+#[test]
+fn a_path_that_cannot_be_written_fails_at_once_and_is_named() {
+    let file = path("a-file");
+    std::fs::write(&file, "not a folder").unwrap();
+    let inside = file.join("run.mcap");
+    let error = Writer::create(&inside, &names(), &[], &[], &WriterOptions::default()).unwrap_err();
+    assert!(matches!(error, LogError::Create { .. }), "{error:?}");
+    assert!(error.to_string().contains(&inside.display().to_string()), "{error}");
+    let error = Reader::open(&inside).unwrap_err();
+    assert!(matches!(error, LogError::Open { .. }), "{error:?}");
+}
+
+#[test]
+fn figures_are_the_same_live_and_from_the_log() {
+    let mut bytes = Vec::new();
+    let options = WriterOptions::default();
+    let mut live = Metrics::new();
+    let mut writer = Writer::new(&mut bytes, Path::new("memory"), &names(), &[], &[], &options).unwrap();
+    live.push_operator(&writer.operator(&parameters(0)).unwrap());
+    for tick in 0..800 {
+        live.push_state(&writer.state(&state(tick)).unwrap());
+        live.push_reference(&writer.reference(&reference(tick)).unwrap());
+        live.push_command(&writer.command(&command(tick)).unwrap());
+        live.push_timing(&writer.timing(&timing(tick), 0).unwrap());
+    }
+    writer.finish().unwrap();
+    let mut later = Metrics::new();
+    for entry in read(&bytes).0 {
+        later.push(&entry.record);
+    }
+    assert_eq!(later.summary(), live.summary());
+    assert_eq!(live.summary().ticks.last, Some(799));
+}

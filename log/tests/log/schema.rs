@@ -1,0 +1,72 @@
+//! The schemas that a log carries. Scripts outside read these fields by name: a change here breaks them.
+
+use hapfic_log::Topic;
+use hapfic_log::proto::DESCRIPTORS;
+use prost::Message;
+use prost_types::{DescriptorProto, FileDescriptorSet};
+
+fn find(set: &FileDescriptorSet, full_name: &str) -> Option<DescriptorProto> {
+    set.file.iter().find_map(|file| {
+        let name = full_name.strip_prefix(file.package())?.strip_prefix('.')?;
+        file.message_type.iter().find(|message| message.name() == name).cloned()
+    })
+}
+
+fn fields(full_name: &str) -> String {
+    let set = FileDescriptorSet::decode(DESCRIPTORS).unwrap();
+    let message = find(&set, full_name).unwrap_or_else(|| panic!("no message {full_name}"));
+    message.field.iter().map(|field| field.name()).collect::<Vec<_>>().join(" ")
+}
+
+#[test]
+fn every_topic_has_its_message_in_its_schema() {
+    for topic in Topic::ALL {
+        let set = FileDescriptorSet::decode(&*topic.schema()).unwrap();
+        assert!(find(&set, topic.schema_name()).is_some(), "{} lacks {}", topic.name(), topic.schema_name());
+        assert_eq!(Topic::from_schema_name(topic.schema_name()), Some(topic));
+    }
+}
+
+#[test]
+fn fields_keep_their_names() {
+    let expected = [
+        (
+            "hapfic.State",
+            "tick time_ns joint_position joint_velocity joint_torque foot_position foot_velocity foot_force command_tick \
+             wake_lateness_ns objects slipped drive contacts physics",
+        ),
+        ("hapfic.Object", "name position orientation linear_velocity angular_velocity"),
+        ("hapfic.Contact", "body against point force depth"),
+        ("hapfic.Physics", "substeps newton_iterations unconverged energy_j contact_work_j"),
+        ("hapfic.Reference", "tick position velocity parameters_version planner"),
+        ("hapfic.PlannerState", "ticks axes"),
+        (
+            "hapfic.Request",
+            "tick state_tick controller parameters_version error error_rate offset x_max converging force torque",
+        ),
+        (
+            "hapfic.Command",
+            "tick torque_raw torque controller mode state_tick parameters_version error error_rate offset x_max converging \
+             force source severity limited",
+        ),
+        (
+            "hapfic.Operator",
+            "version effective_tick target_position desired_force stiffness max_force position_bound reset_policy \
+             saturation search taper mean_speed search_scale force_resolution max_acceleration gravity_compensation",
+        ),
+        ("hapfic.Event", "tick process kind severity detector text"),
+        (
+            "hapfic.Timing",
+            "tick process phase due_ns wake_ns publish_ns latency_ns wake_lateness_ns allocations refused page_faults",
+        ),
+    ];
+    for (message, names) in expected {
+        assert_eq!(fields(message), names, "{message}");
+    }
+}
+
+#[test]
+fn the_schema_carries_no_source_positions() {
+    let set = FileDescriptorSet::decode(DESCRIPTORS).unwrap();
+    assert!(set.file.iter().all(|file| file.source_code_info.is_none()));
+}

@@ -1,0 +1,266 @@
+//! What the planner promises for every sequence of targets, at any ticks and with changing limits.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+use core::f64::consts::PI;
+use hapfic_ipc::message::PlannerState;
+use hapfic_planner::{PEAK_TO_MEAN, PlannerParameters, Setpoint, hold, setpoint, step};
+use proptest::prelude::*;
+
+const PERIOD_S: f64 = 1e-3;
+/// Rounding of coordinates below 1 m, with room for a hundred operations.
+const ROUNDING: f64 = 1e-12;
+
+/// A new target after some ticks, with the limits that count from then on.
+#[derive(Clone, Debug)]
+struct Change {
+    ticks: u32,
+    /// Relative to where the reference is, or absolute.
+    relative: bool,
+    /// Axes whose target changes; the others keep theirs.
+    moved: [bool; 3],
+    point: [f64; 3],
+    limits: PlannerParameters,
+}
+
+impl Change {
+    fn target(&self, state: &PlannerState) -> [f64; 3] {
+        let here = setpoint(state, PERIOD_S).position_m;
+        [0, 1, 2].map(|axis: usize| {
+            if !self.moved[axis] {
+                state.axes[axis].target
+            } else if self.relative {
+                here[axis] + self.point[axis]
+            } else {
+                self.point[axis]
+            }
+        })
+    }
+}
+
+fn limits() -> impl Strategy<Value = PlannerParameters> {
+    (0.02_f64..1.0, 1.0_f64..20.0).prop_map(|(mean_speed_m_per_s, max_acceleration_m_per_s2)| PlannerParameters {
+        mean_speed_m_per_s,
+        max_acceleration_m_per_s2,
+    })
+}
+
+fn change() -> impl Strategy<Value = Change> {
+    let ticks = prop_oneof![1_u32..4, 4_u32..400];
+    let scale = prop_oneof![Just(1e-6), Just(1e-3), Just(0.05), Just(0.5)];
+    let direction = prop::array::uniform3(-1.0_f64..1.0);
+    (ticks, any::<bool>(), any::<[bool; 3]>(), scale, direction, limits()).prop_map(
+        |(ticks, relative, moved, scale, direction, limits): (u32, bool, [bool; 3], f64, [f64; 3], PlannerParameters)| Change {
+            ticks,
+            relative,
+            moved,
+            point: direction.map(|x| x * scale),
+            limits,
+        },
+    )
+}
+
+fn changes() -> impl Strategy<Value = Vec<Change>> {
+    prop::collection::vec(change(), 1..12)
+}
+
+fn start() -> impl Strategy<Value = [f64; 3]> {
+    prop::array::uniform3(-0.5_f64..0.5)
+}
+
+/// States and setpoints of a run, tick by tick, from the state at its beginning.
+fn run(mut state: PlannerState, changes: &[Change]) -> Vec<(PlannerState, Setpoint)> {
+    let mut ticks = Vec::new();
+    for change in changes {
+        let target = change.target(&state);
+        for _ in 0..change.ticks {
+            let (next, point) = step(state, target, &change.limits, PERIOD_S);
+            state = next;
+            ticks.push((state, point));
+        }
+    }
+    ticks
+}
+
+fn bits(point: &Setpoint) -> [[u64; 3]; 2] {
+    [point.position_m.map(f64::to_bits), point.velocity_m_per_s.map(f64::to_bits)]
+}
+
+/// Any number there is, with the awkward ones often.
+fn awkward() -> impl Strategy<Value = f64> {
+    prop_oneof![
+        any::<f64>(),
+        -1.0_f64..1.0,
+        prop::sample::select(vec![0.0, -1.0, f64::NAN, f64::INFINITY, f64::NEG_INFINITY, f64::MAX, 1e-320, 1e-160]),
+    ]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 128, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn motion_is_continuous_and_within_its_limits(start in start(), changes in changes()) {
+        let mut state = hold(start);
+        let mut before = setpoint(&state, PERIOD_S);
+        // Limits of the plan under way: those given with the last target that differed.
+        let mut accepted = changes[0].limits;
+        let mut speed_at_acceptance = [0.0_f64; 3];
+        for change in &changes {
+            let target = change.target(&state);
+            if target != state.axes.map(|axis| axis.target) {
+                accepted = change.limits;
+                speed_at_acceptance = before.velocity_m_per_s.map(f64::abs);
+            }
+            let peak = PEAK_TO_MEAN * accepted.mean_speed_m_per_s;
+            let acceleration = accepted.max_acceleration_m_per_s2 * (1.0 + 1e-6);
+            let fastest = speed_at_acceptance.map(|speed| peak.max(speed) * (1.0 + 1e-9));
+            for _ in 0..change.ticks {
+                let (next, now) = step(state, target, &change.limits, PERIOD_S);
+                for (axis, fastest) in fastest.into_iter().enumerate() {
+                    let (x, v) = (before.position_m[axis], before.velocity_m_per_s[axis]);
+                    let (next_x, next_v) = (now.position_m[axis], now.velocity_m_per_s[axis]);
+                    prop_assert!(next_v.abs() <= fastest + ROUNDING, "speed {next_v}, allowed {fastest}");
+                    prop_assert!((next_x - x).abs() <= fastest * PERIOD_S + ROUNDING, "jump from {x} to {next_x}");
+                    let dv = (next_v - v).abs();
+                    prop_assert!(dv <= acceleration * PERIOD_S + ROUNDING, "velocity from {v} to {next_v}");
+                    // Position and velocity belong together: |x(t + T) - x(t) - v T| <= a T^2 / 2.
+                    let stray = (next_x - x - v * PERIOD_S).abs();
+                    let allowed = 0.5 * acceleration * PERIOD_S * PERIOD_S + ROUNDING;
+                    prop_assert!(stray <= allowed, "{next_x} does not follow from {x} at {v}");
+                }
+                state = next;
+                before = now;
+            }
+        }
+    }
+
+    #[test]
+    fn it_arrives_at_rest_exactly_on_the_target(start in start(), changes in changes()) {
+        let mut before = hold(start);
+        for change in &changes {
+            let target = change.target(&before);
+            let fastest = setpoint(&before, PERIOD_S).velocity_m_per_s.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
+            let here = setpoint(&before, PERIOD_S).position_m;
+            let distance = target[0] - here[0];
+            let distance = distance.hypot(target[1] - here[1]).hypot(target[2] - here[2]);
+            let last = run(before, core::slice::from_ref(change)).pop().unwrap().0;
+            if last.ticks == u64::from(change.ticks) {
+                // Just accepted. Braking takes u / a and leads u^2 / 2a further away; the arc takes no longer than
+                // pi d / v_max or what a_max allows.
+                let (peak, a) = (PEAK_TO_MEAN * change.limits.mean_speed_m_per_s, change.limits.max_acceleration_m_per_s2);
+                let farthest = distance + 0.5 * fastest * fastest / a;
+                let longest = fastest / a + (PI * farthest / peak).max(PI * (0.5 * farthest / a).sqrt());
+                let end = PlannerState { ticks: (longest / PERIOD_S) as u64 + 2, ..last };
+                let at_rest = Setpoint { position_m: target, velocity_m_per_s: [0.0; 3] };
+                prop_assert_eq!(setpoint(&end, PERIOD_S), at_rest);
+                prop_assert_eq!(step(end, target, &change.limits, PERIOD_S).1, at_rest);
+            }
+            before = last;
+        }
+    }
+
+    #[test]
+    fn from_rest_the_path_is_straight(start in start(), target in start(), mean_speed_m_per_s in 0.02_f64..1.0) {
+        let mut state = hold(start);
+        let way = [0, 1, 2].map(|axis: usize| target[axis] - start[axis]);
+        let length = way[0].hypot(way[1]).hypot(way[2]);
+        // A_max = 2 v_max^2 / d is what the way takes: a_max above it limits no axis.
+        let needed = 2.0 * (PEAK_TO_MEAN * mean_speed_m_per_s).powi(2) / length;
+        let limits = PlannerParameters { mean_speed_m_per_s, max_acceleration_m_per_s2: 1.01 * needed };
+        for _ in 0..300 {
+            let (next, now) = step(state, target, &limits, PERIOD_S);
+            state = next;
+            let done = [0, 1, 2].map(|axis: usize| now.position_m[axis] - start[axis]);
+            for (i, j) in [(0, 1), (1, 2), (2, 0)] {
+                let aside = (done[i] * way[j] - done[j] * way[i]).abs() / length;
+                prop_assert!(aside <= ROUNDING, "{aside} m beside the straight line");
+            }
+        }
+    }
+
+    #[test]
+    fn a_copied_state_continues_bit_for_bit(start in start(), changes in changes(), cut in any::<prop::sample::Index>()) {
+        let cut = cut.index(changes.len());
+        let whole = run(hold(start), &changes);
+        let first = run(hold(start), &changes[..cut]);
+        let copied = first.last().map_or(hold(start), |(state, _)| *state);
+        // Another motion in between must leave no trace.
+        let _ = run(hold([0.3, -0.2, 0.1]), &changes);
+        let rest = run(copied, &changes[cut..]);
+        prop_assert_eq!(first.len() + rest.len(), whole.len());
+        for ((state, point), (expected_state, expected)) in rest.iter().zip(&whole[first.len()..]) {
+            prop_assert_eq!(state, expected_state);
+            prop_assert_eq!(bits(point), bits(expected));
+            prop_assert_eq!(bits(&setpoint(state, PERIOD_S)), bits(point));
+        }
+    }
+
+    #[test]
+    fn no_number_makes_the_output_anything_but_finite(
+        start in start(),
+        inputs in prop::collection::vec((prop::array::uniform3(awkward()), awkward(), awkward(), awkward()), 1..40),
+    ) {
+        let mut state = hold(start);
+        for (target, mean_speed_m_per_s, max_acceleration_m_per_s2, period_s) in inputs {
+            let limits = PlannerParameters { mean_speed_m_per_s, max_acceleration_m_per_s2 };
+            for period_s in [PERIOD_S, period_s] {
+                let (next, now) = step(state, target, &limits, period_s);
+                state = next;
+                for value in now.position_m.iter().chain(&now.velocity_m_per_s) {
+                    prop_assert!(value.is_finite(), "{now:?} from {state:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn unusable_requests_change_nothing(start in start(), changes in changes(), axis in 0_usize..3, target in start()) {
+        let (state, _) = *run(hold(start), &changes).last().unwrap();
+        let limits = changes[0].limits;
+        let (expected_state, expected) = step(state, state.axes.map(|plan| plan.target), &limits, PERIOD_S);
+        for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, f64::MAX] {
+            let mut bad_target = target;
+            bad_target[axis] = bad;
+            let (next, now) = step(state, bad_target, &limits, PERIOD_S);
+            prop_assert_eq!(next, expected_state);
+            prop_assert_eq!(bits(&now), bits(&expected));
+        }
+        for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 0.0, -1.0] {
+            for bad_limits in [
+                PlannerParameters { mean_speed_m_per_s: bad, ..limits },
+                PlannerParameters { max_acceleration_m_per_s2: bad, ..limits },
+            ] {
+                let (next, now) = step(state, target, &bad_limits, PERIOD_S);
+                prop_assert_eq!(next, expected_state);
+                prop_assert_eq!(bits(&now), bits(&expected));
+            }
+        }
+    }
+
+    #[test]
+    fn new_limits_wait_for_the_next_target(start in start(), target in start(), slow in limits(), fast in limits()) {
+        let (state, _) = step(hold(start), target, &slow, PERIOD_S);
+        let (expected_state, expected) = step(state, target, &slow, PERIOD_S);
+        let (next, now) = step(state, target, &fast, PERIOD_S);
+        prop_assert_eq!(next, expected_state);
+        prop_assert_eq!(bits(&now), bits(&expected));
+    }
+}
+
+#[test]
+fn a_long_way_takes_pi_d_over_two_v_max_and_peaks_at_v_max() {
+    let limits = PlannerParameters { mean_speed_m_per_s: 0.5, max_acceleration_m_per_s2: 10.0 };
+    let target = [1.0, 0.0, 0.0];
+    let (mut state, mut fastest, mut ticks) = (hold([0.0; 3]), 0.0_f64, 0);
+    loop {
+        let (next, now) = step(state, target, &limits, PERIOD_S);
+        state = next;
+        ticks += 1;
+        fastest = fastest.max(now.velocity_m_per_s[0]);
+        if now.position_m == target || ticks > 10_000 {
+            break;
+        }
+    }
+    // pi / (2 * 1.596 * 0.5) = 1.9684 s: it is there with the next tick.
+    assert_eq!(ticks, 1969);
+    assert!((fastest - 0.798).abs() < 1e-6, "{fastest}");
+}

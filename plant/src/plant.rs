@@ -1,0 +1,164 @@
+//! The simulated robot and its world, tick by tick.
+
+use crate::drive::DriveState;
+use crate::error::PlantError;
+use crate::scene::Scene;
+use crate::world::{Advance, Substeps, World};
+use hapfic_config::Settings;
+use hapfic_ipc::message::{Command, Drive, MAX_JOINTS, State};
+use hapfic_robot::Chain;
+use nalgebra::Vector3;
+
+/// Microseconds of a tick.
+const TICK_US: u32 = 1000;
+
+/// A robot with its drive and sensors, in its world.
+#[derive(Debug)]
+pub struct Plant {
+    world: World,
+    drive: DriveState,
+    acted: Drive,
+    command_timeout_ticks: u32,
+    brake_damping: f64,
+    tick: i64,
+    last: Advance,
+}
+
+impl Plant {
+    /// Builds robot and world of a scenario, in the start posture, brakes on.
+    ///
+    /// # Errors
+    /// [`PlantError`] if the robot description or the start posture is no good.
+    pub fn new(settings: &Settings) -> Result<Self, PlantError> {
+        let chain = Chain::from_settings(&settings.robot)?;
+        let q = start(&settings.robot.start_position, &chain)?;
+        let (mut damping, mut effort) = ([0.0; MAX_JOINTS], [0.0; MAX_JOINTS]);
+        for (i, joint) in chain.joints().iter().enumerate() {
+            damping[i] = joint.damping;
+            effort[i] = joint.effort;
+        }
+        let substeps = Substeps {
+            flight_us: settings.plant.flight_substep_us,
+            contact_us: settings.plant.contact_substep_us,
+        };
+        let scene = Scene::new(settings, chain)?;
+        let gravity = Vector3::from(settings.world.gravity_m_per_s2);
+        Ok(Self {
+            world: World::new(scene, q, gravity, damping, effort, substeps),
+            drive: DriveState::default(),
+            acted: Drive::Held,
+            command_timeout_ticks: settings.plant.command_timeout_ticks,
+            brake_damping: settings.plant.brake_damping_n_m_s_per_rad,
+            tick: 0,
+            last: Advance::default(),
+        })
+    }
+
+    /// The world, for those who want to look closer or set a state.
+    #[must_use]
+    pub fn world(&mut self) -> &mut World {
+        &mut self.world
+    }
+
+    /// Names of the bodies that [`hapfic_ipc::message::ContactState`] counts.
+    #[must_use]
+    pub fn body_names(&self) -> &[String] {
+        &self.world.scene.names
+    }
+
+    /// What came out of the last tick.
+    #[must_use]
+    pub fn last(&self) -> &Advance {
+        &self.last
+    }
+
+    /// The sample at the present tick, without wall-clock times.
+    #[must_use]
+    pub fn sample(&self) -> State {
+        let world = &self.world;
+        let n = world.scene.chain.dof();
+        let kin = world.kinematics();
+        let jacobian = world.scene.chain.jacobian(&kin);
+        let mut state = State {
+            tick: self.tick,
+            time_ns: self.tick as u64 * u64::from(TICK_US) * 1000,
+            command_tick: self.drive.command_tick(),
+            joints: n as u32,
+            drive: self.acted.code(),
+            joint_position: world.q,
+            joint_velocity: world.qd,
+            joint_torque: self.last.torque,
+            foot_position: kin.tip_position().into(),
+            foot_velocity: jacobian.linear_mul(&world.qd[..n]).into(),
+            foot_force: self.last.sensed_force.into(),
+            contact_count: self.last.contact_count as u32,
+            contacts: self.last.contacts,
+            physics: self.last.physics,
+            ..State::default()
+        };
+        state.physics.energy_j = world.energy();
+        state.physics.contact_work_j = world.contact_work();
+        state
+    }
+
+    /// Takes a command if it is newer than the one in use. Says whether it was.
+    pub fn take(&mut self, command: &Command) -> bool {
+        self.drive.take(command)
+    }
+
+    /// Tick of the command in use; -1 if there is none.
+    #[must_use]
+    pub fn command_tick(&self) -> i64 {
+        self.drive.command_tick()
+    }
+
+    /// Advances by one tick under the command in use.
+    ///
+    /// # Errors
+    /// [`PlantError::NotFinite`] if the state left the numbers; the plant must not be used any more then.
+    pub fn advance(&mut self) -> Result<(), PlantError> {
+        let (drive, action) = self.drive.act(self.tick, self.command_timeout_ticks, self.brake_damping);
+        self.acted = drive;
+        self.last = self.world.advance(action, TICK_US);
+        let world = &self.world;
+        if !world.q.iter().chain(&world.qd).all(|v| v.is_finite()) {
+            let n = world.scene.chain.dof();
+            return Err(PlantError::NotFinite {
+                tick: self.tick,
+                position: world.q[..n].to_vec(),
+                velocity: world.qd[..n].to_vec(),
+            });
+        }
+        self.tick += 1;
+        Ok(())
+    }
+
+    /// Moves rapier's bodies along: for geometric questions between ticks.
+    pub fn place_bodies(&mut self) {
+        let kin = self.world.kinematics();
+        self.world.scene.place(&kin);
+    }
+}
+
+fn start(wanted: &[f64], chain: &Chain) -> Result<[f64; MAX_JOINTS], PlantError> {
+    let n = chain.dof();
+    if wanted.len() != n {
+        return Err(PlantError::Start {
+            place: String::new(),
+            found: format!("{} values", wanted.len()),
+            expected: format!("{n}, one for each joint from '{}' to '{}'", chain.base_link(), chain.tip_link()),
+        });
+    }
+    let mut q = [0.0; MAX_JOINTS];
+    for (i, (joint, &value)) in chain.joints().iter().zip(wanted).enumerate() {
+        if value < joint.lower || value > joint.upper {
+            return Err(PlantError::Start {
+                place: format!("[{i}]"),
+                found: value.to_string(),
+                expected: format!("{} to {}, the limits of joint '{}'", joint.lower, joint.upper, joint.name),
+            });
+        }
+        q[i] = value;
+    }
+    Ok(q)
+}

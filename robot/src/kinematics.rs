@@ -1,0 +1,167 @@
+//! Forward kinematics: where every body of a chain is.
+
+use crate::chain::{Chain, MAX_JOINTS, isometry};
+use crate::jacobian::Jacobian;
+use nalgebra::{Isometry3, Matrix3, Vector3};
+
+/// Where everything of a chain is at one joint position: plain data in the world frame, the input of all the rest.
+///
+/// Arrays have a place for each possible joint; those beyond the chain's are zero.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Kinematics {
+    pub(crate) n: usize,
+    pub(crate) rotational: [bool; MAX_JOINTS],
+    pub(crate) axis: [Vector3<f64>; MAX_JOINTS],
+    pub(crate) origin: [Vector3<f64>; MAX_JOINTS],
+    pub(crate) rotation: [Matrix3<f64>; MAX_JOINTS],
+    pub(crate) center: [Vector3<f64>; MAX_JOINTS],
+    tip_position: Vector3<f64>,
+    tip_rotation: Matrix3<f64>,
+}
+
+impl Chain {
+    /// Forward kinematics at joint positions `q`, rad or m. Limits are not applied.
+    ///
+    /// Panics if `q` is shorter than [`Chain::dof`]; what is longer is ignored.
+    #[inline]
+    #[must_use]
+    pub fn kinematics(&self, q: &[f64]) -> Kinematics {
+        let n = self.bodies.len();
+        let mut kin = Kinematics {
+            n,
+            rotational: [false; MAX_JOINTS],
+            axis: [Vector3::zeros(); MAX_JOINTS],
+            origin: [Vector3::zeros(); MAX_JOINTS],
+            rotation: [Matrix3::zeros(); MAX_JOINTS],
+            center: [Vector3::zeros(); MAX_JOINTS],
+            tip_position: Vector3::zeros(),
+            tip_rotation: Matrix3::zeros(),
+        };
+        let mut rotation = self.base_rotation;
+        let mut origin = self.base_position;
+        for (i, (body, &position)) in self.bodies.iter().zip(&q[..n]).enumerate() {
+            let axis = rotation * body.axis;
+            origin += rotation * body.joint_position;
+            let local = if body.rotational {
+                let (sin, cos) = position.sin_cos();
+                body.joint_rotation + body.joint_rotation_sin * sin + body.joint_rotation_versin * (1.0 - cos)
+            } else {
+                origin += axis * position;
+                body.joint_rotation
+            };
+            let turned = rotation * local;
+            rotation = turned;
+            kin.rotational[i] = body.rotational;
+            kin.axis[i] = axis;
+            kin.origin[i] = origin;
+            kin.rotation[i] = rotation;
+            kin.center[i] = origin + rotation * body.inertia.center_m;
+        }
+        kin.tip_position = origin + rotation * self.tip_position;
+        kin.tip_rotation = rotation * self.tip_rotation;
+        kin
+    }
+
+    /// Geometric Jacobian of the tip, linear and angular, world frame.
+    #[inline]
+    #[must_use]
+    pub fn jacobian(&self, kin: &Kinematics) -> Jacobian {
+        kin.point_jacobian(self.dof() - 1, &kin.tip_position)
+    }
+}
+
+impl Kinematics {
+    /// Movable joints.
+    #[inline]
+    #[must_use]
+    pub fn dof(&self) -> usize {
+        self.n
+    }
+
+    /// Position of the tip frame, m: the paper's x.
+    #[inline]
+    #[must_use]
+    pub fn tip_position(&self) -> Vector3<f64> {
+        self.tip_position
+    }
+
+    /// Orientation of the tip frame: a rotation matrix, tip to world.
+    #[inline]
+    #[must_use]
+    pub fn tip_rotation(&self) -> Matrix3<f64> {
+        self.tip_rotation
+    }
+
+    /// Axis of joint `i`, a unit vector.
+    ///
+    /// Panics if `i` is not below [`MAX_JOINTS`].
+    #[inline]
+    #[must_use]
+    pub fn joint_axis(&self, i: usize) -> Vector3<f64> {
+        self.axis[i]
+    }
+
+    /// Origin of body `i`, m: where joint `i` is; a prismatic one has slid this far.
+    ///
+    /// Panics if `i` is not below [`MAX_JOINTS`].
+    #[inline]
+    #[must_use]
+    pub fn body_origin(&self, i: usize) -> Vector3<f64> {
+        self.origin[i]
+    }
+
+    /// Orientation of body `i`: a rotation matrix, body to world.
+    ///
+    /// Panics if `i` is not below [`MAX_JOINTS`].
+    #[inline]
+    #[must_use]
+    pub fn body_rotation(&self, i: usize) -> Matrix3<f64> {
+        self.rotation[i]
+    }
+
+    /// Centre of mass of body `i`, m.
+    ///
+    /// Panics if `i` is not below [`MAX_JOINTS`].
+    #[inline]
+    #[must_use]
+    pub fn body_center(&self, i: usize) -> Vector3<f64> {
+        self.center[i]
+    }
+
+    /// Pose of body `i`, the link that joint `i` moves, m.
+    ///
+    /// Panics if `i` is not below [`MAX_JOINTS`].
+    #[inline]
+    #[must_use]
+    pub fn body_pose(&self, i: usize) -> Isometry3<f64> {
+        isometry(&self.rotation[i], &self.origin[i])
+    }
+
+    /// Geometric Jacobian of the point fixed to a body that is now at `point` in the world, m.
+    ///
+    /// Columns of joints beyond the body are zero. Panics if `body` is not below [`Kinematics::dof`].
+    #[inline]
+    #[must_use]
+    pub fn point_jacobian(&self, body: usize, point: &Vector3<f64>) -> Jacobian {
+        assert!(body < self.n, "body {body} of a chain of {} joints", self.n);
+        let mut jacobian =
+            Jacobian { n: self.n, linear: [Vector3::zeros(); MAX_JOINTS], angular: [Vector3::zeros(); MAX_JOINTS] };
+        for (i, axis) in self.axis.iter().enumerate().take(body + 1) {
+            if self.rotational[i] {
+                jacobian.linear[i] = axis.cross(&(point - self.origin[i]));
+                jacobian.angular[i] = *axis;
+            } else {
+                jacobian.linear[i] = *axis;
+            }
+        }
+        jacobian
+    }
+
+    /// Whether all of it is finite: false if a joint position was not.
+    #[must_use]
+    pub fn is_finite(&self) -> bool {
+        // A position that is not finite makes every orientation behind a turning joint, or every position behind a
+        // sliding one, not finite: it always reaches the tip.
+        self.tip_position.iter().chain(self.tip_rotation.iter()).all(|value| value.is_finite())
+    }
+}

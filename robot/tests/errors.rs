@@ -1,0 +1,326 @@
+//! One bad description for each error: the message names the file, the place, what is there and what should be.
+
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+use hapfic_robot::{Chain, JointKind, RobotError, Shape};
+
+const GOOD: &str = r#"<robot name="arm">
+  <link name="base"><collision><geometry><box size="1 2 3"/></geometry></collision></link>
+  <joint name="turn" type="revolute">
+    <parent link="base"/><child link="upper"/>
+    <origin xyz="0 0 0.1" rpy="0 0 0"/><axis xyz="0 0 2"/>
+    <limit lower="-1" upper="1" effort="5" velocity="2"/><dynamics damping="0.5"/>
+  </joint>
+  <link name="upper">
+    <inertial><origin xyz="0 0.1 0"/><mass value="1.5"/>
+      <inertia ixx="0.02" iyy="0.03" izz="0.04" ixy="0" ixz="0" iyz="0"/></inertial>
+  </link>
+  <joint name="slide" type="prismatic">
+    <parent link="upper"/><child link="lower"/>
+    <origin xyz="0 0.2 0"/><axis xyz="0 1 0"/>
+    <limit lower="0" upper="0.3" effort="50" velocity="1"/>
+  </joint>
+  <link name="lower">
+    <inertial><mass value="0.5"/><inertia ixx="0.001" iyy="0.001" izz="0.001" ixy="0" ixz="0" iyz="0"/></inertial>
+    <collision><geometry><capsule radius="0.02" length="0.1"/></geometry></collision>
+  </link>
+  <joint name="end" type="fixed"><parent link="lower"/><child link="tip"/><origin xyz="0 0.1 0"/></joint>
+  <link name="tip"/>
+  <joint name="ear" type="fixed"><parent link="base"/><child link="cover"/></joint>
+  <link name="cover"/>
+</robot>"#;
+
+/// The good description with one thing replaced.
+fn with(from: &str, to: &str) -> String {
+    assert_eq!(GOOD.matches(from).count(), 1, "{from}");
+    GOOD.replace(from, to)
+}
+
+fn read(text: &str) -> Result<Chain, RobotError> {
+    Chain::from_urdf(text, "arm.urdf", "base", "tip")
+}
+
+/// The error of a bad description, whose message starts with the file and contains all parts.
+fn refused(text: &str, parts: &[&str]) -> RobotError {
+    let error = read(text).unwrap_err();
+    says(&error, parts);
+    error
+}
+
+fn says(error: &RobotError, parts: &[&str]) {
+    let message = error.to_string();
+    assert!(message.starts_with("arm.urdf: "), "{message}");
+    for part in parts {
+        assert!(message.contains(part), "'{part}' is missing in: {message}");
+    }
+}
+
+#[test]
+fn good_description_is_read() {
+    let chain = read(GOOD).unwrap();
+    assert_eq!(chain.dof(), 2);
+    let turn = &chain.joints()[0];
+    assert_eq!((turn.kind, turn.lower, turn.upper), (JointKind::Revolute, -1.0, 1.0));
+    assert_eq!((turn.effort, turn.velocity_limit, turn.damping), (5.0, 2.0, 0.5));
+    assert_eq!(chain.joints()[1].kind, JointKind::Prismatic);
+    assert_eq!(chain.joints()[1].damping, 0.0);
+    let shapes: Vec<_> = chain.collisions().iter().map(|c| (c.link.as_str(), c.body, c.shape)).collect();
+    let expected =
+        [("base", None, Shape::Box { size: [1.0, 2.0, 3.0] }), ("lower", Some(1), Shape::Capsule { radius: 0.02, length: 0.1 })];
+    assert_eq!(shapes, expected);
+}
+
+#[test]
+fn continuous_joint_has_no_position_limits() {
+    let chain = read(&with(r#""turn" type="revolute""#, r#""turn" type="continuous""#)).unwrap();
+    let turn = &chain.joints()[0];
+    assert_eq!((turn.kind, turn.lower, turn.upper), (JointKind::Continuous, f64::NEG_INFINITY, f64::INFINITY));
+}
+
+#[test]
+fn xml_that_does_not_parse() {
+    let error = refused("<robot name='arm'><link name='base'", &["cannot be read as URDF", "correct the file"]);
+    assert!(matches!(error, RobotError::Parse { .. }));
+    for text in ["", "<robot>", "base", r#"<robot><link name="base"></joint></robot>"#] {
+        assert!(matches!(read(text), Err(RobotError::Parse { .. })), "{text}");
+    }
+}
+
+#[test]
+fn word_where_a_number_belongs() {
+    let error = refused(&with(r#"<mass value="1.5"/>"#, r#"<mass value="heavy"/>"#), &["cannot be read as URDF"]);
+    assert!(matches!(error, RobotError::Parse { .. }));
+}
+
+#[test]
+fn unknown_base_or_tip() {
+    let error = Chain::from_urdf(GOOD, "arm.urdf", "trunk", "tip").unwrap_err();
+    says(&error, &["base link 'trunk' does not exist", "one of 'base', 'upper', 'lower', 'tip', 'cover'"]);
+    let error = Chain::from_urdf(GOOD, "arm.urdf", "base", "tipp").unwrap_err();
+    says(&error, &["tip link 'tipp' does not exist", "'tip'"]);
+    assert!(matches!(error, RobotError::UnknownLink { role: "tip", .. }));
+    refused("<robot name='empty'/>", &["base link 'base' does not exist", "this one has none"]);
+}
+
+#[test]
+fn unknown_link_among_many_names_the_nearest() {
+    let many: String = (0..30).map(|i| format!(r#"<link name="x{i}"/>"#)).collect();
+    let text = with(r#"<link name="cover"/>"#, &format!(r#"<link name="cover"/>{many}"#));
+    let error = Chain::from_urdf(&text, "arm.urdf", "base", "lowr").unwrap_err();
+    says(&error, &["a link such as 'lower'"]);
+    assert!(!error.to_string().contains("'x29'"), "{error}");
+}
+
+#[test]
+fn joint_with_an_undeclared_link() {
+    let error = refused(&with(r#"<link name="cover"/>"#, ""), &["joint 'ear'", "child link 'cover'"]);
+    assert!(matches!(error, RobotError::DanglingJoint { end: "child", .. }));
+    let text = with(r#"<parent link="base"/><child link="cover"/>"#, r#"<parent link="bass"/><child link="cover"/>"#);
+    refused(&text, &["joint 'ear'", "parent link 'bass'"]);
+}
+
+#[test]
+fn name_used_twice() {
+    let text = with(r#"<link name="cover"/>"#, r#"<link name="cover"/><link name="upper"/>"#);
+    assert!(matches!(refused(&text, &["two links 'upper'"]), RobotError::Duplicate { .. }));
+    refused(&with(r#"<joint name="ear""#, r#"<joint name="turn""#), &["two joints 'turn'"]);
+}
+
+#[test]
+fn tip_not_below_base() {
+    let error = Chain::from_urdf(GOOD, "arm.urdf", "cover", "tip").unwrap_err();
+    says(&error, &["tip link 'tip' is not below base link 'cover'", "'tip', 'lower', 'upper', 'base'"]);
+    assert!(matches!(error, RobotError::NotBelow { .. }));
+    let error = Chain::from_urdf(GOOD, "arm.urdf", "lower", "upper").unwrap_err();
+    says(&error, &["tip link 'upper' is not below base link 'lower'"]);
+}
+
+#[test]
+fn link_with_two_parents() {
+    let text = with(
+        r#"<link name="cover"/>"#,
+        r#"<link name="cover"/><joint name="strut" type="fixed"><parent link="cover"/><child link="tip"/></joint>"#,
+    );
+    let error = refused(&text, &["link 'tip'", "joint 'end'", "joint 'strut'"]);
+    assert!(matches!(error, RobotError::TwoParents { .. }));
+}
+
+#[test]
+fn link_that_is_its_own_ancestor() {
+    let text = with(
+        r#"<link name="cover"/>"#,
+        r#"<link name="cover"/><joint name="back" type="fixed"><parent link="tip"/><child link="base"/></joint>"#,
+    );
+    assert!(matches!(refused(&text, &["its own ancestor", "remove a joint"]), RobotError::Cycle { .. }));
+    let text = with(r#"<parent link="base"/><child link="cover"/>"#, r#"<parent link="cover"/><child link="cover"/>"#);
+    refused(&text, &["link 'cover' is its own ancestor"]);
+}
+
+#[test]
+fn joint_of_a_kind_that_a_chain_cannot_have() {
+    for found in ["floating", "planar", "spherical"] {
+        let text = with(r#""turn" type="revolute""#, &format!(r#""turn" type="{found}""#));
+        let error = refused(&text, &["joint 'turn'", &format!("is {found}")]);
+        assert!(matches!(error, RobotError::UnsupportedJoint { .. }));
+    }
+}
+
+#[test]
+fn joint_that_mimics() {
+    let text = with(r#"<axis xyz="0 1 0"/>"#, r#"<axis xyz="0 1 0"/><mimic joint="turn" multiplier="2"/>"#);
+    assert!(matches!(refused(&text, &["joint 'slide'", "mimics joint 'turn'"]), RobotError::Mimic { .. }));
+}
+
+#[test]
+fn no_movable_joint() {
+    let error = Chain::from_urdf(GOOD, "arm.urdf", "lower", "tip").unwrap_err();
+    says(&error, &["no joint between 'lower' and 'tip' can move", "expected 1 to 8"]);
+    assert!(matches!(error, RobotError::NoMovableJoint { .. }));
+    assert!(matches!(Chain::from_urdf(GOOD, "arm.urdf", "base", "base"), Err(RobotError::NoMovableJoint { .. })));
+}
+
+#[test]
+fn nine_joints_are_too_many_and_eight_are_not() {
+    let mut text = String::from(r#"<robot name="snake"><link name="l0"/>"#);
+    for i in 1..10 {
+        text += &format!(
+            r#"<joint name="j{i}" type="continuous"><parent link="l{}"/><child link="l{i}"/><axis xyz="1 0 0"/>
+               <limit effort="1" velocity="1"/></joint>
+               <link name="l{i}"><inertial><mass value="1"/>
+               <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>"#,
+            i - 1
+        );
+    }
+    text += "</robot>";
+    let error = Chain::from_urdf(&text, "arm.urdf", "l0", "l9").unwrap_err();
+    says(&error, &["9 joints between 'l0' and 'l9'", "expected 1 to 8"]);
+    assert!(matches!(error, RobotError::TooManyJoints { found: 9, .. }));
+    assert_eq!(Chain::from_urdf(&text, "arm.urdf", "l1", "l9").unwrap().dof(), 8);
+}
+
+#[test]
+fn axis_without_direction() {
+    for bad in ["0 0 0", "nan 0 1", "inf 0 0"] {
+        let text = with(r#"<axis xyz="0 1 0"/>"#, &format!(r#"<axis xyz="{bad}"/>"#));
+        let error = refused(&text, &["joint 'slide' <axis xyz>", "not zero"]);
+        assert!(matches!(error, RobotError::Axis { .. }));
+    }
+}
+
+#[test]
+fn limits_that_are_missing() {
+    let limit = r#"<limit lower="0" upper="0.3" effort="50" velocity="1"/>"#;
+    let error = refused(&with(limit, ""), &["prismatic joint 'slide' has no <limit>", "lower=.. upper=.."]);
+    assert!(matches!(error, RobotError::MissingLimit { .. }));
+    let text = with(r#"<limit lower="-1" upper="1" effort="5" velocity="2"/>"#, "");
+    refused(&text, &["revolute joint 'turn' has no <limit>"]);
+    // A continuous joint needs no positions, but a peak torque all the same.
+    let text = text.replace(r#""turn" type="revolute""#, r#""turn" type="continuous""#);
+    refused(&text, &["continuous joint 'turn' has no <limit>", "<limit effort=.. velocity=../>"]);
+}
+
+#[test]
+fn limits_that_make_no_sense() {
+    let text = with(r#"lower="0" upper="0.3""#, r#"lower="0.5" upper="0.3""#);
+    let error = refused(&text, &["joint 'slide'", "lower = 0.5", "upper = 0.3"]);
+    assert!(matches!(error, RobotError::LimitsReversed { .. }));
+    for bad in ["0", "-3"] {
+        let error = refused(&with(r#"effort="5""#, &format!(r#"effort="{bad}""#)), &["joint 'turn' <limit effort>", bad]);
+        assert!(matches!(error, RobotError::Effort { .. }));
+    }
+    let error = refused(&with(r#"velocity="2""#, r#"velocity="-2""#), &["joint 'turn' <limit velocity>", "-2"]);
+    assert!(matches!(error, RobotError::Negative { .. }));
+    refused(&with(r#"damping="0.5""#, r#"damping="-0.5""#), &["joint 'turn' <dynamics damping>", "-0.5"]);
+}
+
+#[test]
+fn numbers_that_are_not_finite() {
+    let cases = [
+        (r#"lower="-1""#, r#"lower="nan""#, "joint 'turn' <limit lower>"),
+        (r#"upper="0.3""#, r#"upper="inf""#, "joint 'slide' <limit upper>"),
+        (r#"effort="5""#, r#"effort="inf""#, "joint 'turn' <limit effort>"),
+        (r#"velocity="2""#, r#"velocity="nan""#, "joint 'turn' <limit velocity>"),
+        (r#"damping="0.5""#, r#"damping="nan""#, "joint 'turn' <dynamics damping>"),
+        (r#"xyz="0 0 0.1""#, r#"xyz="0 nan 0.1""#, "joint 'turn' <origin> xyz"),
+        (r#"rpy="0 0 0""#, r#"rpy="0 0 inf""#, "joint 'turn' <origin> rpy"),
+        (r#"<origin xyz="0 0.1 0"/><mass"#, r#"<origin xyz="0 inf 0"/><mass"#, "link 'upper' <inertial><origin> xyz"),
+        (r#"mass value="1.5""#, r#"mass value="nan""#, "link 'upper' <mass value>"),
+        (r#"iyy="0.03""#, r#"iyy="inf""#, "link 'upper' <inertia iyy>"),
+        (r#"radius="0.02""#, r#"radius="nan""#, "link 'lower' <collision> capsule radius"),
+        (
+            "<collision><geometry><capsule",
+            r#"<collision><origin xyz="nan 0 0"/><geometry><capsule"#,
+            "link 'lower' <collision><origin> xyz",
+        ),
+    ];
+    for (from, to, place) in cases {
+        let error = refused(&with(from, to), &[place, "finite"]);
+        assert!(matches!(error, RobotError::NotFinite { .. }), "{error}");
+    }
+}
+
+#[test]
+fn masses_that_make_no_sense() {
+    let error = refused(&with(r#"mass value="1.5""#, r#"mass value="-1.5""#), &["link 'upper' <mass value>", "-1.5"]);
+    assert!(matches!(error, RobotError::Negative { .. }));
+    let error = refused(&with(r#"mass value="1.5""#, r#"mass value="0""#), &["joint 'turn'", "link 'upper'", "0 kg"]);
+    assert!(matches!(error, RobotError::Massless { .. }));
+}
+
+#[test]
+fn mass_of_a_fixed_part_counts_for_a_link_without_any() {
+    let inertial =
+        r#"<inertial><mass value="0.5"/><inertia ixx="0.001" iyy="0.001" izz="0.001" ixy="0" ixz="0" iyz="0"/></inertial>"#;
+    let text = with(inertial, "");
+    refused(&text, &["joint 'slide'", "link 'lower'", "0 kg"]);
+    let text = text.replace(r#"<link name="tip"/>"#, &format!(r#"<link name="tip">{inertial}</link>"#));
+    let chain = read(&text).unwrap();
+    assert_eq!(chain.inertia(1).mass_kg, 0.5);
+    assert_eq!(chain.inertia(1).center_m, nalgebra::Vector3::new(0.0, 0.1, 0.0));
+}
+
+#[test]
+fn last_body_without_inertia_about_its_axis() {
+    let text = with(r#"ixx="0.001" iyy="0.001" izz="0.001""#, r#"ixx="0" iyy="0" izz="0""#);
+    // A slide does not mind.
+    read(&text).unwrap();
+    let text = text.replace(r#""slide" type="prismatic""#, r#""slide" type="revolute""#);
+    let error = refused(&text, &["joint 'slide'", "about its axis is 0 kg m^2", "link 'lower'"]);
+    assert!(matches!(error, RobotError::NoInertia { .. }));
+}
+
+#[test]
+fn inertia_that_no_body_has() {
+    let error = refused(&with(r#"izz="0.04""#, r#"izz="0.06""#), &["link 'upper' <inertia>", "sum of the other two"]);
+    assert!(matches!(error, RobotError::Inertia { .. }));
+    refused(&with(r#"ixx="0.02""#, r#"ixx="-0.02""#), &["link 'upper' <inertia>", "none of them negative"]);
+    // Hidden in a product of inertia.
+    let text = with(r#"izz="0.04" ixy="0""#, r#"izz="0.04" ixy="0.03""#);
+    refused(&text, &["link 'upper' <inertia>", "none of them negative"]);
+    // Thin plates and rods are at the limit, and rounding in the file is forgiven.
+    read(&with(r#"izz="0.04""#, r#"izz="0.05""#)).unwrap();
+    read(&with(r#"izz="0.04""#, r#"izz="0.05000001""#)).unwrap();
+}
+
+#[test]
+fn mesh_counts_only_on_the_chain() {
+    let mesh = r#"<collision><geometry><mesh filename="cover.stl"/></geometry></collision>"#;
+    let text = with(r#"<link name="cover"/>"#, &format!(r#"<link name="cover">{mesh}</link>"#));
+    let error = refused(&text, &["link 'cover'", "mesh 'cover.stl'", "meshes are not supported"]);
+    assert!(matches!(error, RobotError::Mesh { .. }));
+    // The cover hangs off the base: not on a chain that starts below it.
+    Chain::from_urdf(&text, "arm.urdf", "upper", "tip").unwrap();
+    // Nor on one if it can move: then it is another limb.
+    let limb = text.replace(r#""ear" type="fixed""#, r#""ear" type="floating""#);
+    read(&limb).unwrap();
+    let text = with("<capsule radius=\"0.02\" length=\"0.1\"/>", r#"<mesh filename="lower.stl"/>"#);
+    refused(&text, &["link 'lower'", "mesh 'lower.stl'"]);
+}
+
+#[test]
+fn shape_without_extent() {
+    let error = refused(&with(r#"radius="0.02""#, r#"radius="0""#), &["link 'lower' <collision> capsule radius", "found 0"]);
+    assert!(matches!(error, RobotError::NotPositive { .. }));
+    refused(&with(r#"length="0.1""#, r#"length="-0.1""#), &["link 'lower' <collision> capsule length", "-0.1"]);
+    refused(&with(r#"size="1 2 3""#, r#"size="1 0 3""#), &["link 'base' <collision> box size"]);
+}

@@ -1,0 +1,10 @@
+//! The torque gate: request(k) in, command(k) out, on a real-time thread of its own.
+//!
+//! [`core::Gate`] decides; this thread waits, reads, judges, publishes and accounts.
+
+pub mod core;
+pub mod severity;
+mod thread;
+pub mod timeline;
+
+pub use thread::{Gateway, Start};

@@ -1,0 +1,111 @@
+//! The severity ladder: one pure function from what is wrong to how bad it is.
+
+use hapfic_ipc::message::Severity;
+
+/// Good ticks after which degraded and brake clear.
+pub const CLEAR_AFTER: u32 = 20;
+/// Missed ticks in a row at which the drive brakes.
+pub const BRAKE_AT: u32 = 2;
+
+/// What the ladder looks at. Each cause has a condition of its own.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Conditions {
+    /// Ticks in a row without a valid request.
+    pub missed: u32,
+    /// Ticks in a row with one.
+    pub good: u32,
+    /// The operator, or a spent restart budget, asks for a latched stop.
+    pub stop: bool,
+    /// The operator re-arms after a latched stop.
+    pub rearm: bool,
+}
+
+/// The severity after a tick, from the one before and the conditions now.
+///
+/// Rises at once; degraded and brake clear after [`CLEAR_AFTER`] good ticks; stopped is left only by the operator, for brake, from
+/// where it clears like any other.
+#[must_use]
+pub fn severity(before: Severity, now: &Conditions) -> Severity {
+    let cause = if now.stop {
+        Severity::Stopped
+    } else if now.missed >= BRAKE_AT {
+        Severity::Brake
+    } else if now.missed > 0 {
+        Severity::Degraded
+    } else {
+        Severity::Nominal
+    };
+    let kept = match before {
+        Severity::Stopped if now.rearm => Severity::Brake,
+        Severity::Stopped => Severity::Stopped,
+        Severity::Brake | Severity::Degraded if now.good >= CLEAR_AFTER => Severity::Nominal,
+        other => other,
+    };
+    kept.max(cause)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Every combination that the function can tell apart.
+    fn all() -> impl Iterator<Item = (Severity, Conditions)> {
+        Severity::ALL.iter().flat_map(|&before| {
+            (0..4_u32).flat_map(move |missed| {
+                [0, 1, CLEAR_AFTER - 1, CLEAR_AFTER, CLEAR_AFTER + 1].into_iter().flat_map(move |good| {
+                    [false, true].into_iter().flat_map(move |stop| {
+                        [false, true].into_iter().map(move |rearm| (before, Conditions { missed, good, stop, rearm }))
+                    })
+                })
+            })
+        })
+    }
+
+    #[test]
+    fn it_rises_at_once_and_never_below_its_cause() {
+        for (before, now) in all() {
+            let after = severity(before, &now);
+            if now.stop {
+                assert_eq!(after, Severity::Stopped);
+            }
+            if now.missed >= BRAKE_AT {
+                assert!(after >= Severity::Brake);
+            }
+            if now.missed > 0 {
+                assert!(after >= Severity::Degraded);
+            }
+        }
+    }
+
+    #[test]
+    fn it_falls_only_as_the_ladder_allows() {
+        for (before, now) in all() {
+            let after = severity(before, &now);
+            if after < before {
+                match before {
+                    Severity::Stopped => assert!(now.rearm && after == Severity::Brake),
+                    _ => assert!(now.good >= CLEAR_AFTER && now.missed == 0 && after == Severity::Nominal || now.missed == 1),
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn stopped_is_left_only_by_the_operator() {
+        for (before, now) in all() {
+            if before == Severity::Stopped && !now.rearm {
+                assert_eq!(severity(before, &now), Severity::Stopped);
+            }
+        }
+    }
+
+    #[test]
+    fn one_miss_degrades_and_twenty_good_ticks_clear() {
+        let mut s = severity(Severity::Nominal, &Conditions { missed: 1, ..Conditions::default() });
+        assert_eq!(s, Severity::Degraded);
+        for good in 1..=CLEAR_AFTER {
+            s = severity(s, &Conditions { good, ..Conditions::default() });
+            assert_eq!(s == Severity::Nominal, good == CLEAR_AFTER, "after {good}");
+        }
+    }
+}

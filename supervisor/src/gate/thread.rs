@@ -1,0 +1,362 @@
+//! The gate's thread.
+
+use super::core::{Gate, Limits};
+use super::timeline::Timeline;
+use crate::live::Live;
+use hapfic_config::Settings;
+use hapfic_ipc::message::{
+    Command, Detector, Event, EventKind, Operator, Phase, Process, Request, Severity, Source, State, Timing,
+};
+use hapfic_ipc::realtime::{self, Granted, Wish};
+use hapfic_ipc::{Bus, Check, Clock, Defect, Domain, Input, IpcError, Output, Wait, allocations, clock, topic, wait};
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::Duration;
+
+/// How long the gate waits at most before it looks at its flags.
+const PATIENCE: Duration = Duration::from_millis(20);
+/// How often it looks for a state that is overdue.
+const LOOK_AGAIN: Duration = Duration::from_micros(500);
+/// The period in nanoseconds.
+const PERIOD_NS: u64 = 1_000_000;
+/// Controllers whose requests may wait for their tick at once.
+const CONTROLLERS: usize = 4;
+
+/// What the gate starts with.
+#[derive(Clone, Debug)]
+pub struct Start {
+    /// The run's domain.
+    pub domain: Domain,
+    /// How time passes.
+    pub clock: Clock,
+    /// What is enforced.
+    pub limits: Limits,
+    /// The operator's script.
+    pub timeline: Timeline,
+    /// Ticks of the run.
+    pub ticks: i64,
+    /// How long after the state a request may come.
+    pub deadline: Duration,
+    /// Priority and core; `None`: no real time.
+    pub wish: Option<Wish>,
+    /// Shared with the rest of the supervisor.
+    pub live: Arc<Live>,
+}
+
+impl Start {
+    /// Gathers it from settings.
+    #[must_use]
+    pub fn wish(settings: &Settings) -> Wish {
+        Wish::new(settings.realtime.priority_gate, settings.realtime.core_gate)
+    }
+}
+
+/// The gate with its ports.
+pub struct Gateway {
+    start: Start,
+    gate: Gate,
+    state: Input<State>,
+    request: Input<Request>,
+    command: Output<Command>,
+    operator: Output<Operator>,
+    event: Output<Event>,
+    timing: Output<Timing>,
+    /// Newest request of each controller for the tick that is due.
+    inbox: [Option<Request>; CONTROLLERS],
+    /// Newest state's tick and time of publication.
+    newest: Option<(i64, u64)>,
+    refused: u32,
+    granted: Granted,
+    faults_at_start: u64,
+    faults: u32,
+}
+
+impl Gateway {
+    /// Opens the ports. To be called on the gate's own thread.
+    ///
+    /// # Errors
+    /// [`IpcError`] if they cannot be had.
+    pub fn open(start: Start) -> Result<Self, IpcError> {
+        let bus = Bus::open(&start.domain, "gate")?;
+        Ok(Self {
+            gate: Gate::new(start.limits),
+            state: bus.input(&topic::STATE, Wait::No)?,
+            request: bus.input(&topic::REQUEST, Wait::Yes)?,
+            command: bus.output(&topic::COMMAND)?,
+            operator: bus.output(&topic::OPERATOR)?,
+            event: bus.output(&topic::EVENT)?,
+            timing: bus.output(&topic::TIMING)?,
+            inbox: [None; CONTROLLERS],
+            newest: None,
+            refused: 0,
+            granted: Granted::default(),
+            faults_at_start: 0,
+            faults: 0,
+            start,
+        })
+    }
+
+    /// Waits for the word to go, then gates every tick of the run.
+    ///
+    /// # Errors
+    /// [`IpcError`] if messaging fails.
+    pub fn run(&mut self) -> Result<(), IpcError> {
+        if let Some(wish) = self.start.wish {
+            self.granted = realtime::enter(wish);
+        }
+        self.beat(Phase::Ready)?;
+        while !self.start.live.go.load(Ordering::Acquire) {
+            if self.stopped() {
+                return Ok(());
+            }
+            wait(&[], Duration::from_millis(2))?;
+        }
+        self.faults_at_start = realtime::page_faults();
+        self.operator.send(self.start.timeline.operator())?;
+        self.announce(-1)?;
+        self.command.send(self.gate.last())?;
+        self.slack();
+        while self.gate.tick() < self.start.ticks && !self.stopped() {
+            match self.start.clock {
+                Clock::Realtime => self.realtime_tick()?,
+                Clock::Lockstep => self.lockstep_tick()?,
+            }
+        }
+        self.faults = (realtime::page_faults() - self.faults_at_start) as u32;
+        self.beat(Phase::Finished)?;
+        Ok(())
+    }
+
+    fn stopped(&self) -> bool {
+        self.start.live.stop.load(Ordering::Acquire)
+    }
+
+    /// Waits for a request of any controller, however long it takes.
+    fn lockstep_tick(&mut self) -> Result<(), IpcError> {
+        loop {
+            self.read()?;
+            if let Some(request) = self.choose() {
+                let now = clock::now_ns();
+                let command = self.gate.accept(&request);
+                return self.publish(&command, now, now);
+            }
+            self.slack();
+            if self.stopped() {
+                return Ok(());
+            }
+            if !wait(&[&self.request], PATIENCE)? {
+                self.beat(Phase::Waiting)?;
+            }
+        }
+    }
+
+    /// Waits for a request until the deadline, which counts from the state's publication.
+    fn realtime_tick(&mut self) -> Result<(), IpcError> {
+        let tick = self.gate.tick();
+        let deadline = self.start.deadline.as_nanos() as u64;
+        loop {
+            self.read()?;
+            let now = clock::now_ns();
+            let before = allocations::count();
+            let seen = self.newest.filter(|(newest, _)| *newest >= tick);
+            let command = if let Some(request) = self.choose() {
+                self.gate.accept(&request)
+            } else if let Some((newest, stamp)) = seen
+                && (newest > tick || now >= stamp + deadline)
+            {
+                self.gate.miss()
+            } else {
+                self.wait_for_request(tick, now, deadline)?;
+                if self.stopped() {
+                    return Ok(());
+                }
+                continue;
+            };
+            return self.publish(&command, now, before);
+        }
+    }
+
+    /// Waits for a request, at most until the deadline of `tick` as far as it can be foreseen.
+    fn wait_for_request(&mut self, tick: i64, now: u64, deadline: u64) -> Result<(), IpcError> {
+        let Some((newest, stamp)) = self.newest else {
+            // Before the first state the plant has the word.
+            if !wait(&[&self.request], PATIENCE)? {
+                self.beat(Phase::Waiting)?;
+            }
+            return Ok(());
+        };
+        // A state that is still to come is due a period after the last one.
+        let due = stamp + (tick - newest).max(0) as u64 * PERIOD_NS + deadline;
+        if due > now {
+            wait(&[&self.request], Duration::from_nanos(due - now))?;
+        } else if !wait(&[&self.request], LOOK_AGAIN)? && now - due > PATIENCE.as_nanos() as u64 {
+            // The plant's timer is late, or the plant is gone; the watchdog knows which.
+            self.beat(Phase::Waiting)?;
+        }
+        Ok(())
+    }
+
+    /// Takes in what has come: states for their time, requests into the inbox.
+    fn read(&mut self) -> Result<(), IpcError> {
+        while let Some(state) = self.state.next()? {
+            if state.check().is_ok() && self.newest.is_none_or(|(tick, _)| state.tick > tick) {
+                self.newest = Some((state.tick, state.stamp_ns));
+            } else {
+                self.refused += 1;
+            }
+        }
+        while let Some(request) = self.request.next()? {
+            // A place for each controller, so that none can push another's request out.
+            let place = match Process::from_code(request.controller) {
+                Some(Process::Controller) => 0,
+                Some(Process::Standby) => 1,
+                _ => {
+                    self.refuse(&request, Defect::Code { field: "controller", found: request.controller })?;
+                    continue;
+                }
+            };
+            self.inbox[place] = Some(request);
+        }
+        Ok(())
+    }
+
+    /// The first valid request for the tick that is due, primary before standby.
+    fn choose(&mut self) -> Option<Request> {
+        let version = self.start.timeline.operator().at(self.gate.tick()).version;
+        for place in 0..CONTROLLERS {
+            let Some(request) = self.inbox[place].take() else { continue };
+            match self.gate.judge(&request, version) {
+                Ok(()) => return Some(request),
+                // The standby's, when the primary's was taken: no fault of anybody's.
+                Err(Defect::Tick { field: "tick", found, expected }) if found == expected - 1 => {}
+                Err(defect) => {
+                    // Telling of it must not cost the tick.
+                    let _ = self.refuse(&request, defect);
+                }
+            }
+        }
+        None
+    }
+
+    fn refuse(&mut self, request: &Request, defect: Defect) -> Result<(), IpcError> {
+        self.refused += 1;
+        let process = Process::from_code(request.controller).unwrap_or(Process::Controller);
+        self.tell(process, EventKind::Refused, Detector::Check, |text| write!(text, "request refused: {defect}"))
+    }
+
+    fn publish(&mut self, command: &Command, wake: u64, before: u64) -> Result<(), IpcError> {
+        let tick = command.tick;
+        let severity_before = self.start.live.severity.load(Ordering::Relaxed);
+        self.announce(tick)?;
+        let stamp = if self.start.clock == Clock::Realtime { clock::now_ns() } else { 0 };
+        self.command.send(&Command { stamp_ns: stamp, ..*command })?;
+        let published = clock::now_ns();
+        let allocated = if self.start.clock == Clock::Realtime { allocations::count() - before } else { 0 };
+        // From here on it is slack.
+        self.start.live.severity.store(command.severity, Ordering::Relaxed);
+        self.start.live.gated.store(tick, Ordering::Release);
+        if command.severity != severity_before {
+            self.tell_transition(severity_before, command.severity)?;
+        }
+        if command.source != Source::Fresh.code() && Severity::from_code(command.severity) != Some(Severity::Nominal) {
+            self.tell(Process::Controller, EventKind::Missed, Detector::Deadline, |text| {
+                write!(text, "no valid request for tick {tick} by the deadline")
+            })?;
+        }
+        let latency_ns = match self.newest {
+            Some((newest, stamp)) if newest == tick && stamp > 0 => published.saturating_sub(stamp),
+            _ => 0,
+        };
+        if tick % 1000 == 999 {
+            self.faults = (realtime::page_faults() - self.faults_at_start) as u32;
+        }
+        let timing = Timing {
+            phase: Phase::Running.code(),
+            tick,
+            due_ns: self.newest.map_or(0, |(_, stamp)| stamp),
+            wake_ns: wake,
+            publish_ns: published,
+            latency_ns,
+            allocations: allocated as u32,
+            ..Timing::default()
+        };
+        self.account(&timing)?;
+        self.slack();
+        Ok(())
+    }
+
+    fn announce(&mut self, tick: i64) -> Result<(), IpcError> {
+        let Some(operator) = self.start.timeline.announce(tick) else { return Ok(()) };
+        let operator = *operator;
+        self.operator.send(&operator)?;
+        let next = operator.next;
+        self.tell(Process::Supervisor, EventKind::Parameters, Detector::None, |text| {
+            write!(text, "parameters {} in force from tick {}", next.version, next.effective_tick)
+        })
+    }
+
+    fn tell_transition(&mut self, from: u32, to: u32) -> Result<(), IpcError> {
+        let name = |code| Severity::from_code(code).map_or("?", Severity::name);
+        self.tell(Process::Supervisor, EventKind::Transition, Detector::Deadline, |text| {
+            write!(text, "severity {} -> {}", name(from), name(to))
+        })
+    }
+
+    /// Sends an event whose text is written without touching the heap.
+    fn tell(
+        &mut self,
+        process: Process,
+        kind: EventKind,
+        detector: Detector,
+        write: impl FnOnce(&mut Text) -> std::fmt::Result,
+    ) -> Result<(), IpcError> {
+        let mut text = Text::default();
+        // Too long a text is cut.
+        let _ = write(&mut text);
+        let event = Event::new(self.gate.last().tick, process, kind, self.gate.severity(), detector, text.as_str());
+        let stamp_ns = if self.start.clock == Clock::Realtime { clock::now_ns() } else { 0 };
+        self.event.send(&Event { stamp_ns, ..event })
+    }
+
+    fn beat(&mut self, phase: Phase) -> Result<(), IpcError> {
+        let now = clock::now_ns();
+        let timing =
+            Timing { phase: phase.code(), tick: self.gate.last().tick, due_ns: now, wake_ns: now, ..Timing::default() };
+        self.account(&timing)?;
+        self.timing.prepare();
+        Ok(())
+    }
+
+    fn account(&mut self, timing: &Timing) -> Result<(), IpcError> {
+        self.timing.send(&Timing {
+            process: Process::Supervisor.code(),
+            refused: self.refused,
+            page_faults: self.faults,
+            realtime: self.granted.0,
+            ..*timing
+        })
+    }
+
+    fn slack(&mut self) {
+        self.command.prepare();
+        self.operator.prepare();
+        self.event.prepare();
+        self.timing.prepare();
+    }
+}
+
+/// A text of bounded length on the stack.
+#[derive(Default)]
+struct Text {
+    bytes: arrayvec::ArrayString<{ hapfic_ipc::message::EVENT_TEXT }>,
+}
+
+impl Text {
+    fn as_str(&self) -> &str {
+        &self.bytes
+    }
+
+    fn write_fmt(&mut self, arguments: std::fmt::Arguments<'_>) -> std::fmt::Result {
+        std::fmt::Write::write_fmt(&mut self.bytes, arguments)
+    }
+}

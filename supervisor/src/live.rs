@@ -1,0 +1,104 @@
+//! What the supervisor's threads tell each other: plain atomics, so that the gate never waits for anybody.
+
+use hapfic_ipc::clock;
+use hapfic_ipc::message::{Phase, Process, Timing};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU32, AtomicU64, Ordering};
+
+/// Signs of life of one process.
+#[derive(Debug, Default)]
+pub struct Pulse {
+    /// Tick it last told of, -1 before the first.
+    tick: AtomicI64,
+    /// When it was last heard of; zero: never.
+    heard_ns: AtomicU64,
+    /// Code of its phase plus one; zero: never heard of.
+    phase: AtomicU32,
+    /// Real-time privileges it has.
+    realtime: AtomicU32,
+}
+
+impl Pulse {
+    /// Its phase, once heard of.
+    #[must_use]
+    pub fn phase(&self) -> Option<Phase> {
+        self.phase.load(Ordering::Acquire).checked_sub(1).and_then(Phase::from_code)
+    }
+
+    /// The tick it last told of.
+    #[must_use]
+    pub fn tick(&self) -> i64 {
+        self.tick.load(Ordering::Relaxed)
+    }
+
+    /// How long it has not been heard of, ns.
+    #[must_use]
+    pub fn age_ns(&self) -> Option<u64> {
+        let heard = self.heard_ns.load(Ordering::Relaxed);
+        (heard > 0).then(|| clock::now_ns().saturating_sub(heard))
+    }
+
+    /// Real-time privileges it has, bits of [`hapfic_ipc::realtime::Granted`].
+    #[must_use]
+    pub fn realtime(&self) -> u32 {
+        self.realtime.load(Ordering::Relaxed)
+    }
+}
+
+/// The picture for the progress line.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Glance {
+    /// Simulated time, s.
+    pub time_s: f64,
+    /// Foot, m.
+    pub foot_position: [f64; 3],
+    /// F, N.
+    pub foot_force: [f64; 3],
+    /// F_d, N.
+    pub desired_force: [f64; 3],
+    /// Missed ticks so far.
+    pub missed: u64,
+    /// Periods the plant's timer came late so far.
+    pub late: u64,
+}
+
+/// State shared by the supervisor's threads.
+#[derive(Debug, Default)]
+pub struct Live {
+    /// All are ready: the gate may start the run.
+    pub go: AtomicBool,
+    /// The gate should end.
+    pub stop: AtomicBool,
+    /// The recorder should take in what is left and end.
+    pub drain: AtomicBool,
+    /// Last tick whose command went out; starts at 0, see `go`.
+    pub gated: AtomicI64,
+    /// Code of the severity.
+    pub severity: AtomicU32,
+    /// For the terminal; no real-time thread touches it.
+    pub glance: Mutex<Glance>,
+    pulses: [Pulse; Process::ALL.len()],
+}
+
+impl Live {
+    /// Nothing has happened yet.
+    #[must_use]
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Signs of life of a process.
+    #[must_use]
+    pub fn pulse(&self, process: Process) -> &Pulse {
+        &self.pulses[process as usize]
+    }
+
+    /// Takes note of a timing message.
+    pub fn hear(&self, timing: &Timing) {
+        let Some(pulse) = self.pulses.get(timing.process as usize) else { return };
+        pulse.tick.store(timing.tick, Ordering::Relaxed);
+        pulse.heard_ns.store(clock::now_ns(), Ordering::Relaxed);
+        pulse.realtime.store(timing.realtime, Ordering::Relaxed);
+        pulse.phase.store(timing.phase + 1, Ordering::Release);
+    }
+}
