@@ -37,4 +37,5 @@ pub use bus::{Bus, Domain, Input, Output, Wait, Wakes, wait};
 pub use check::{Check, Defect};
 pub use context::Context;
 pub use error::IpcError;
+pub use iceoryx2::prelude::ZeroCopySend;
 pub use run::{Clock, RealtimeMode, RunFile};

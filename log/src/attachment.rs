@@ -7,6 +7,11 @@ pub struct Attachment {
     pub name: String,
     /// Media type, `application/toml`.
     pub media_type: String,
-    /// Content, at most 64 MiB.
+    /// Content, at most [`Attachment::LARGEST`] bytes.
     pub bytes: Vec<u8>,
+}
+
+impl Attachment {
+    /// Most bytes of content; more could not be told from a damaged length when the log is read.
+    pub const LARGEST: usize = 32 << 20;
 }

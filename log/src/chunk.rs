@@ -71,10 +71,8 @@ impl Chunks {
                 Ok(LinearReadEvent::Record { data, opcode }) => {
                     out.clear();
                     out.extend_from_slice(data);
-                    self.remaining = self
-                        .remaining
-                        .checked_sub(HEAD + out.len() as u64)
-                        .ok_or("the chunk holds more than its header says")?;
+                    self.remaining =
+                        self.remaining.checked_sub(HEAD + out.len() as u64).ok_or("the chunk holds more than its header says")?;
                     return Ok(Some(opcode));
                 }
                 Ok(LinearReadEvent::ReadRequest(wanted)) => {

@@ -90,9 +90,7 @@ impl<R: Read> Frames<R> {
         self.offset += body.len() as u64;
         match result {
             Err(cause) => Err(LogError::Read { path: self.path.clone(), byte: start, cause }),
-            Ok(_) if (body.len() as u64) < length => {
-                Err(LogError::Truncated { path: self.path.clone(), byte: self.offset })
-            }
+            Ok(_) if (body.len() as u64) < length => Err(LogError::Truncated { path: self.path.clone(), byte: self.offset }),
             Ok(_) => Ok(()),
         }
     }

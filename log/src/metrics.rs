@@ -9,9 +9,7 @@ mod sample;
 mod summary;
 mod window;
 
-pub use summary::{
-    ForceCommandSummary, ForceSummary, MetricsSummary, Quantiles, TickSummary, TimingSummary, TrackingSummary,
-};
+pub use summary::{ForceCommandSummary, ForceSummary, MetricsSummary, Quantiles, TickSummary, TimingSummary, TrackingSummary};
 pub use window::WINDOW;
 
 use crate::proto;
@@ -104,7 +102,7 @@ impl Metrics {
     /// Takes a message of `/timing`.
     pub fn push_timing(&mut self, message: &proto::Timing) {
         self.allocations = self.allocations.saturating_add(u64::from(message.allocations));
-        if message.process == Process::Supervisor.name() && message.publish_ns != 0 {
+        if message.process == Process::Supervisor.name() && message.latency_ns != 0 {
             self.latency.record(message.latency_ns);
         }
     }

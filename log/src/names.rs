@@ -57,11 +57,8 @@ mod tests {
 
     #[test]
     fn metadata_keeps_every_name_in_order() {
-        let names = Names {
-            joints: (0..12).map(|i| format!("joint, {i}")).collect(),
-            bodies: vec!["floor".into()],
-            objects: Vec::new(),
-        };
+        let names =
+            Names { joints: (0..12).map(|i| format!("joint, {i}")).collect(), bodies: vec!["floor".into()], objects: Vec::new() };
         assert_eq!(Names::from_metadata(&names.to_metadata()), names);
     }
 

@@ -191,8 +191,7 @@ impl<R: Read> Reader<R> {
                         damaged(format!("topic {} has schema {id}, which the log does not hold", channel.topic))
                     })?,
                 };
-                let decoded_as =
-                    if channel.message_encoding == "protobuf" { Topic::from_schema_name(&schema) } else { None };
+                let decoded_as = if channel.message_encoding == "protobuf" { Topic::from_schema_name(&schema) } else { None };
                 self.channels.insert(channel.id, Channel { topic: channel.topic.into(), schema, decoded_as });
             }
             records::Record::Message { header, data } => {
@@ -248,10 +247,7 @@ impl<R: Read> Iterator for Reader<R> {
 
 impl<R: Read> fmt::Debug for Reader<R> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Reader")
-            .field("path", &self.frames.path())
-            .field("byte", &self.frames.offset())
-            .finish_non_exhaustive()
+        f.debug_struct("Reader").field("path", &self.frames.path()).field("byte", &self.frames.offset()).finish_non_exhaustive()
     }
 }
 

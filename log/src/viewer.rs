@@ -6,8 +6,8 @@
 use crate::{proto, time_of};
 use foxglove::messages::log::Level;
 use foxglove::messages::{
-    ArrowPrimitive, Color, CubePrimitive, CylinderPrimitive, FrameTransform, FrameTransforms, Log, Pose, Quaternion,
-    SceneEntity, SceneUpdate, SpherePrimitive, Timestamp, Vector3,
+    ArrowPrimitive, Color, CubePrimitive, CylinderPrimitive, FrameTransform, FrameTransforms, Log, Pose, Quaternion, SceneEntity,
+    SceneUpdate, SpherePrimitive, Timestamp, Vector3,
 };
 use hapfic_ipc::message::Severity;
 
@@ -311,11 +311,8 @@ mod tests {
 
     #[test]
     fn ten_newtons_are_a_centimetre() {
-        let contact = |force: f64| proto::Contact {
-            point: vec![0.1, 0.2, 0.0],
-            force: vec![0.0, 0.0, force],
-            ..proto::Contact::default()
-        };
+        let contact =
+            |force: f64| proto::Contact { point: vec![0.1, 0.2, 0.0], force: vec![0.0, 0.0, force], ..proto::Contact::default() };
         let drawn = arrow(&contact(10.0)).map(|a| a.shaft_length + a.head_length);
         assert!(drawn.is_some_and(|length| (length - 0.01).abs() < 1e-15));
         assert_eq!(arrow(&contact(0.001)), None);

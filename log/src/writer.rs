@@ -17,12 +17,15 @@ use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
+/// Largest chunk, bytes: its buffer is allocated at once.
+const LARGEST_CHUNK: u64 = 16 << 20;
+
 /// How a log is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WriterOptions {
     /// Time of tick 0, ns since 1970. Zero in lockstep, so that a log is a function of scenario and seed.
     pub start_unix_ns: u64,
-    /// Uncompressed size at which a chunk is closed, bytes. More compresses better, and loses more when the writer is killed.
+    /// Uncompressed size at which a chunk is closed, bytes, at most 16 MiB. More compresses better, and loses more when the writer is killed.
     pub chunk_bytes: u64,
 }
 
@@ -106,7 +109,7 @@ impl<W: Write> Writer<W> {
             .compression(Some(mcap::Compression::Lz4))
             .profile("")
             .library(concat!("hapfic ", env!("CARGO_PKG_VERSION")))
-            .chunk_size(Some(options.chunk_bytes))
+            .chunk_size(Some(options.chunk_bytes.min(LARGEST_CHUNK)))
             // Chunks are put together in memory: without it the file holds an unfinished chunk most of the time.
             .disable_seeking(true)
             .create(NoSeek::new(Output { inner: output, bytes: 0 }))
@@ -116,6 +119,11 @@ impl<W: Write> Writer<W> {
             mcap.write_metadata(&Metadata { name: name.clone(), metadata: metadata.clone() }).map_err(failed)?;
         }
         for attachment in attachments {
+            let size = attachment.bytes.len();
+            if size > Attachment::LARGEST {
+                let what = format!("{} has {size} bytes, expected at most {}", attachment.name, Attachment::LARGEST);
+                return Err(LogError::Write { path: path.to_owned(), cause: io::Error::new(io::ErrorKind::InvalidInput, what) });
+            }
             mcap.attach(&mcap::Attachment {
                 log_time: options.start_unix_ns,
                 create_time: options.start_unix_ns,
@@ -129,8 +137,7 @@ impl<W: Write> Writer<W> {
         let mut channels = [0; Topic::COUNT];
         for topic in Topic::ALL {
             let schema = mcap.add_schema(topic.schema_name(), "protobuf", &topic.schema()).map_err(failed)?;
-            channels[topic.index()] =
-                mcap.add_channel(schema, topic.name(), "protobuf", &BTreeMap::new()).map_err(failed)?;
+            channels[topic.index()] = mcap.add_channel(schema, topic.name(), "protobuf", &BTreeMap::new()).map_err(failed)?;
         }
         Ok(Self {
             mcap,
@@ -252,6 +259,12 @@ impl<W: Write> Writer<W> {
         self.messages[topic.index()]
     }
 
+    /// The names it writes with.
+    #[must_use]
+    pub fn names(&self) -> &Names {
+        &self.names
+    }
+
     /// Bytes of all messages written so far, before compression.
     #[must_use]
     pub fn message_bytes(&self) -> u64 {
@@ -295,12 +308,11 @@ impl<W: Write> Writer<W> {
             log_time,
             publish_time: log_time,
         };
-        self.mcap
-            .write_to_known_channel(&header, &self.buffer)
-            .map_err(|error| LogError::write(&self.path, error))?;
+        // Before it is tried: after a failure a flush must fail, too.
+        self.unflushed = true;
+        self.mcap.write_to_known_channel(&header, &self.buffer).map_err(|error| LogError::write(&self.path, error))?;
         self.messages[topic.index()] += 1;
         self.message_bytes += self.buffer.len() as u64;
-        self.unflushed = true;
         Ok(())
     }
 }

@@ -60,6 +60,12 @@ impl Plant {
         &mut self.world
     }
 
+    /// The robot's model.
+    #[must_use]
+    pub fn chain(&self) -> &Chain {
+        &self.world.scene.chain
+    }
+
     /// Names of the bodies that [`hapfic_ipc::message::ContactState`] counts.
     #[must_use]
     pub fn body_names(&self) -> &[String] {

@@ -71,6 +71,8 @@ pub struct Live {
     pub stop: AtomicBool,
     /// The recorder should take in what is left and end.
     pub drain: AtomicBool,
+    /// The log cannot be written any further.
+    pub log_failed: AtomicBool,
     /// Last tick whose command went out; starts at 0, see `go`.
     pub gated: AtomicI64,
     /// Code of the severity.

@@ -29,8 +29,7 @@ const TICKS: i64 = 6;
 const OPTIONS: WriterOptions = WriterOptions { start_unix_ns: 0, chunk_bytes: 4096 };
 
 fn write_all(room: usize) -> Result<(), LogError> {
-    let mut writer =
-        Writer::new(Disk { room }, Path::new("/data/run.mcap"), &names(), &header(), &attachments(), &OPTIONS)?;
+    let mut writer = Writer::new(Disk { room }, Path::new("/data/run.mcap"), &names(), &header(), &attachments(), &OPTIONS)?;
     for tick in 0..TICKS {
         if let Err(error) = write_tick(&mut writer, tick) {
             assert!(writer.flush().is_err(), "a flush after {error} claims that all is written");
@@ -46,7 +45,7 @@ fn write_all(room: usize) -> Result<(), LogError> {
 fn is_reported_wherever_it_happens_and_never_panics() {
     let size = log(TICKS, &OPTIONS).len();
     write_all(size).expect("the disk is large enough");
-    for room in (0..size).step_by(53).chain([size - 1]) {
+    for room in (0..size).step_by(211).chain([size - 1]) {
         let error = write_all(room).expect_err("the disk is too small");
         assert!(matches!(error, LogError::Write { .. }), "{error:?}");
         assert!(error.to_string().starts_with("/data/run.mcap: cannot write the log"), "{error}");

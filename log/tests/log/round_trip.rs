@@ -1,12 +1,12 @@
 //! What is written is read again, here and by another reader.
 
 use crate::samples::{
-    MESSAGES_PER_TICK, attachments, command, event, header, line, log, names, parameters, read, reference, request, scene,
-    state, timing, transforms, write_tick,
+    MESSAGES_PER_TICK, attachments, command, event, header, line, log, names, parameters, read, reference, request, scene, state,
+    timing, transforms, write_tick,
 };
 use foxglove::messages::{FrameTransforms, Log, SceneUpdate};
 use hapfic_ipc::message::{Command, Mode, Source};
-use hapfic_log::{LogError, Metrics, Reader, Record, Topic, Writer, WriterOptions, convert, time_of};
+use hapfic_log::{Attachment, LogError, Metrics, Reader, Record, Topic, Writer, WriterOptions, convert, time_of};
 use prost::Message;
 use std::path::{Path, PathBuf};
 
@@ -41,9 +41,8 @@ fn every_topic_comes_back_as_it_was_written() {
             assert_eq!((entry.sequence, entry.log_time_ns), (tick as u32, tick as u64 * 1_000_000 + late));
         }
         let topics: Vec<_> = records.iter().map(|entry| &*entry.topic).collect();
-        let expected = [
-            "/operator", "/state", "/reference", "/request", "/command", "/event", "/timing", "/tf", "/scene", "/log",
-        ];
+        let expected =
+            ["/operator", "/state", "/reference", "/request", "/command", "/event", "/timing", "/tf", "/scene", "/log"];
         assert_eq!(topics, expected);
     }
 }
@@ -121,8 +120,7 @@ fn another_reader_finds_summary_index_and_messages() {
 fn totals_count_what_was_written() {
     let mut bytes = Vec::new();
     let options = WriterOptions::default();
-    let mut writer =
-        Writer::new(&mut bytes, Path::new("memory"), &names(), &header(), &attachments(), &options).unwrap();
+    let mut writer = Writer::new(&mut bytes, Path::new("memory"), &names(), &header(), &attachments(), &options).unwrap();
     for tick in 0..4 {
         write_tick(&mut writer, tick).unwrap();
     }
@@ -177,6 +175,15 @@ fn a_path_that_cannot_be_written_fails_at_once_and_is_named() {
     assert!(error.to_string().contains(&inside.display().to_string()), "{error}");
     let error = Reader::open(&inside).unwrap_err();
     assert!(matches!(error, LogError::Open { .. }), "{error:?}");
+}
+
+#[test]
+fn an_attachment_that_could_not_be_read_again_is_refused() {
+    let mut bytes = Vec::new();
+    let large = Attachment { name: "large".into(), bytes: vec![0; Attachment::LARGEST + 1], ..Attachment::default() };
+    let options = WriterOptions::default();
+    let error = Writer::new(&mut bytes, Path::new("memory"), &names(), &[], &[large], &options).unwrap_err();
+    assert!(error.to_string().contains("large has 33554433 bytes, expected at most 33554432"), "{error}");
 }
 
 #[test]

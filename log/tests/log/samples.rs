@@ -31,10 +31,7 @@ pub(crate) fn attachments() -> Vec<Attachment> {
         media_type: media_type.to_owned(),
         bytes: bytes.to_owned(),
     };
-    vec![
-        file("scenario.toml", "application/toml", b"title = 'floor'\n"),
-        file("robot.urdf", "application/xml", b"<robot/>"),
-    ]
+    vec![file("scenario.toml", "application/toml", b"title = 'floor'\n"), file("robot.urdf", "application/xml", b"<robot/>")]
 }
 
 /// Numbers that differ from each other and from those of other ticks.
@@ -82,9 +79,8 @@ pub(crate) fn state(tick: i64) -> State {
 }
 
 pub(crate) fn reference(tick: i64) -> Reference {
-    let [target, start, start_velocity, brake_acceleration, brake_time, amplitude, rate, phase] = numbers(tick, 10.0);
-    let plan =
-        AxisPlan { target, start, start_velocity, brake_acceleration, brake_time, amplitude, rate, phase };
+    let [target, start, start_velocity, brake_acceleration, brake_time, amplitude, rate, phase] = numbers::<8>(tick, 10.0);
+    let plan = AxisPlan { target, start, start_velocity, brake_acceleration, brake_time, amplitude, rate, phase };
     Reference {
         stamp_ns: 5,
         tick,
@@ -107,12 +103,7 @@ pub(crate) fn request(tick: i64) -> Request {
         error_rate: numbers(tick, 14.0),
         force: numbers(tick, 15.0),
         torque: numbers(tick, 16.0),
-        state: ControllerState {
-            offset: numbers(tick, 17.0),
-            x_max: numbers(tick, 18.0),
-            converging: [0, 1, 0],
-            reserved: 0,
-        },
+        state: ControllerState { offset: numbers(tick, 17.0), x_max: numbers(tick, 18.0), converging: [0, 1, 0], reserved: 0 },
     }
 }
 
@@ -186,11 +177,8 @@ pub(crate) fn timing(tick: i64) -> Timing {
 
 pub(crate) fn viewer() -> Viewer {
     let part = |shape| SceneShape { position: [0.0; 3], orientation: [0.0, 0.0, 0.0, 1.0], shape, color: [0.5; 4] };
-    let foot = [
-        Shape::Sphere { radius: 0.02 },
-        Shape::Cylinder { radius: 0.02, length: 0.3 },
-        Shape::Box { size: [0.1, 0.2, 0.3] },
-    ];
+    let foot =
+        [Shape::Sphere { radius: 0.02 }, Shape::Cylinder { radius: 0.02, length: 0.3 }, Shape::Box { size: [0.1, 0.2, 0.3] }];
     let bodies = vec![
         SceneBody { name: "floor".into(), frame: "world".into(), shapes: vec![part(Shape::Plane { size: 2.0 })] },
         SceneBody { name: "foot".into(), frame: "shank".into(), shapes: foot.map(part).into() },
@@ -228,8 +216,7 @@ pub(crate) fn write_tick<W: Write>(writer: &mut Writer<W>, tick: i64) -> Result<
 /// A log of some ticks, in memory.
 pub(crate) fn log(ticks: i64, options: &WriterOptions) -> Vec<u8> {
     let mut bytes = Vec::new();
-    let mut writer =
-        Writer::new(&mut bytes, Path::new("memory"), &names(), &header(), &attachments(), options).unwrap();
+    let mut writer = Writer::new(&mut bytes, Path::new("memory"), &names(), &header(), &attachments(), options).unwrap();
     for tick in 0..ticks {
         write_tick(&mut writer, tick).unwrap();
     }

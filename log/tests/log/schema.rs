@@ -40,10 +40,7 @@ fn fields_keep_their_names() {
         ("hapfic.Physics", "substeps newton_iterations unconverged energy_j contact_work_j"),
         ("hapfic.Reference", "tick position velocity parameters_version planner"),
         ("hapfic.PlannerState", "ticks axes"),
-        (
-            "hapfic.Request",
-            "tick state_tick controller parameters_version error error_rate offset x_max converging force torque",
-        ),
+        ("hapfic.Request", "tick state_tick controller parameters_version error error_rate offset x_max converging force torque"),
         (
             "hapfic.Command",
             "tick torque_raw torque controller mode state_tick parameters_version error error_rate offset x_max converging \

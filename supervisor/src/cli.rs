@@ -1,0 +1,138 @@
+//! The command line.
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use hapfic_ipc::{Clock, RealtimeMode};
+use std::path::PathBuf;
+
+/// A real-time control stack for robots that touch things: the HapFIC adaptive force/position controller.
+#[derive(Debug, Parser)]
+#[command(version, about, propagate_version = true)]
+pub struct Cli {
+    /// What to do; `run floor` if nothing is given.
+    #[command(subcommand)]
+    pub command: Option<Command>,
+}
+
+/// What the program can do.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Run a scenario: launch all processes, log everything, print a summary.
+    Run(RunArgs),
+    /// Check a scenario file, its robot and everything they name, without running it.
+    Check {
+        /// Name of an embedded scenario, or path of a file.
+        scenario: String,
+        /// Replace a value: `controller.taper=0.1`, `operator.2.desired_force=[0, 0, 80]`.
+        #[arg(long = "set", value_name = "KEY=VALUE")]
+        set: Vec<String>,
+    },
+    /// List the embedded scenarios; with a name, print its file.
+    Scenarios {
+        /// Scenario to print, as a start for one of your own.
+        name: Option<String>,
+    },
+    /// Print the JSON Schema of scenario files, for editors.
+    Schema,
+    /// One process of a running stack; started by the supervisor.
+    #[command(hide = true)]
+    Process {
+        /// Which one.
+        name: ProcessName,
+    },
+}
+
+/// A process that the supervisor starts.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum ProcessName {
+    /// The simulated robot.
+    Plant,
+    /// The harmonic planner.
+    Planner,
+    /// The primary controller.
+    Controller,
+    /// The standby controller.
+    Standby,
+}
+
+/// How to run.
+#[derive(Args, Debug)]
+pub struct RunArgs {
+    /// Name of an embedded scenario, or path of a file.
+    #[arg(default_value = "floor")]
+    pub scenario: String,
+    /// How time passes.
+    #[arg(long, value_enum, default_value_t = ClockName::Realtime)]
+    pub clock: ClockName,
+    /// Simulated time, s; replaces the scenario's.
+    #[arg(long, value_name = "S")]
+    pub duration: Option<f64>,
+    /// Seed; replaces the scenario's.
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+    /// Where to log; a file in `logs/` if not given.
+    #[arg(long, value_name = "FILE")]
+    pub log: Option<PathBuf>,
+    /// Replace a value: `controller.taper=0.1`, `operator.2.desired_force=[0, 0, 80]`.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+    /// Also write the summary as JSON.
+    #[arg(long, value_name = "FILE")]
+    pub summary_json: Option<PathBuf>,
+    /// Whether to ask for real-time privileges: take what can be had, refuse to start without all, or ask for none.
+    #[arg(long, value_enum, default_value_t = RealtimeName::Auto)]
+    pub realtime: RealtimeName,
+}
+
+impl Default for RunArgs {
+    fn default() -> Self {
+        Self {
+            scenario: "floor".to_owned(),
+            clock: ClockName::Realtime,
+            duration: None,
+            seed: None,
+            log: None,
+            set: Vec::new(),
+            summary_json: None,
+            realtime: RealtimeName::Auto,
+        }
+    }
+}
+
+/// How time passes.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum ClockName {
+    /// An absolute timer, 1 kHz.
+    Realtime,
+    /// As fast as it goes; the same every time.
+    Lockstep,
+}
+
+impl From<ClockName> for Clock {
+    fn from(name: ClockName) -> Self {
+        match name {
+            ClockName::Realtime => Self::Realtime,
+            ClockName::Lockstep => Self::Lockstep,
+        }
+    }
+}
+
+/// How hard to try for real-time privileges.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum RealtimeName {
+    /// Take what can be had, and say what is missing.
+    Auto,
+    /// Refuse to start without all of it.
+    Require,
+    /// Ask for none.
+    Off,
+}
+
+impl From<RealtimeName> for RealtimeMode {
+    fn from(name: RealtimeName) -> Self {
+        match name {
+            RealtimeName::Auto => Self::Auto,
+            RealtimeName::Require => Self::Require,
+            RealtimeName::Off => Self::Off,
+        }
+    }
+}

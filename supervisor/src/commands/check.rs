@@ -1,0 +1,29 @@
+//! `hapfic check`: everything that can be known to be wrong without running.
+
+use crate::{Outcome, print};
+use anyhow::Result;
+use hapfic_config::Settings;
+use hapfic_plant::Plant;
+
+/// Checks a scenario and says what it would run.
+pub fn check(scenario: &str, set: &[String]) -> Result<Outcome> {
+    let settings = match Settings::load(scenario, set) {
+        Ok(settings) => settings,
+        Err(e) => return Ok(Outcome::Refused(e.into())),
+    };
+    let plant = match Plant::new(&settings) {
+        Ok(plant) => plant,
+        Err(e) => return Ok(Outcome::Refused(anyhow::Error::from(e).context(scenario.to_owned()))),
+    };
+    let joints: Vec<_> = plant.chain().joints().iter().map(|j| j.name.as_str()).collect();
+    let state = plant.sample();
+    let [x, y, z] = state.foot_position;
+    print(&format!(
+        "{scenario}: good. {} s, {} operator changes, robot {} with joints {}, foot starts at ({x:.4}, {y:.4}, {z:.4}) m",
+        settings.duration_ticks as f64 * hapfic_config::PERIOD_S,
+        settings.operator.len(),
+        settings.robot.urdf.name,
+        joints.join(" "),
+    ));
+    Ok(Outcome::Done)
+}

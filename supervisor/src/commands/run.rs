@@ -1,0 +1,93 @@
+//! `hapfic run`: a scenario from start to summary.
+
+use crate::cli::RunArgs;
+use crate::session::{self, Refused, Request};
+use crate::{Outcome, print};
+use anyhow::{Context, Result};
+use hapfic_config::Settings;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// Runs a scenario and prints its summary.
+pub fn run(args: &RunArgs, since: Instant) -> Result<Outcome> {
+    let mut overrides = args.set.clone();
+    if let Some(duration) = args.duration {
+        overrides.push(format!("duration_s={duration:?}"));
+    }
+    if let Some(seed) = args.seed {
+        overrides.push(format!("seed={seed}"));
+    }
+    let settings = match Settings::load(&args.scenario, &overrides) {
+        Ok(settings) => settings,
+        Err(e) => return Ok(Outcome::Refused(e.into())),
+    };
+    let summary_file = match args.summary_json.as_deref().map(create).transpose() {
+        Ok(file) => file,
+        Err(e) => return Ok(Outcome::Refused(e)),
+    };
+    let request = Request {
+        scenario: args.scenario.clone(),
+        settings,
+        clock: args.clock.into(),
+        realtime: args.realtime.into(),
+        log: args.log.clone().unwrap_or_else(|| default_log(&args.scenario)),
+        since,
+    };
+    let summary = match session::run(&request)? {
+        Ok(summary) => summary,
+        Err(Refused(e)) => return Ok(Outcome::Refused(e)),
+    };
+    print(summary.text().trim_end());
+    if let Some((file, path)) = summary_file {
+        serde_json::to_writer_pretty(file, &summary).with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    Ok(if summary.completed { Outcome::Done } else { Outcome::Failed })
+}
+
+/// Before the run: a summary that cannot be written should not cost one.
+fn create(path: &Path) -> Result<(std::fs::File, PathBuf)> {
+    let file = std::fs::File::create(path)
+        .with_context(|| format!("--summary-json {}: cannot be written, expected a path in a folder that exists", path.display()))?;
+    Ok((file, path.to_owned()))
+}
+
+/// `logs/floor-20260131-154502-1234.mcap`, local to where the program was started.
+fn default_log(scenario: &str) -> PathBuf {
+    let stem = Path::new(scenario).file_stem().and_then(|s| s.to_str()).unwrap_or("run");
+    let seconds = hapfic_ipc::clock::unix_ns() / 1_000_000_000;
+    let (year, month, day) = civil(seconds / 86_400);
+    let (h, m, s) = (seconds / 3600 % 24, seconds / 60 % 60, seconds % 60);
+    PathBuf::from(format!("logs/{stem}-{year:04}{month:02}{day:02}-{h:02}{m:02}{s:02}-{}.mcap", std::process::id()))
+}
+
+/// Year, month and day of a day since 1970-01-01 (UTC).
+fn civil(mut day: u64) -> (u64, u64, u64) {
+    let leap = |y: u64| y.is_multiple_of(4) && (!y.is_multiple_of(100) || y.is_multiple_of(400));
+    let mut year = 1970;
+    while day >= 365 + u64::from(leap(year)) {
+        day -= 365 + u64::from(leap(year));
+        year += 1;
+    }
+    let lengths = [31, 28 + u64::from(leap(year)), 31, 30, 31, 30, 31, 31, 30, 31, 30, 31];
+    let mut month = 1;
+    for length in lengths {
+        if day < length {
+            break;
+        }
+        day -= length;
+        month += 1;
+    }
+    (year, month, day + 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn days_have_their_dates() {
+        assert_eq!(civil(0), (1970, 1, 1));
+        assert_eq!(civil(19_782), (2024, 2, 29));
+        assert_eq!(civil(20_819), (2027, 1, 1));
+    }
+}

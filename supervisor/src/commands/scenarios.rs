@@ -1,0 +1,27 @@
+//! `hapfic scenarios`: what there is to run.
+
+use crate::{Outcome, print};
+use anyhow::Result;
+use hapfic_config::scenarios as embedded;
+
+/// Lists the embedded scenarios, or prints one.
+pub fn scenarios(name: Option<&str>) -> Result<Outcome> {
+    match name {
+        None => {
+            for scenario in embedded() {
+                print(&format!("{:<16} {}", scenario.name, scenario.title));
+            }
+            Ok(Outcome::Done)
+        }
+        Some(name) => match embedded().iter().find(|s| s.name == name) {
+            Some(scenario) => {
+                print(scenario.text.trim_end());
+                Ok(Outcome::Done)
+            }
+            None => {
+                let names: Vec<_> = embedded().iter().map(|s| s.name).collect();
+                Ok(Outcome::Refused(anyhow::anyhow!("no scenario '{name}', expected one of: {}", names.join(", "))))
+            }
+        },
+    }
+}

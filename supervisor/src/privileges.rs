@@ -1,0 +1,59 @@
+//! What real-time privileges a run has, and what it lacks: one table.
+
+use crate::live::Live;
+use anyhow::{Result, bail};
+use hapfic_config::Settings;
+use hapfic_ipc::RealtimeMode;
+use hapfic_ipc::message::Process;
+use hapfic_ipc::realtime::{Granted, Privilege, privileges};
+use std::fmt::Write;
+
+/// Refuses to go on if all privileges are required and one is missing.
+///
+/// # Errors
+/// The table of what is there and what is not.
+pub fn require(settings: &Settings, mode: RealtimeMode) -> Result<()> {
+    let list = privileges(settings.realtime.priority_plant as i32);
+    if mode == RealtimeMode::Require && list.iter().any(|p| !p.granted) {
+        bail!("--realtime require: this user lacks what real time needs\n{}", table(&list));
+    }
+    Ok(())
+}
+
+fn table(list: &[Privilege]) -> String {
+    let mut out = String::new();
+    for p in list {
+        // Writing to a string cannot fail.
+        let _ = writeln!(out, "  {:<14} {:<4} {}", p.name, if p.granted { "yes" } else { "NO" }, p.note);
+    }
+    out
+}
+
+/// Says in one table what the run got: the machine's side, and each process's.
+pub fn report(settings: &Settings, mode: RealtimeMode, live: &Live) {
+    let mut out = String::from("real time:");
+    if mode == RealtimeMode::Off {
+        out.push_str(" off, nothing asked for");
+    } else {
+        let _ = write!(out, "\n{}", table(&privileges(settings.realtime.priority_plant as i32)));
+        let rt = &settings.realtime;
+        let rows = [
+            ("plant", Process::Plant, rt.priority_plant, rt.core_plant),
+            ("gate", Process::Supervisor, rt.priority_gate, rt.core_gate),
+            ("controller", Process::Controller, rt.priority_controller, rt.core_controller),
+            ("planner", Process::Planner, rt.priority_planner, rt.core_planner),
+        ];
+        for (name, process, priority, core) in rows {
+            let granted = Granted(live.pulse(process).realtime());
+            let fifo = if granted.has(Granted::FIFO) { format!("FIFO {priority}") } else { "not FIFO".to_owned() };
+            let memory = if granted.has(Granted::LOCKED) { "memory locked" } else { "memory not locked" };
+            let core = match core {
+                None => "any core".to_owned(),
+                Some(c) if granted.has(Granted::PINNED) => format!("core {c}"),
+                Some(c) => format!("NOT on core {c}"),
+            };
+            let _ = writeln!(out, "  {name:<14} {fifo}, {memory}, {core}");
+        }
+    }
+    crate::say(out.trim_end());
+}

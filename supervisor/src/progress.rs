@@ -1,0 +1,55 @@
+//! The progress line, on a terminal only.
+
+use crate::live::Glance;
+use std::io::{IsTerminal, Write};
+use std::time::{Duration, Instant};
+
+/// How often it is drawn.
+const DRAW_EVERY: Duration = Duration::from_millis(100);
+
+/// A line on standard error that is drawn over itself.
+#[derive(Debug)]
+pub struct Progress {
+    duration_s: f64,
+    terminal: bool,
+    drawn: Option<Instant>,
+}
+
+impl Progress {
+    /// Nothing drawn yet.
+    #[must_use]
+    pub fn new(duration_s: f64) -> Self {
+        Self { duration_s, terminal: std::io::stderr().is_terminal(), drawn: None }
+    }
+
+    /// Draws the line, if there is a terminal and it is time to.
+    pub fn show(&mut self, glance: &Glance) {
+        if !self.terminal || self.drawn.is_some_and(|t| t.elapsed() < DRAW_EVERY) {
+            return;
+        }
+        self.drawn = Some(Instant::now());
+        let width = 24;
+        let done = ((glance.time_s / self.duration_s).clamp(0.0, 1.0) * f64::from(width)) as usize;
+        let [x, y, z] = glance.foot_position.map(|v| v * 1e3);
+        let line = format!(
+            "[{}{}] {:6.2} / {:.0} s  foot {x:6.1} {y:6.1} {z:6.1} mm  F_z {:6.1} of {:5.1} N  missed {}  late {}",
+            "=".repeat(done),
+            " ".repeat(width as usize - done),
+            glance.time_s,
+            self.duration_s,
+            glance.foot_force[2],
+            glance.desired_force[2],
+            glance.missed,
+            glance.late,
+        );
+        // A terminal that has gone away is no reason to stop.
+        let _ = write!(std::io::stderr(), "\r\x1b[2K{line}");
+    }
+
+    /// Takes the line away.
+    pub fn clear(&self) {
+        if self.drawn.is_some() {
+            let _ = write!(std::io::stderr(), "\r\x1b[2K");
+        }
+    }
+}

@@ -1,0 +1,198 @@
+//! Where a run lives: a prefix and a folder of its own in shared memory, and a registration that others can find.
+//!
+//! The registration is locked as long as its supervisor lives; one that can be locked by somebody else belongs to a dead run,
+//! whose remains are then removed.
+
+use anyhow::{Context, Result};
+use rustix::fs::{FlockOperation, flock};
+use serde::{Deserialize, Serialize};
+use std::fs::{self, DirBuilder, File, OpenOptions};
+use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt};
+use std::path::{Path, PathBuf};
+
+/// Where POSIX shared memory is.
+const SHM: &str = "/dev/shm";
+
+/// What others may know of a run.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Registration {
+    /// Name of the run: prefix of its shared memory without the trailing `_`.
+    pub run: String,
+    /// Process id of its supervisor.
+    pub pid: u32,
+    /// Name of the scenario.
+    pub scenario: String,
+    /// The log it writes.
+    pub log: PathBuf,
+}
+
+/// A run's place; removed with everything in it when dropped.
+#[derive(Debug)]
+pub struct Place {
+    run: String,
+    file: PathBuf,
+    // Holds the lock.
+    _registration: File,
+}
+
+impl Place {
+    /// Makes a place that no other run has, and registers it.
+    ///
+    /// # Errors
+    /// If shared memory or the user's run-time directory cannot be written.
+    pub fn take(scenario: &str, log: &Path) -> Result<Self> {
+        let folder = runtime_folder()?;
+        sweep(&folder);
+        let mut salt = hapfic_ipc::clock::unix_ns();
+        loop {
+            // Short: a Unix socket's path has 108 bytes, and iceoryx2 needs most of them.
+            let run = format!("hf{}{}", base36(u64::from(std::process::id())), base36(salt % 46_656));
+            let file = folder.join(format!("{run}.json"));
+            let made = OpenOptions::new().write(true).create_new(true).mode(0o600).open(&file);
+            let registration = match made {
+                Ok(registration) => registration,
+                Err(e) if e.kind() == std::io::ErrorKind::AlreadyExists => {
+                    salt += 1;
+                    continue;
+                }
+                Err(e) => return Err(e).with_context(|| format!("cannot register the run in {}", file.display())),
+            };
+            flock(&registration, FlockOperation::NonBlockingLockExclusive).context("cannot lock the run's registration")?;
+            let content = Registration {
+                run: run.clone(),
+                pid: std::process::id(),
+                scenario: scenario.to_owned(),
+                log: log.to_owned(),
+            };
+            let place = Self { run, file, _registration: registration };
+            serde_json::to_writer_pretty(&place._registration, &content).context("cannot write the run's registration")?;
+            DirBuilder::new()
+                .mode(0o700)
+                .create(place.root())
+                .with_context(|| format!("cannot make {}, the run's folder in shared memory", place.root()))?;
+            return Ok(place);
+        }
+    }
+
+    /// Prefix of the run's shared memory.
+    #[must_use]
+    pub fn prefix(&self) -> String {
+        format!("{}_", self.run)
+    }
+
+    /// The run's folder.
+    #[must_use]
+    pub fn root(&self) -> String {
+        format!("{SHM}/{}", self.run)
+    }
+}
+
+impl Drop for Place {
+    fn drop(&mut self) {
+        remove_remains(&self.run);
+        // Last: as long as it is there, the next start knows that something may be left.
+        let _ = fs::remove_file(&self.file);
+        if let Some(folder) = self.file.parent() {
+            // Only if no other run is registered.
+            let _ = fs::remove_dir(folder);
+        }
+    }
+}
+
+/// The user's run-time directory for runs; made if it is not there.
+fn runtime_folder() -> Result<PathBuf> {
+    let folder = match std::env::var_os("XDG_RUNTIME_DIR") {
+        Some(dir) if !dir.is_empty() => PathBuf::from(dir).join("hapfic"),
+        _ => std::env::temp_dir().join(format!("hapfic-{}", rustix::process::getuid().as_raw())),
+    };
+    match DirBuilder::new().mode(0o700).create(&folder) {
+        Ok(()) => Ok(folder),
+        Err(e) if e.kind() == std::io::ErrorKind::AlreadyExists && folder.is_dir() => {
+            let owner = std::os::unix::fs::MetadataExt::uid(&fs::metadata(&folder)?);
+            if owner == rustix::process::getuid().as_raw() {
+                return Ok(folder);
+            }
+            anyhow::bail!("{} belongs to user {owner}; set XDG_RUNTIME_DIR to a folder of your own", folder.display())
+        }
+        Err(e) => Err(e).with_context(|| format!("cannot make {}, where runs are registered", folder.display())),
+    }
+}
+
+/// Removes what dead runs have left.
+fn sweep(folder: &Path) {
+    let Ok(entries) = fs::read_dir(folder) else { return };
+    for path in entries.flatten().map(|e| e.path()) {
+        let Ok(file) = File::open(&path) else { continue };
+        // Whoever holds the lock is alive.
+        if flock(&file, FlockOperation::NonBlockingLockExclusive).is_err() {
+            continue;
+        }
+        let run = path.file_stem().and_then(|s| s.to_str()).unwrap_or_default();
+        if run.starts_with("hf") && run.len() > 4 && run.chars().all(|c| c.is_ascii_alphanumeric()) {
+            remove_remains(run);
+            let _ = fs::remove_file(&path);
+        }
+    }
+}
+
+fn remove_remains(run: &str) {
+    let _ = fs::remove_dir_all(format!("{SHM}/{run}"));
+    let prefix = format!("{run}_");
+    let Ok(entries) = fs::read_dir(SHM) else { return };
+    for entry in entries.flatten() {
+        if entry.file_name().to_string_lossy().starts_with(&prefix) {
+            let _ = fs::remove_file(entry.path());
+        }
+    }
+}
+
+fn base36(mut value: u64) -> String {
+    let mut digits = Vec::new();
+    while value > 0 || digits.is_empty() {
+        digits.push(char::from_digit((value % 36) as u32, 36).unwrap_or('0'));
+        value /= 36;
+    }
+    digits.iter().rev().collect()
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn places_are_unique_and_leave_nothing() {
+        let (a, b) = (Place::take("floor", Path::new("a")).unwrap(), Place::take("floor", Path::new("b")).unwrap());
+        assert_ne!(a.prefix(), b.prefix());
+        let (root, file) = (a.root(), a.file.clone());
+        assert!(Path::new(&root).is_dir() && file.is_file());
+        fs::write(format!("{SHM}/{}remains", a.prefix()), "x").unwrap();
+        // A third start must not take a living run for a dead one.
+        let c = Place::take("floor", Path::new("c")).unwrap();
+        assert!(Path::new(&root).is_dir());
+        drop((a, c));
+        assert!(!Path::new(&root).exists() && !file.exists());
+        assert!(!fs::read_dir(SHM).unwrap().flatten().any(|e| e.file_name().to_string_lossy().ends_with("remains")));
+        drop(b);
+    }
+
+    #[test]
+    fn what_a_dead_run_left_is_swept_at_the_next_start() {
+        let folder = runtime_folder().unwrap();
+        // As if its supervisor had been killed: registered, and nobody holds the lock.
+        let run = format!("hfdead{}", base36(u64::from(std::process::id())));
+        fs::write(folder.join(format!("{run}.json")), "{}").unwrap();
+        fs::create_dir(format!("{SHM}/{run}")).unwrap();
+        fs::write(format!("{SHM}/{run}_segment"), "x").unwrap();
+        let place = Place::take("floor", Path::new("a")).unwrap();
+        assert!(!Path::new(&format!("{SHM}/{run}")).exists());
+        assert!(!Path::new(&format!("{SHM}/{run}_segment")).exists());
+        drop(place);
+    }
+
+    #[test]
+    fn base36_counts() {
+        assert_eq!((base36(0), base36(35), base36(36)), ("0".into(), "z".into(), "10".into()));
+    }
+}
