@@ -241,6 +241,7 @@ impl At<'_> {
             priority_gate: raw.priority_gate,
             priority_controller: raw.priority_controller,
             priority_planner: raw.priority_planner,
+            placement: raw.placement,
             core_plant: raw.core_plant,
             core_gate: raw.core_gate,
             core_controller: raw.core_controller,

@@ -29,7 +29,7 @@ mod tree;
 
 pub use embedded::{Scenario, robots, scenarios};
 pub use error::{Complaint, ConfigError, Place};
-pub use policy::{Fidelity, ResetPolicy, Saturation, Search};
+pub use policy::{Fidelity, Placement, ResetPolicy, Saturation, Search};
 pub use schema::json_schema;
 pub use settings::{
     Floor, MAX_JOINTS, MIN_SPACING_TICKS, OperatorChange, PERIOD_S, Parameters, Plant, Processes, Realtime, Recorder, Robot,

@@ -38,6 +38,17 @@ pub enum Saturation {
     AsPrinted,
 }
 
+/// Where the real-time threads run that have no core of their own in the settings.
+#[derive(Clone, Copy, Debug, Default, Deserialize, Eq, JsonSchema, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Placement {
+    /// All on one core: a host that takes that core away delays the plant's timer too, so that time slips and no tick is missed.
+    #[default]
+    OneCore,
+    /// Wherever the scheduler puts them.
+    Free,
+}
+
 /// One word for how close to print the controller is.
 #[derive(Clone, Copy, Debug, Default, Deserialize, Eq, JsonSchema, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]

@@ -1,6 +1,6 @@
 //! A checked scenario.
 
-use crate::policy::{Fidelity, ResetPolicy, Saturation, Search};
+use crate::policy::{Fidelity, Placement, ResetPolicy, Saturation, Search};
 
 /// T, the period of the control loop, s.
 pub const PERIOD_S: f64 = 0.001;
@@ -227,7 +227,7 @@ pub struct Supervisor {
     pub credit_ticks: u32,
 }
 
-/// Priorities (SCHED_FIFO, strictly falling from plant to planner) and cores (none: any).
+/// Priorities (SCHED_FIFO, strictly falling from plant to planner) and cores (none: as `placement` says).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Realtime {
     /// Of the plant.
@@ -238,6 +238,8 @@ pub struct Realtime {
     pub priority_controller: u32,
     /// Of the planner.
     pub priority_planner: u32,
+    /// Where threads without a core run.
+    pub placement: Placement,
     /// Of the plant.
     pub core_plant: Option<u32>,
     /// Of the gate.

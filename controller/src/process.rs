@@ -8,7 +8,7 @@ use crate::task_space::{self, Input as Measured};
 use hapfic_config::{PERIOD_S, Settings};
 use hapfic_ipc::message::{Command, Operator, Process, Reference, Request, State};
 use hapfic_ipc::realtime::Wish;
-use hapfic_ipc::{Clock, Context, Input, IpcError, Output, Wait, clock, topic};
+use hapfic_ipc::{Clock, Recent, Context, Input, IpcError, Output, Tick, Wait, clock, topic};
 use hapfic_robot::{Chain, MAX_JOINTS};
 use nalgebra::Vector3;
 
@@ -20,28 +20,23 @@ struct Ports {
     request: Output<Request>,
 }
 
-/// What has come in, newest first choice.
+/// What has come in.
 #[derive(Clone, Copy, Debug, Default)]
 struct Inbox {
-    /// The last two references: the planner is one tick ahead.
-    references: [Option<Reference>; 2],
-    command: Option<Command>,
+    /// The planner is one tick ahead, so the newest is not the one to follow.
+    references: Recent<Reference>,
+    commands: Recent<Command>,
     operator: Option<Operator>,
 }
 
 impl Inbox {
-    /// The reference of a tick.
-    fn reference(&self, tick: i64) -> Option<&Reference> {
-        self.references.iter().flatten().find(|r| r.tick == tick)
-    }
-
     /// The reference to follow at a tick: its own, or the last one held at rest, or (before any) where the foot is.
     fn setpoint(&self, state: &State) -> ([f64; 3], [f64; 3]) {
-        if let Some(r) = self.reference(state.tick) {
+        if let Some(r) = self.references.at(state.tick) {
             return (r.position, r.velocity);
         }
-        let older = self.references.iter().flatten().filter(|r| r.tick < state.tick).max_by_key(|r| r.tick);
-        (older.map_or(state.foot_position, |r| r.position), [0.0; 3])
+        let held = self.references.before(state.tick).map_or(state.foot_position, |r| r.position);
+        (held, [0.0; 3])
     }
 }
 
@@ -82,7 +77,7 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), ControllerE
             }
             None => context.refuse(),
         }
-        context.account(state.tick, state.stamp_ns, wake, published)?;
+        context.account(Tick { tick: state.tick, due_ns: state.stamp_ns, wake_ns: wake, publish_ns: published, latency_ns: 0 })?;
         ports.request.prepare();
         if state.tick >= last_tick {
             context.finish(state.tick)?;
@@ -96,8 +91,8 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), ControllerE
 fn answer(chain: &Chain, gravity: &Vector3<f64>, state: &State, inbox: &Inbox, controller: Process) -> Option<Request> {
     let n = chain.dof();
     let parameters = inbox.operator.as_ref()?.at(state.tick);
-    let command = inbox.command.as_ref()?;
-    if state.joints as usize != n || command.tick >= state.tick {
+    let command = inbox.commands.before(state.tick)?;
+    if state.joints as usize != n {
         return None;
     }
     let kin = chain.kinematics(&state.joint_position[..n]);
@@ -136,11 +131,11 @@ fn answer(chain: &Chain, gravity: &Vector3<f64>, state: &State, inbox: &Inbox, c
 /// Takes what there is; in lockstep waits for reference(k) and command(k - 1). Says whether to go on.
 fn fill(context: &mut Context, ports: &mut Ports, inbox: &mut Inbox, tick: i64) -> Result<bool, IpcError> {
     loop {
-        context.drain(&mut ports.reference, |new| inbox.references = [Some(new), inbox.references[0]])?;
-        context.drain(&mut ports.command, |new| inbox.command = Some(new))?;
+        context.drain(&mut ports.reference, |new| inbox.references.keep(new))?;
+        context.drain(&mut ports.command, |new| inbox.commands.keep(new))?;
         context.drain(&mut ports.operator, |new| inbox.operator = Some(new))?;
         let complete =
-            inbox.reference(tick).is_some() && inbox.command.is_some_and(|c| c.tick >= tick - 1) && inbox.operator.is_some();
+            inbox.references.at(tick).is_some() && inbox.commands.at(tick - 1).is_some() && inbox.operator.is_some();
         if context.clock == Clock::Realtime || complete {
             return Ok(true);
         }

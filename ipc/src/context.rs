@@ -14,6 +14,21 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// How long a process waits for input before it looks around.
 const PATIENCE: Duration = Duration::from_millis(50);
 
+/// When a tick's work was done, by the monotonic clock.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Tick {
+    /// Which tick.
+    pub tick: i64,
+    /// When the input that started it was published (plant: when the timer should have fired).
+    pub due_ns: u64,
+    /// When the process woke up.
+    pub wake_ns: u64,
+    /// When it had published; zero if it did not.
+    pub publish_ns: u64,
+    /// From its own publication to the answer's arrival (plant only); zero if there was none in time.
+    pub latency_ns: u64,
+}
+
 /// What every process loop has at hand.
 #[derive(Debug)]
 pub struct Context {
@@ -25,6 +40,7 @@ pub struct Context {
     pub bus: Bus,
     stop: Arc<AtomicBool>,
     supervisor_pid: i32,
+    core: Option<usize>,
     realtime: RealtimeMode,
     granted: Granted,
     timing: Output<Timing>,
@@ -59,6 +75,7 @@ impl Context {
             bus,
             stop,
             supervisor_pid: run.supervisor_pid,
+            core: run.core.map(|c| c as usize),
             realtime: if run.clock == Clock::Lockstep { RealtimeMode::Off } else { run.realtime },
             granted: Granted::default(),
             timing,
@@ -87,7 +104,8 @@ impl Context {
     /// [`IpcError`] if the message cannot be sent.
     pub fn ready(&mut self, wish: Wish) -> Result<(), IpcError> {
         if self.realtime != RealtimeMode::Off {
-            self.granted = realtime::enter(wish);
+            let core = wish.core.or(self.core);
+            self.granted = realtime::enter(Wish { core, ..wish });
         }
         self.faults_at_start = realtime::page_faults();
         self.beat(Phase::Ready, -1)
@@ -211,18 +229,22 @@ impl Context {
     ///
     /// # Errors
     /// [`IpcError`] if the message cannot be sent.
-    pub fn account(&mut self, tick: i64, due_ns: u64, wake_ns: u64, publish_ns: u64) -> Result<(), IpcError> {
+    pub fn account(&mut self, done: Tick) -> Result<(), IpcError> {
+        let Tick { tick, due_ns, wake_ns, publish_ns, latency_ns } = done;
         // A system call: in the slack, and not at every tick.
         if tick % 1000 == 999 {
             self.count_faults();
         }
-        let allocations = (allocations::count() - self.allocations_at_wake) as u32;
+        // The first tick meets its peers, and in lockstep nobody waits in real time.
+        let counts = tick > 0 && self.clock == Clock::Realtime;
+        let allocations = if counts { (allocations::count() - self.allocations_at_wake) as u32 } else { 0 };
         self.send(&Timing {
             phase: Phase::Running.code(),
             tick,
             due_ns,
             wake_ns,
             publish_ns,
+            latency_ns,
             allocations,
             ..Timing::default()
         })

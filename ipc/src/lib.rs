@@ -29,13 +29,15 @@ mod context;
 mod error;
 pub mod message;
 pub mod realtime;
+mod recent;
 mod run;
 pub mod topic;
 mod wire_enum;
 
 pub use bus::{Bus, Domain, Input, Output, Wait, Wakes, wait};
 pub use check::{Check, Defect};
-pub use context::Context;
+pub use context::{Context, Tick};
 pub use error::IpcError;
 pub use iceoryx2::prelude::ZeroCopySend;
+pub use recent::{Recent, Ticked};
 pub use run::{Clock, RealtimeMode, RunFile};

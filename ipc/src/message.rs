@@ -494,7 +494,7 @@ pub struct Timing {
     pub wake_ns: u64,
     /// When it had published its output; zero if it published none.
     pub publish_ns: u64,
-    /// From state published to command published (gate only).
+    /// From state published to command published (gate), or to command received (plant); zero if it was not in time.
     pub latency_ns: u64,
     /// Heap allocations of the thread between receiving and sending, in this tick.
     pub allocations: u32,

@@ -42,6 +42,16 @@ impl Wish {
     }
 }
 
+/// A core for all real-time threads of the `index`-th run on this machine: the last one this process may use, and further runs
+/// each one before it.
+#[must_use]
+pub fn shared_core(index: usize) -> Option<u32> {
+    let set = rustix::thread::sched_getaffinity(None).ok()?;
+    let allowed: Vec<usize> = (0..CpuSet::MAX_CPU).filter(|core| set.is_set(*core)).collect();
+    let place = allowed.len().checked_sub(1 + index % allowed.len().max(1))?;
+    allowed.get(place).map(|core| *core as u32)
+}
+
 /// Bytes of stack touched beforehand, so that a deep call does not fault.
 const STACK: usize = 256 * 1024;
 
@@ -195,6 +205,14 @@ mod tests {
         let list = privileges(80);
         assert_eq!(list.len(), 3);
         assert!(list.iter().all(|p| !p.note.is_empty() && (p.granted || p.note.contains("needs"))));
+    }
+
+    #[test]
+    fn runs_beside_each_other_get_cores_of_their_own_as_long_as_there_are_some() {
+        let cores = rustix::thread::sched_getaffinity(None).map(|set| set.count() as usize).unwrap_or(1);
+        let given: std::collections::BTreeSet<_> = (0..cores).filter_map(shared_core).collect();
+        assert_eq!(given.len(), cores);
+        assert_eq!(shared_core(0), shared_core(cores));
     }
 
     #[test]

@@ -52,6 +52,8 @@ pub struct RunFile {
     pub clock: Clock,
     /// Whether to ask for real-time privileges.
     pub realtime: RealtimeMode,
+    /// Core of the real-time threads that the configuration gives none; none: any.
+    pub core: Option<u32>,
     /// The effective configuration, TOML.
     pub settings: String,
     /// Where the URDF came from.

@@ -6,7 +6,7 @@ use crate::{PlannerParameters, hold, setpoint, step};
 use hapfic_config::{PERIOD_S, Settings};
 use hapfic_ipc::message::{Command, Mode, Operator, PlannerState, Reference, State};
 use hapfic_ipc::realtime::Wish;
-use hapfic_ipc::{Clock, Context, Input, IpcError, Output, Wait, clock, topic};
+use hapfic_ipc::{Clock, Recent, Context, Input, IpcError, Output, Tick, Wait, clock, topic};
 
 /// Ticks by which a plan may lag behind and still be stepped through; beyond, the motion starts anew from where it is held.
 const CATCH_UP: i64 = 4;
@@ -39,7 +39,7 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), IpcError> {
     context.ready(Wish::new(settings.realtime.priority_planner, settings.realtime.core_planner))?;
     let last_tick = settings.duration_ticks as i64 - 1;
     let mut plan: Option<Plan> = None;
-    let mut command: Option<Command> = None;
+    let mut commands = Recent::<Command>::default();
     let mut operator: Option<Operator> = None;
     let mut seen = -1;
 
@@ -47,7 +47,7 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), IpcError> {
         let wake = clock::now_ns();
         context.begin();
         seen = state.tick;
-        if !take_command(context, &mut ports, &mut command, state.tick - 1)? {
+        if !take_command(context, &mut ports, &mut commands, state.tick - 1)? {
             break;
         }
         context.drain(&mut ports.operator, |new| operator = Some(new))?;
@@ -56,7 +56,7 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), IpcError> {
             context.refuse();
             continue;
         };
-        let active = command.is_some_and(|c| c.mode == Mode::Active.code());
+        let active = commands.before(state.tick).is_some_and(|c| c.mode == Mode::Active.code());
         if state.tick == 0 {
             // Tick 0 has no tick before it in which its reference could have been made.
             let first = Plan { tick: 0, state: hold(state.foot_position) };
@@ -78,7 +78,7 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), IpcError> {
             send(context, &mut ports, &next, parameters.version)?;
             published = clock::now_ns();
         }
-        context.account(state.tick, state.stamp_ns, wake, published)?;
+        context.account(Tick { tick: state.tick, due_ns: state.stamp_ns, wake_ns: wake, publish_ns: published, latency_ns: 0 })?;
         ports.reference.prepare();
         if state.tick >= last_tick {
             context.finish(state.tick)?;
@@ -114,16 +114,16 @@ fn advance(mut plan: Plan, tick: i64, operator: Option<Operator>) -> Plan {
     plan
 }
 
-/// Takes the newest command; in lockstep waits for the one of `tick`. Says whether to go on.
+/// Takes the commands there are; in lockstep waits for the one of `tick`. Says whether to go on.
 fn take_command(
     context: &mut Context,
     ports: &mut Ports,
-    command: &mut Option<Command>,
+    commands: &mut Recent<Command>,
     tick: i64,
 ) -> Result<bool, IpcError> {
     loop {
-        context.drain(&mut ports.command, |new| *command = Some(new))?;
-        if context.clock == Clock::Realtime || command.is_some_and(|c| c.tick >= tick) {
+        context.drain(&mut ports.command, |new| commands.keep(new))?;
+        if context.clock == Clock::Realtime || commands.at(tick).is_some() {
             return Ok(true);
         }
         ports.reference.prepare();

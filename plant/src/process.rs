@@ -8,15 +8,37 @@ use crate::plant::Plant;
 use hapfic_config::Settings;
 use hapfic_ipc::message::{Command, Credit, State};
 use hapfic_ipc::realtime::Wish;
-use hapfic_ipc::{Check, Clock, Context, Input, Output, Wait, clock, topic};
+use hapfic_ipc::Tick;
+use hapfic_ipc::{Clock, Context, Input, IpcError, Output, Recent, Wait, clock, topic, wait};
+use std::time::Duration;
 
 /// The period in nanoseconds.
 const PERIOD_NS: u64 = 1_000_000;
+
+/// How long the plant leaves the processor to those who answer its state before it simulates: on one core it would be in their
+/// way, its priority being the highest.
+const COURTESY: Duration = Duration::from_micros(300);
 
 struct Ports {
     state: Output<State>,
     command: Input<Command>,
     credit: Input<Credit>,
+    commands: Recent<Command>,
+}
+
+impl Ports {
+    /// Takes in the commands that have come.
+    fn read(&mut self, context: &mut Context) -> Result<(), IpcError> {
+        let commands = &mut self.commands;
+        context.drain(&mut self.command, |new| commands.keep(new))
+    }
+
+    /// Passes the command that is due at `tick` to the drive: never one that answers this tick's own state already.
+    fn pass(&self, plant: &mut Plant, tick: i64) {
+        if let Some(command) = self.commands.before(tick) {
+            plant.take(command);
+        }
+    }
 }
 
 /// Runs the plant until its last tick or its end.
@@ -28,13 +50,17 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), PlantError>
         state: context.bus.output(&topic::STATE)?,
         command: context.bus.input(&topic::COMMAND, Wait::Yes)?,
         credit: context.bus.input(&topic::CREDIT, Wait::Yes)?,
+        commands: Recent::default(),
     };
     let mut plant = Plant::new(settings)?;
     context.ready(Wish::new(settings.realtime.priority_plant, settings.realtime.core_plant))?;
-    while plant_take(&mut plant, &mut ports, context)? == 0 {
+    while ports.commands.at(-1).is_none() {
         if !context.wait(&[&ports.command], -1)? {
             return Ok(());
         }
+        ports.read(context)?;
+        // Everyone is there by now: meet them before time counts.
+        ports.state.prepare();
     }
     let ticks = settings.duration_ticks as i64;
     match context.clock {
@@ -43,19 +69,6 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), PlantError>
     }
     context.finish(ticks - 1)?;
     Ok(())
-}
-
-/// Takes what has come in. Returns how many commands were used.
-fn plant_take(plant: &mut Plant, ports: &mut Ports, context: &mut Context) -> Result<usize, PlantError> {
-    let mut taken = 0;
-    while let Some(command) = ports.command.next()? {
-        if command.check().is_ok() && (plant.take(&command) || command.tick < 0) {
-            taken += 1;
-        } else {
-            context.refuse();
-        }
-    }
-    Ok(taken)
 }
 
 fn realtime(context: &mut Context, plant: &mut Plant, ports: &mut Ports, ticks: i64) -> Result<(), PlantError> {
@@ -82,15 +95,33 @@ fn realtime(context: &mut Context, plant: &mut Plant, ports: &mut Ports, ticks: 
         state.stamp_ns = clock::now_ns();
         ports.state.send(&state)?;
         let published = clock::now_ns();
-        plant_take(plant, ports, context)?;
+        ports.read(context)?;
+        ports.pass(plant, tick);
+        let answered = await_answer(context, ports, tick, published)?;
         plant.advance()?;
-        context.account(tick, due, wake, published)?;
+        context.account(Tick { tick, due_ns: due, wake_ns: wake, publish_ns: published, latency_ns: answered })?;
         ports.state.prepare();
         if !context.running() {
             return Ok(());
         }
     }
     Ok(())
+}
+
+/// Waits for the command that answers `tick`, for a while. Returns how long it took, ns; zero if it did not come.
+fn await_answer(context: &mut Context, ports: &mut Ports, tick: i64, published: u64) -> Result<u64, IpcError> {
+    let end = published + COURTESY.as_nanos() as u64;
+    loop {
+        let now = clock::now_ns();
+        if now >= end || !context.running() {
+            return Ok(0);
+        }
+        wait(&[&ports.command], Duration::from_nanos(end - now))?;
+        ports.read(context)?;
+        if ports.commands.at(tick).is_some() {
+            return Ok(clock::now_ns() - published);
+        }
+    }
 }
 
 fn lockstep(context: &mut Context, plant: &mut Plant, ports: &mut Ports, ticks: i64) -> Result<(), PlantError> {
@@ -110,8 +141,8 @@ fn lockstep(context: &mut Context, plant: &mut Plant, ports: &mut Ports, ticks: 
         ports.state.send(&plant.sample())?;
         let published = clock::now_ns();
         loop {
-            plant_take(plant, ports, context)?;
-            if plant.command_tick() >= tick - 1 {
+            ports.read(context)?;
+            if ports.commands.at(tick - 1).is_some() {
                 break;
             }
             // Whoever joins late gets the last state handed over here.
@@ -120,8 +151,9 @@ fn lockstep(context: &mut Context, plant: &mut Plant, ports: &mut Ports, ticks: 
                 return Ok(());
             }
         }
+        ports.pass(plant, tick);
         plant.advance()?;
-        context.account(tick, due, due, published)?;
+        context.account(Tick { tick, due_ns: due, wake_ns: due, publish_ns: published, latency_ns: 0 })?;
         ports.state.prepare();
     }
     Ok(())

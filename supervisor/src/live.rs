@@ -8,8 +8,6 @@ use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU32, AtomicU64, Ordering};
 /// Signs of life of one process.
 #[derive(Debug, Default)]
 pub struct Pulse {
-    /// Tick it last told of, -1 before the first.
-    tick: AtomicI64,
     /// When it was last heard of; zero: never.
     heard_ns: AtomicU64,
     /// Code of its phase plus one; zero: never heard of.
@@ -23,12 +21,6 @@ impl Pulse {
     #[must_use]
     pub fn phase(&self) -> Option<Phase> {
         self.phase.load(Ordering::Acquire).checked_sub(1).and_then(Phase::from_code)
-    }
-
-    /// The tick it last told of.
-    #[must_use]
-    pub fn tick(&self) -> i64 {
-        self.tick.load(Ordering::Relaxed)
     }
 
     /// How long it has not been heard of, ns.
@@ -98,7 +90,6 @@ impl Live {
     /// Takes note of a timing message.
     pub fn hear(&self, timing: &Timing) {
         let Some(pulse) = self.pulses.get(timing.process as usize) else { return };
-        pulse.tick.store(timing.tick, Ordering::Relaxed);
         pulse.heard_ns.store(clock::now_ns(), Ordering::Relaxed);
         pulse.realtime.store(timing.realtime, Ordering::Relaxed);
         pulse.phase.store(timing.phase + 1, Ordering::Release);

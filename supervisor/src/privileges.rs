@@ -30,7 +30,7 @@ fn table(list: &[Privilege]) -> String {
 }
 
 /// Says in one table what the run got: the machine's side, and each process's.
-pub fn report(settings: &Settings, mode: RealtimeMode, live: &Live) {
+pub fn report(settings: &Settings, mode: RealtimeMode, shared_core: Option<u32>, live: &Live) {
     let mut out = String::from("real time:");
     if mode == RealtimeMode::Off {
         out.push_str(" off, nothing asked for");
@@ -47,7 +47,7 @@ pub fn report(settings: &Settings, mode: RealtimeMode, live: &Live) {
             let granted = Granted(live.pulse(process).realtime());
             let fifo = if granted.has(Granted::FIFO) { format!("FIFO {priority}") } else { "not FIFO".to_owned() };
             let memory = if granted.has(Granted::LOCKED) { "memory locked" } else { "memory not locked" };
-            let core = match core {
+            let core = match core.or(shared_core) {
                 None => "any core".to_owned(),
                 Some(c) if granted.has(Granted::PINNED) => format!("core {c}"),
                 Some(c) => format!("NOT on core {c}"),

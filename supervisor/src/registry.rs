@@ -32,6 +32,7 @@ pub struct Registration {
 pub struct Place {
     run: String,
     file: PathBuf,
+    others: usize,
     // Holds the lock.
     _registration: File,
 }
@@ -43,7 +44,7 @@ impl Place {
     /// If shared memory or the user's run-time directory cannot be written.
     pub fn take(scenario: &str, log: &Path) -> Result<Self> {
         let folder = runtime_folder()?;
-        sweep(&folder);
+        let others = sweep(&folder);
         let mut salt = hapfic_ipc::clock::unix_ns();
         loop {
             // Short: a Unix socket's path has 108 bytes, and iceoryx2 needs most of them.
@@ -65,7 +66,7 @@ impl Place {
                 scenario: scenario.to_owned(),
                 log: log.to_owned(),
             };
-            let place = Self { run, file, _registration: registration };
+            let place = Self { run, file, others, _registration: registration };
             serde_json::to_writer_pretty(&place._registration, &content).context("cannot write the run's registration")?;
             DirBuilder::new()
                 .mode(0o700)
@@ -79,6 +80,12 @@ impl Place {
     #[must_use]
     pub fn prefix(&self) -> String {
         format!("{}_", self.run)
+    }
+
+    /// Runs that were alive on this machine when this one registered.
+    #[must_use]
+    pub fn others(&self) -> usize {
+        self.others
     }
 
     /// The run's folder.
@@ -119,13 +126,15 @@ fn runtime_folder() -> Result<PathBuf> {
     }
 }
 
-/// Removes what dead runs have left.
-fn sweep(folder: &Path) {
-    let Ok(entries) = fs::read_dir(folder) else { return };
+/// Removes what dead runs have left. Returns how many are alive.
+fn sweep(folder: &Path) -> usize {
+    let Ok(entries) = fs::read_dir(folder) else { return 0 };
+    let mut alive = 0;
     for path in entries.flatten().map(|e| e.path()) {
         let Ok(file) = File::open(&path) else { continue };
         // Whoever holds the lock is alive.
         if flock(&file, FlockOperation::NonBlockingLockExclusive).is_err() {
+            alive += 1;
             continue;
         }
         let run = path.file_stem().and_then(|s| s.to_str()).unwrap_or_default();
@@ -134,6 +143,7 @@ fn sweep(folder: &Path) {
             let _ = fs::remove_file(&path);
         }
     }
+    alive
 }
 
 fn remove_remains(run: &str) {

@@ -12,7 +12,7 @@ use crate::registry::Place;
 use crate::scene;
 use crate::summary::{self, Fault, Recorder as RecorderSummary, Run, Summary};
 use anyhow::{Context, Result};
-use hapfic_config::{PERIOD_S, Settings};
+use hapfic_config::{PERIOD_S, Placement, Settings};
 use hapfic_ipc::message::{MAX_JOINTS, Phase, Process};
 use hapfic_ipc::realtime::IdleHold;
 use hapfic_ipc::{Bus, Clock, Domain, IpcError, RealtimeMode, RunFile, topic};
@@ -93,6 +93,10 @@ impl Prepared {
         let settings = &request.settings;
         let place = Place::take(&request.scenario, &request.log)?;
         let domain = Domain::new(&place.prefix(), &place.root())?;
+        let core = match settings.realtime.placement {
+            Placement::OneCore => hapfic_ipc::realtime::shared_core(place.others()),
+            Placement::Free => None,
+        };
         let run_file = Path::new(&place.root()).join("run.json");
         RunFile {
             prefix: place.prefix(),
@@ -100,6 +104,7 @@ impl Prepared {
             supervisor_pid: std::process::id() as i32,
             clock: request.clock,
             realtime: request.realtime,
+            core,
             settings: settings.effective_toml(),
             urdf_name: settings.robot.urdf.name.clone(),
             urdf: settings.robot.urdf.text.clone(),
@@ -130,7 +135,7 @@ impl Prepared {
             timeline: Timeline::new(settings, plant.sample().foot_position),
             ticks: settings.duration_ticks as i64,
             deadline: Duration::from_micros(settings.supervisor.deadline_us.into()),
-            wish: realtime.then(|| GateStart::wish(settings)),
+            wish: realtime.then(|| GateStart::wish(settings, core)),
             live: Arc::clone(&live),
         })?;
 
@@ -143,7 +148,7 @@ impl Prepared {
             stop,
             faults: Vec::new(),
         };
-        let timed = watch.start_and_follow(request, &run_file)?;
+        let timed = watch.start_and_follow(request, &run_file, core)?;
         watch.end(timed.completed)?;
         let faults = std::mem::take(&mut watch.faults);
         drop(watch);
@@ -171,7 +176,7 @@ struct Watch<'a> {
 }
 
 impl Watch<'_> {
-    fn start_and_follow(&mut self, request: &Request, run_file: &Path) -> Result<Timed> {
+    fn start_and_follow(&mut self, request: &Request, run_file: &Path, core: Option<u32>) -> Result<Timed> {
         for process in STARTED {
             self.children.0.push(Child::start(process, self.settings, run_file)?);
         }
@@ -182,7 +187,7 @@ impl Watch<'_> {
         let mut completed = false;
         if ready {
             if request.clock == Clock::Realtime {
-                privileges::report(self.settings, request.realtime, &self.live);
+                privileges::report(self.settings, request.realtime, core, &self.live);
             }
             self.live.go.store(true, Ordering::Release);
             completed = self.follow()?;

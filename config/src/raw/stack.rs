@@ -1,6 +1,7 @@
 //! Supervisor, real-time set-up, recorder and processes as written.
 
 use super::PerJoint;
+use crate::policy::Placement;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -59,16 +60,18 @@ pub(crate) struct RawRealtime {
     pub(crate) priority_controller: u32,
     /// An integer in [1, 98]; a higher one runs first.
     pub(crate) priority_planner: u32,
-    /// Processor core, an integer in [0, 1023]; without it any.
+    /// `one_core`: threads without a core below share one; `free`: they run wherever the scheduler puts them.
+    pub(crate) placement: Placement,
+    /// Processor core, an integer in [0, 1023]; without it as `placement` says.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) core_plant: Option<u32>,
-    /// Processor core, an integer in [0, 1023]; without it any.
+    /// Processor core, an integer in [0, 1023]; without it as `placement` says.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) core_gate: Option<u32>,
-    /// Processor core, an integer in [0, 1023]; without it any.
+    /// Processor core, an integer in [0, 1023]; without it as `placement` says.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) core_controller: Option<u32>,
-    /// Processor core, an integer in [0, 1023]; without it any.
+    /// Processor core, an integer in [0, 1023]; without it as `placement` says.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) core_planner: Option<u32>,
 }
@@ -80,6 +83,7 @@ impl Default for RawRealtime {
             priority_gate: 78,
             priority_controller: 76,
             priority_planner: 72,
+            placement: Placement::default(),
             core_plant: None,
             core_gate: None,
             core_controller: None,

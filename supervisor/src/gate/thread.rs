@@ -44,10 +44,10 @@ pub struct Start {
 }
 
 impl Start {
-    /// Gathers it from settings.
+    /// Priority and core of the gate; `shared_core` where the settings give it none.
     #[must_use]
-    pub fn wish(settings: &Settings) -> Wish {
-        Wish::new(settings.realtime.priority_gate, settings.realtime.core_gate)
+    pub fn wish(settings: &Settings, shared_core: Option<u32>) -> Wish {
+        Wish::new(settings.realtime.priority_gate, settings.realtime.core_gate.or(shared_core))
     }
 }
 
