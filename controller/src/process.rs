@@ -71,10 +71,7 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), ControllerE
         }
         let mut published = 0;
         match answer(&chain, &gravity, &state, &inbox, context.process) {
-            Some(request) => {
-                ports.request.send(&Request { stamp_ns: context.stamp(), ..request })?;
-                published = clock::now_ns();
-            }
+            Some(request) => published = ports.request.send(&Request { stamp_ns: context.stamp(), ..request })?,
             None => context.refuse(),
         }
         context.account(Tick { tick: state.tick, due_ns: state.stamp_ns, wake_ns: wake, publish_ns: published, latency_ns: 0 })?;

@@ -257,21 +257,23 @@ impl<T: Copy + core::fmt::Debug + ZeroCopySend + 'static> Output<T> {
         }
     }
 
-    /// Sends a message and wakes whoever waits for it.
+    /// Sends a message and wakes whoever waits for it. Returns when it was there to be read, by the monotonic clock: before the
+    /// waking, since whoever wakes may take the processor at once.
     ///
     /// # Errors
     /// [`IpcError::NoLoan`] if all memory is lent out; [`IpcError::Messaging`] if iceoryx2 fails.
-    pub fn send(&mut self, message: &T) -> Result<(), IpcError> {
+    pub fn send(&mut self, message: &T) -> Result<u64, IpcError> {
         let loan = match self.loan.take() {
             Some(loan) => loan,
             None => self.publisher.loan_uninit().map_err(|_| IpcError::NoLoan { topic: self.topic })?,
         };
         loan.write_payload(*message).send().map_err(|e| IpcError::messaging("send on", self.topic, e))?;
+        let published = clock::now_ns();
         if let Some(notifier) = &self.notifier {
             // A listener that has just died is not the sender's concern.
             let _ = notifier.notify();
         }
-        Ok(())
+        Ok(published)
     }
 }
 

@@ -274,6 +274,7 @@ impl Context {
             page_faults: self.faults,
             realtime: self.granted.0,
             ..*timing
-        })
+        })?;
+        Ok(())
     }
 }

@@ -75,8 +75,7 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), IpcError> {
         plan = Some(next);
         let mut published = 0;
         if next.tick <= last_tick {
-            send(context, &mut ports, &next, parameters.version)?;
-            published = clock::now_ns();
+            published = send(context, &mut ports, &next, parameters.version)?;
         }
         context.account(Tick { tick: state.tick, due_ns: state.stamp_ns, wake_ns: wake, publish_ns: published, latency_ns: 0 })?;
         ports.reference.prepare();
@@ -88,7 +87,7 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), IpcError> {
     Ok(())
 }
 
-fn send(context: &Context, ports: &mut Ports, plan: &Plan, parameters_version: u64) -> Result<(), IpcError> {
+fn send(context: &Context, ports: &mut Ports, plan: &Plan, parameters_version: u64) -> Result<u64, IpcError> {
     let out = setpoint(&plan.state, PERIOD_S);
     ports.reference.send(&Reference {
         stamp_ns: context.stamp(),

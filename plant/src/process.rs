@@ -93,8 +93,7 @@ fn realtime(context: &mut Context, plant: &mut Plant, ports: &mut Ports, ticks: 
         state.wake_lateness_ns = lateness;
         state.slipped = slipped;
         state.stamp_ns = clock::now_ns();
-        ports.state.send(&state)?;
-        let published = clock::now_ns();
+        let published = ports.state.send(&state)?;
         ports.read(context)?;
         ports.pass(plant, tick);
         let answered = await_answer(context, ports, tick, published)?;
@@ -138,8 +137,7 @@ fn lockstep(context: &mut Context, plant: &mut Plant, ports: &mut Ports, ticks: 
         }
         context.begin();
         let due = clock::now_ns();
-        ports.state.send(&plant.sample())?;
-        let published = clock::now_ns();
+        let published = ports.state.send(&plant.sample())?;
         loop {
             ports.read(context)?;
             if ports.commands.at(tick - 1).is_some() {

@@ -249,8 +249,7 @@ impl Gateway {
         let severity_before = self.start.live.severity.load(Ordering::Relaxed);
         self.announce(tick)?;
         let stamp = if self.start.clock == Clock::Realtime { clock::now_ns() } else { 0 };
-        self.command.send(&Command { stamp_ns: stamp, ..*command })?;
-        let published = clock::now_ns();
+        let published = self.command.send(&Command { stamp_ns: stamp, ..*command })?;
         let allocated = if self.start.clock == Clock::Realtime { allocations::count() - before } else { 0 };
         // From here on it is slack.
         self.start.live.severity.store(command.severity, Ordering::Relaxed);
@@ -315,7 +314,8 @@ impl Gateway {
         let _ = write(&mut text);
         let event = Event::new(self.gate.last().tick, process, kind, self.gate.severity(), detector, text.as_str());
         let stamp_ns = if self.start.clock == Clock::Realtime { clock::now_ns() } else { 0 };
-        self.event.send(&Event { stamp_ns, ..event })
+        self.event.send(&Event { stamp_ns, ..event })?;
+        Ok(())
     }
 
     fn beat(&mut self, phase: Phase) -> Result<(), IpcError> {
@@ -334,7 +334,8 @@ impl Gateway {
             page_faults: self.faults,
             realtime: self.granted.0,
             ..*timing
-        })
+        })?;
+        Ok(())
     }
 
     fn slack(&mut self) {
