@@ -102,7 +102,7 @@ impl Metrics {
     /// Takes a message of `/timing`.
     pub fn push_timing(&mut self, message: &proto::Timing) {
         self.allocations = self.allocations.saturating_add(u64::from(message.allocations));
-        if message.process == Process::Supervisor.name() && message.latency_ns != 0 {
+        if message.process == Process::Supervisor.name() && message.publish_ns != 0 && message.latency_ns != 0 {
             self.latency.record(message.latency_ns);
         }
     }

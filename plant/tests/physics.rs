@@ -1,0 +1,201 @@
+//! The plant against conservation, theory, and references of its own law at far smaller steps.
+#![allow(clippy::unwrap_used)]
+
+use hapfic_config::Settings;
+use hapfic_ipc::message::{Command, MAX_JOINTS, Mode};
+use hapfic_plant::{Action, ContactLaw, Plant};
+use nalgebra::{DMatrix, DVector, Vector3};
+
+fn floor(overrides: &[&str]) -> Plant {
+    let overrides: Vec<String> = overrides.iter().map(|s| (*s).to_owned()).collect();
+    Plant::new(&Settings::load("floor", &overrides).unwrap()).unwrap()
+}
+
+const LAW: ContactLaw = ContactLaw {
+    stiffness: 1e6,
+    damping: 1e4,
+    transition_width: 1e-3,
+    friction_static: 0.0,
+    friction_dynamic: 0.0,
+    critical_speed: 1e-3,
+};
+
+#[test]
+fn free_flight_keeps_its_energy() {
+    // High above everything, and turning fast enough to pass through its whole workspace.
+    let mut plant = floor(&["robot.base_position_m=[0, 0, 5]", "robot.start_position_rad=[0.3, 0.9, -1.2]"]);
+    let world = plant.world();
+    world.qd[..3].copy_from_slice(&[1.0, -2.0, 1.5]);
+    // Hanging straight down is the lowest the leg can be; relative to it energy has a meaning.
+    let lowest = {
+        let mut hanging = floor(&["robot.base_position_m=[0, 0, 5]", "robot.start_position_rad=[0, 0, 0]"]);
+        hanging.world().q[0] = 0.0;
+        hanging.world().energy()
+    };
+    let before = plant.world().energy() - lowest;
+    let (mut worst, mut contact) = (0.0_f64, 0);
+    for _ in 0..5000 {
+        let world = plant.world();
+        let advance = world.advance(Action::Torque([0.0; MAX_JOINTS]), 1000);
+        contact += advance.physics.newton_iterations;
+        // Joint stops would take energy out: keep to the flight between them.
+        worst = worst.max(((world.energy() - lowest) / before - 1.0).abs());
+        if contact > 0 {
+            break;
+        }
+    }
+    assert_eq!(contact, 0, "the leg met a stop: choose another start");
+    assert!(worst < 1e-9, "energy drifts by {worst:e} of {before} J");
+}
+
+#[test]
+fn joint_damping_only_takes_energy() {
+    let mut plant = floor(&["robot.base_position_m=[0, 0, 5]", "robot.joint_damping_n_m_s_per_rad=0.5"]);
+    plant.world().qd[..3].copy_from_slice(&[1.0, -2.0, 1.5]);
+    let mut energy = plant.world().energy();
+    for tick in 0..2000 {
+        plant.world().advance(Action::Torque([0.0; MAX_JOINTS]), 1000);
+        let now = plant.world().energy();
+        assert!(now < energy, "tick {tick}: {now} after {energy}");
+        energy = now;
+    }
+}
+
+/// A torque that presses the foot down with a force and carries the leg's weight, computed from the plant's own model.
+fn press(plant: &mut Plant, force: f64) -> [f64; MAX_JOINTS] {
+    let chain = plant.chain().clone();
+    let world = plant.world();
+    let kin = world.kinematics();
+    let mut torque = chain.jacobian(&kin).linear_transpose_mul(&Vector3::new(0.0, 0.0, -force));
+    let weight = chain.gravity_torque(&kin, &world.gravity);
+    for i in 0..3 {
+        // Some damping, since nothing else holds the foot sideways.
+        torque[i] += weight[i] - 2.0 * world.qd[i];
+    }
+    torque
+}
+
+#[test]
+fn pressed_at_fifty_newton_the_foot_feels_fifty_and_sinks_in_as_the_law_says() {
+    // The foot just above the floor.
+    let mut plant = floor(&["robot.start_position_rad=[0, 0.6, -1.2]", "robot.base_position_m=[0, 0, 0.4947]"]);
+    for force in [50.0, 300.0] {
+        let mut advance = hapfic_plant::Advance::default();
+        for _ in 0..3000 {
+            let torque = press(&mut plant, force);
+            advance = plant.world().advance(Action::Torque(torque), 1000);
+        }
+        let felt = advance.sensed_force;
+        assert!((felt.z / force - 1.0).abs() < 1e-3, "{force} N pressed, {felt:?} felt");
+        assert!(felt.x.abs() < 1e-9 && felt.y.abs() < 1e-9, "a frictionless floor pushes sideways: {felt:?}");
+        let depth = 0.02 - plant.world().kinematics().tip_position().z;
+        let theory = LAW.depth_at(felt.z);
+        assert!((depth / theory - 1.0).abs() < 1e-3, "depth {depth}, the law says {theory}");
+        assert_eq!(advance.contact_count, 1);
+    }
+}
+
+/// Peak normal force of a fall on the floor by explicit steps of 0.1 us with the same law.
+fn reference_peak(plant: &mut Plant) -> f64 {
+    let chain = plant.chain().clone();
+    let (mut q, mut qd) = (plant.world().q, plant.world().qd);
+    let (h, mut peak) = (1e-7, 0.0_f64);
+    for _ in 0..60_000 {
+        let kin = chain.kinematics(&q);
+        let jacobian = chain.jacobian(&kin);
+        let depth = 0.02 - kin.tip_position().z;
+        let rate = -jacobian.linear_mul(&qd[..3]).z;
+        let force = LAW.normal(depth, rate).force;
+        peak = peak.max(force);
+        let mass = chain.mass_matrix(&kin);
+        let bias = chain.bias(&kin, &qd[..3], &Vector3::new(0.0, 0.0, -9.81));
+        let contact = jacobian.linear_transpose_mul(&Vector3::new(0.0, 0.0, force));
+        let right = DVector::from_fn(3, |i, _| contact[i] - bias[i]);
+        let qdd = DMatrix::from_fn(3, 3, |i, j| mass[(i, j)]).cholesky().unwrap().solve(&right);
+        for i in 0..3 {
+            qd[i] += h * qdd[i];
+            q[i] += h * qd[i];
+        }
+    }
+    peak
+}
+
+/// Foot 0.5 mm above the floor, coming down at 1 m/s.
+fn falling(substep_us: u32) -> Plant {
+    let substep = format!("plant.contact_substep_us={substep_us}");
+    let mut plant = floor(&["robot.start_position_rad=[0, 0.6, -1.2]", "robot.base_position_m=[0, 0, 0.4951]", &substep]);
+    let chain = plant.chain().clone();
+    let world = plant.world();
+    let gap = world.kinematics().tip_position().z - 0.02;
+    assert!(gap > 0.0 && gap < 2e-3, "gap {gap}");
+    let jacobian = chain.jacobian(&world.kinematics());
+    let columns = DMatrix::from_fn(3, 3, |i, j| jacobian.linear[j][i]);
+    let qd = columns.lu().solve(&DVector::from_vec(vec![0.0, 0.0, -1.0])).unwrap();
+    world.qd[..3].copy_from_slice(qd.as_slice());
+    plant
+}
+
+#[test]
+fn an_impact_of_a_metre_per_second_peaks_as_its_reference_does() {
+    let reference = reference_peak(&mut falling(20));
+    assert!(reference > 500.0, "that was no impact: {reference} N");
+    for (substep, tolerance) in [(20, 0.01), (10, 0.003), (5, 0.001)] {
+        let mut plant = falling(substep);
+        let mut peak = 0.0_f64;
+        for _ in 0..6 {
+            peak = peak.max(plant.world().advance(Action::Torque([0.0; MAX_JOINTS]), 1000).peak_normal);
+        }
+        let error = peak / reference - 1.0;
+        println!("sub-step {substep} us: peak {peak:.1} N, reference {reference:.1} N, {:.2} %", 100.0 * error);
+        assert!(error.abs() < tolerance, "sub-step {substep} us: {peak} N against {reference} N");
+    }
+}
+
+#[test]
+fn a_joint_is_stopped_at_its_limit() {
+    let mut plant = floor(&["robot.base_position_m=[0, 0, 5]", "robot.start_position_rad=[0, 0, -2.8]"]);
+    let mut lowest = 0.0_f64;
+    for _ in 0..1000 {
+        plant.world().advance(Action::Torque([0.0, 0.0, -10.0, 0.0, 0.0, 0.0, 0.0, 0.0]), 1000);
+        lowest = lowest.min(plant.world().q[2]);
+    }
+    assert!(lowest > -2.95, "the knee went to {lowest} rad, its limit is -2.9");
+    assert!(plant.world().qd[2].abs() < 0.1, "it still moves at {} rad/s", plant.world().qd[2]);
+}
+
+#[test]
+fn effort_is_limited_and_brakes_hold_until_the_first_torque() {
+    let mut plant = floor(&[]);
+    let start = plant.sample();
+    for _ in 0..50 {
+        plant.advance().unwrap();
+    }
+    let held = plant.sample();
+    assert_eq!((held.tick, held.joint_position), (50, start.joint_position));
+    plant.take(&Command {
+        tick: 49,
+        mode: Mode::Active.code(),
+        joints: 3,
+        torque: [1e6; MAX_JOINTS],
+        ..Command::default()
+    });
+    plant.advance().unwrap();
+    assert_eq!(&plant.sample().joint_torque[..3], &[80.0; 3], "the URDF allows 80 N m");
+}
+
+#[test]
+fn the_same_commands_give_the_same_bits() {
+    let run = || {
+        let mut plant = falling(20);
+        let mut out = Vec::new();
+        for tick in 0..200_i64 {
+            let torque = std::array::from_fn(|i| (tick as f64 * 0.1 + i as f64).sin());
+            plant.take(&Command { tick: tick - 1, mode: Mode::Active.code(), torque, ..Command::default() });
+            plant.advance().unwrap();
+            let s = plant.sample();
+            out.extend(s.joint_position.iter().chain(&s.joint_velocity).chain(&s.foot_force).map(|v| v.to_bits()));
+        }
+        out
+    };
+    assert_eq!(run(), run());
+}

@@ -1,0 +1,101 @@
+//! Bad input: one clear error, exit code 2, nothing started, nothing left.
+
+use hapfic_tests::{Finished, Stack};
+
+fn refused(stack: &Stack, arguments: &[&str], words: &[&str]) -> Finished {
+    let end = stack.run(arguments);
+    end.expect(2);
+    for word in words {
+        assert!(end.err.contains(word), "{arguments:?}: '{word}' is not in\n{}", end.err);
+    }
+    assert_eq!(stack.registrations(), 0);
+    end
+}
+
+/// A scenario made from the embedded one by replacing a text.
+fn variant(stack: &Stack, from: &str, to: &str) -> String {
+    let floor = stack.run(&["scenarios", "floor"]).expect(0).out.clone();
+    assert!(floor.contains(from), "floor.toml has no '{from}' any more");
+    std::fs::write(stack.path("mine.toml"), floor.replacen(from, to, 1)).unwrap();
+    "mine.toml".to_owned()
+}
+
+#[test]
+fn scenario_files() {
+    let stack = Stack::new();
+    refused(&stack, &["run", "flor"], &["flor", "floor"]);
+    refused(&stack, &["run", "missing.toml"], &["missing.toml"]);
+    for (from, to, words) in [
+        ("duration_s = 10.0", "duration_s = nan", vec!["mine.toml:", "duration_s"]),
+        ("duration_s = 10.0", "duration = 10.0", vec!["mine.toml:", "duration", "duration_s"]),
+        ("duration_s = 10.0", "duration_s = \"long\"", vec!["mine.toml:", "duration_s", "long"]),
+        ("duration_s = 10.0", "duration_s = 1e300", vec!["mine.toml:", "duration_s"]),
+        ("duration_s = 10.0", "duration_s = ", vec!["mine.toml:"]),
+        ("urdf = \"leg.urdf\"", "urdf = \"nowhere.urdf\"", vec!["mine.toml:", "nowhere.urdf"]),
+        ("start_position_rad = [0.0, 0.9, -1.8]", "start_position_rad = [0.0, 0.9]", vec!["start_position_rad", "3"]),
+        ("start_position_rad = [0.0, 0.9, -1.8]", "start_position_rad = [0.0, 0.9, -9.0]", vec!["start_position_rad", "kfe"]),
+        ("tip_link = \"foot\"", "tip_link = \"fooot\"", vec!["fooot", "foot"]),
+    ] {
+        let file = variant(&stack, from, to);
+        refused(&stack, &["run", &file, "--clock", "lockstep"], &words);
+        refused(&stack, &["check", &file], &words);
+    }
+}
+
+#[test]
+fn robot_descriptions() {
+    let stack = Stack::new();
+    let file = variant(&stack, "urdf = \"leg.urdf\"", "urdf = \"mine.urdf\"");
+    let leg = include_str!("../../config/robots/leg.urdf");
+    for (from, to, words) in [
+        ("type=\"fixed\"", "type=\"floating\"", vec!["ankle", "floating"]),
+        ("<child link=\"hip\"/>", "<child link=\"base\"/>", vec!["mine.urdf"]),
+        ("<mass value=\"1.0\"/>", "<mass value=\"nan\"/>", vec!["mine.urdf", "hip"]),
+        ("<axis xyz=\"1 0 0\"/>", "<axis xyz=\"0 0 0\"/>", vec!["haa", "axis"]),
+        ("</robot>", "", vec!["mine.urdf"]),
+    ] {
+        assert!(leg.contains(from));
+        std::fs::write(stack.path("mine.urdf"), leg.replacen(from, to, 1)).unwrap();
+        refused(&stack, &["run", &file, "--clock", "lockstep"], &words);
+    }
+}
+
+#[test]
+fn command_line() {
+    let stack = Stack::new();
+    refused(&stack, &["run", "--set", "controller.tapr=0.1"], &["--set", "tapr", "taper"]);
+    refused(&stack, &["run", "--set", "controller.taper=much"], &["--set", "taper", "much"]);
+    refused(&stack, &["run", "--duration", "-1"], &["duration"]);
+    refused(&stack, &["run", "--clock", "sundial"], &["sundial", "lockstep"]);
+    refused(&stack, &["sprint"], &["sprint"]);
+    refused(&stack, &["scenarios", "nothing"], &["nothing", "floor"]);
+    refused(&stack, &["process", "plant"], &["HAPFIC_RUN"]);
+}
+
+#[test]
+fn places_that_cannot_be_written() {
+    let stack = Stack::new();
+    std::fs::write(stack.path("file"), "").unwrap();
+    refused(&stack, &["run", "--log", "file/run.mcap"], &["file"]);
+    refused(&stack, &["run", "--log", "/dev/full"], &["/dev/full"]);
+    refused(&stack, &["run", "--summary-json", "nowhere/summary.json"], &["nowhere/summary.json"]);
+}
+
+#[test]
+fn a_process_that_cannot_start_fails_the_run() {
+    let stack = Stack::new();
+    let run = ["run", "floor", "--clock", "lockstep", "--log", "run.mcap", "--set"];
+    let end = stack.run(&[&run[..], &["processes.planner=[\"/nonexistent/planner\"]"]].concat());
+    end.expect(3);
+    assert!(end.err.contains("/nonexistent/planner"), "{}", end.err);
+    // One that starts and ends at once.
+    let end = stack.run(&[&run[..], &["processes.planner=[\"true\"]"]].concat());
+    end.expect(3);
+    assert!(end.out.contains("planner ended with exit code 0"), "{}", end.out);
+    // One that never gets ready.
+    let end = stack.run(
+        &[&run[..], &["processes.planner=[\"sleep\", \"1000\"]", "--set", "supervisor.ready_timeout_ms=500"]].concat(),
+    );
+    end.expect(3);
+    assert!(end.out.contains("planner did not get ready in time"), "{}", end.out);
+}

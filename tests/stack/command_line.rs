@@ -1,0 +1,66 @@
+//! What the program says of itself and its scenarios, and the summary it writes.
+
+use hapfic_tests::Stack;
+use serde_json::Value;
+
+#[test]
+fn scenarios_check_and_schema() {
+    let stack = Stack::new();
+    assert!(stack.run(&["scenarios"]).expect(0).out.contains("floor"));
+    assert!(stack.run(&["check", "floor"]).expect(0).out.contains("good"));
+    let schema: Value = serde_json::from_str(&stack.run(&["schema"]).expect(0).out).unwrap();
+    assert!(schema["properties"]["controller"].is_object() || schema["$defs"].is_object());
+    // What it prints can be edited and run from a path.
+    let text = stack.run(&["scenarios", "floor"]).expect(0).out.clone();
+    std::fs::write(stack.path("mine.toml"), text).unwrap();
+    assert!(stack.run(&["check", "mine.toml"]).expect(0).out.contains("good"));
+}
+
+#[test]
+fn the_summary_has_every_field_that_scripts_read() {
+    let stack = Stack::new();
+    let end = stack.run(&[
+        "run",
+        "floor",
+        "--clock",
+        "lockstep",
+        "--log",
+        "run.mcap",
+        "--summary-json",
+        "summary.json",
+    ]);
+    end.expect(0);
+    assert!(end.err.is_empty(), "a run that is not watched should be quiet: {}", end.err);
+    let summary: Value = serde_json::from_str(&std::fs::read_to_string(stack.path("summary.json")).unwrap()).unwrap();
+    assert_eq!(summary["scenario"], "floor");
+    assert_eq!(summary["clock"], "lockstep");
+    assert_eq!(summary["duration_s"], 10.0);
+    assert_eq!(summary["completed"], true);
+    assert_eq!(summary["faults"], serde_json::json!([]));
+    assert_eq!(summary["log"], "run.mcap");
+    assert_eq!(summary["recorder"]["lost"], 0);
+    assert!(summary["recorder"]["messages"].as_u64().unwrap() > 80_000);
+    for (group, field) in [
+        ("tracking", "max_m"),
+        ("tracking", "rms_m"),
+        ("tracking", "bound_m"),
+        ("force", "desired_n"),
+        ("force", "settled_rms_n"),
+        ("force", "settled_rms_percent"),
+        ("force", "sliding_rms_percent"),
+        ("force_command", "max_n"),
+        ("force_command", "limit_n"),
+    ] {
+        assert_eq!(summary[group][field].as_array().map(Vec::len), Some(3), "{group}.{field}");
+    }
+    for field in ["late_ticks", "missed_ticks", "steal_ms"] {
+        assert!(summary["timing"][field].is_u64(), "timing.{field}");
+    }
+    // The paper's experiment itself: pressed with 50 N, held and while sliding, within the bounds.
+    assert_eq!(summary["force"]["desired_n"][2], 50.0);
+    assert!(summary["force"]["settled_rms_percent"][2].as_f64().unwrap() <= 0.2);
+    assert!(summary["force"]["sliding_rms_percent"][2].as_f64().unwrap() <= 3.5);
+    assert_eq!(summary["force_command"]["above_limit_ticks"], 0);
+    assert_eq!(summary["tracking"]["outside_ticks"], 0);
+    assert_eq!(summary["timing"]["missed_ticks"], 0);
+}

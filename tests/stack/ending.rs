@@ -1,0 +1,95 @@
+//! However a run ends, its log is whole and nothing is left.
+
+use crate::log_file::expect_complete;
+use hapfic_tests::{Stack, is_running, remains_of};
+use rustix::process::{Pid, Signal, kill_process};
+use std::io::Read;
+use std::time::{Duration, Instant};
+
+/// A lockstep run far longer than any test.
+const LONG: [&str; 8] = ["run", "floor", "--clock", "lockstep", "--duration", "3600", "--log", "run.mcap"];
+const PROCESSES: [&str; 3] = ["plant", "planner", "controller"];
+/// Bytes of log after which a run is well under way.
+const UNDER_WAY: u64 = 200_000;
+
+#[test]
+fn a_signal_ends_everything_in_order() {
+    for signal in [Signal::INT, Signal::TERM] {
+        let stack = Stack::new();
+        let mut run = stack.start(&LONG);
+        run.wait_for(&stack.path("run.mcap"), UNDER_WAY);
+        run.signal(signal);
+        let end = run.finish();
+        end.expect(3);
+        assert!(end.out.contains("NOT COMPLETED") && end.out.contains("signal"), "{}", end.out);
+        assert!(expect_complete(&stack.path("run.mcap")) > 500);
+        assert_eq!(stack.registrations(), 0);
+    }
+}
+
+#[test]
+fn a_lost_process_ends_the_run_with_a_report_and_a_whole_log() {
+    for name in PROCESSES {
+        let stack = Stack::new();
+        let mut run = stack.start(&LONG);
+        let children = run.children(&PROCESSES);
+        run.wait_for(&stack.path("run.mcap"), UNDER_WAY);
+        let (_, pid) = children.iter().find(|(n, _)| n == name).unwrap();
+        kill_process(Pid::from_raw(*pid as i32).unwrap(), Signal::KILL).unwrap();
+        let end = run.finish();
+        end.expect(3);
+        assert!(end.out.contains(&format!("FAULT              {name} was ended by SIGKILL")), "{name}:\n{}", end.out);
+        assert!(expect_complete(&stack.path("run.mcap")) > 500, "{name}");
+    }
+}
+
+#[test]
+fn a_process_that_hangs_is_noticed_by_its_heartbeat() {
+    let stack = Stack::new();
+    let mut run = stack.start(&LONG);
+    let children = run.children(&PROCESSES);
+    run.wait_for(&stack.path("run.mcap"), UNDER_WAY);
+    let (_, pid) = children.iter().find(|(n, _)| n == "planner").unwrap();
+    kill_process(Pid::from_raw(*pid as i32).unwrap(), Signal::STOP).unwrap();
+    let end = run.finish();
+    end.expect(3);
+    assert!(end.out.contains("FAULT              planner has not been heard of"), "{}", end.out);
+    assert!(end.out.contains("heartbeat"), "{}", end.out);
+}
+
+#[test]
+fn without_a_supervisor_all_go_and_the_next_start_cleans_up() {
+    let stack = Stack::new();
+    let mut run = stack.start(&LONG);
+    let children = run.children(&PROCESSES);
+    run.wait_for(&stack.path("run.mcap"), UNDER_WAY);
+    run.signal(Signal::KILL);
+    let end = run.finish();
+    assert_eq!(end.code, None);
+    let start = Instant::now();
+    while children.iter().any(|(_, pid)| is_running(*pid)) {
+        assert!(start.elapsed() < Duration::from_secs(10), "still running: {children:?}");
+        std::thread::yield_now();
+    }
+    assert!(!remains_of(end.supervisor).is_empty(), "a killed supervisor cannot have cleaned up");
+    stack.run(&["run", "floor", "--clock", "lockstep", "--duration", "0.1", "--log", "next.mcap"]).expect(0);
+    end.expect_nothing_left();
+    assert_eq!(stack.registrations(), 0);
+}
+
+#[test]
+fn a_log_that_cannot_be_written_any_further_ends_the_run() {
+    let stack = Stack::new();
+    let pipe = stack.path("pipe");
+    rustix::fs::mkfifoat(rustix::fs::CWD, &pipe, rustix::fs::Mode::RUSR | rustix::fs::Mode::WUSR).unwrap();
+    let run = stack.start(&["run", "floor", "--clock", "lockstep", "--duration", "3600", "--log", "pipe"]);
+    let mut reader = std::fs::File::open(&pipe).unwrap();
+    // The disk is full after this much.
+    let mut taken = vec![0; 100_000];
+    reader.read_exact(&mut taken).unwrap();
+    drop(reader);
+    let end = run.finish();
+    end.expect(3);
+    assert!(end.out.contains("FAULT              recorder"), "{}", end.out);
+    assert!(end.out.contains("cannot write the log"), "{}", end.out);
+}
