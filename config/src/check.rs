@@ -23,7 +23,7 @@ pub(crate) fn settings(mut raw: RawScenario, tree: &Node, urdf: Urdf) -> Result<
     let at = At { tree };
     let (search, reset_policy, saturation) = at.policies(&mut raw.controller)?;
     let duration_ticks = ticks(raw.duration_s);
-    let mut operator = at.timeline(&raw.operator, duration_ticks)?;
+    let mut operator = at.timeline(&raw.operator)?;
     let mut initial = Parameters {
         target_position: None,
         desired_force: [0.0; 3],
@@ -263,12 +263,12 @@ impl At<'_> {
         Ok(Processes { plant: raw.plant, planner: raw.planner, controller: raw.controller })
     }
 
-    fn timeline(&self, raw: &[RawOperator], duration_ticks: i64) -> Result<Vec<OperatorChange>, ConfigError> {
+    fn timeline(&self, raw: &[RawOperator]) -> Result<Vec<OperatorChange>, ConfigError> {
         let mut changes: Vec<OperatorChange> = Vec::with_capacity(raw.len());
         for (index, entry) in raw.iter().enumerate() {
             let path = format!("operator[{index}]");
             let change = change(entry);
-            self.moment(&format!("{path}.at_s"), change.at_tick, changes.last(), duration_ticks)?;
+            self.moment(&format!("{path}.at_s"), change.at_tick, changes.last())?;
             if change == (OperatorChange { at_tick: change.at_tick, ..OperatorChange::default() }) {
                 let help = "name what changes at that time, or remove the entry";
                 let expected = "at least one change beside at_s";
@@ -285,14 +285,9 @@ impl At<'_> {
         Ok(changes)
     }
 
-    fn moment(&self, key: &str, at_tick: i64, before: Option<&OperatorChange>, duration_ticks: i64) -> Result<(), ConfigError> {
+    fn moment(&self, key: &str, at_tick: i64, before: Option<&OperatorChange>) -> Result<(), ConfigError> {
         let seconds = |ticks: i64| describe_number(ticks as f64 / TICKS_PER_S);
         let found = self.found(key);
-        if at_tick >= duration_ticks {
-            let expected = format!("a time before the end, duration_s = {}", seconds(duration_ticks));
-            let help = "move the entry forward, or raise duration_s";
-            return Err(ConfigError::Combination(self.complain(key, &found, &expected, help)));
-        }
         let Some(before) = before else { return Ok(()) };
         let earliest = before.at_tick + MIN_SPACING_TICKS;
         if at_tick >= earliest {

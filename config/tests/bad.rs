@@ -284,7 +284,6 @@ fn combinations() {
             "7: realtime.priority_planner: found 77, expected less than realtime.priority_controller = 76",
         ),
         ("[[operator]]\nat = 1\n", "6: operator[0]: found an entry that changes nothing"),
-        ("[[operator]]\nat = 10\ntaper = 0.1\n", "7: operator[0].at_s: found 10, expected a time before the end"),
         (
             "[[operator]]\nat = 1\ntaper = 0.1\n[[operator]]\nat = 0.5\ntaper = 0.1\n",
             "10: operator[1].at_s: found 0.5, expected at least 1.005",

@@ -91,7 +91,8 @@ impl Default for RawPlanner {
 #[derive(Clone, Debug, Deserialize, JsonSchema, Serialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct RawOperator {
-    /// When, s since the start, in [0, duration_s); at least 5 ms after the entry before. At 0 it sets the start values.
+    /// When, s since the start, in [0, 86400]; at least 5 ms after the entry before. At 0 it sets the start values; at or after
+    /// the run's end it never happens, so that `--duration` can cut a run short.
     pub(crate) at_s: f64,
 
     /// x_t, where the foot shall go, m, world frame, at most 100 from the origin.

@@ -1,0 +1,27 @@
+# What one can do here. `just ci` is what CI runs.
+
+default:
+    @just --list
+
+# The main job: the floor scenario in realtime.
+run *ARGS:
+    cargo run --release -- {{ARGS}}
+
+# All tests, on the release build.
+test:
+    cargo test --release --workspace
+
+# Format check, clippy, docs, tests.
+ci:
+    .ci/run
+
+# The tables of docs/experiments.md (about a minute).
+experiments:
+    cargo build --release --workspace
+    cargo run --release -q -p hapfic-tests --bin experiments > target/experiments.md
+    sed -i '/^<!-- table -->$/,/^<!-- end -->$/{//!d}' docs/experiments.md
+    sed -i '/^<!-- table -->$/r target/experiments.md' docs/experiments.md
+
+# The JSON Schema of scenario files.
+schema:
+    cargo run --release -q -- schema
