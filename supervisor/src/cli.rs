@@ -64,7 +64,7 @@ pub struct RunArgs {
     #[arg(long, value_enum, default_value_t = ClockName::Realtime)]
     pub clock: ClockName,
     /// Simulated time, s; replaces the scenario's.
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", allow_negative_numbers = true)]
     pub duration: Option<f64>,
     /// Seed; replaces the scenario's.
     #[arg(long, value_name = "N")]

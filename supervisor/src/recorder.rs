@@ -7,11 +7,12 @@ use crate::live::{Glance, Live};
 use crate::scene;
 use anyhow::{Context, Result};
 use hapfic_ipc::message::{
-    Command, Credit, Event, Operator, Process, Reference, Request, State, Timing,
+    Command, Credit, Event, Operator, Parameters, Process, Reference, Request, State, Timing,
 };
 use hapfic_ipc::{Bus, Check, Clock, Domain, Input, IpcError, Output, topic};
-use hapfic_log::{LogError, Metrics, MetricsSummary, Viewer, Writer, proto};
+use hapfic_log::{LogError, Metrics, MetricsSummary, Topic, Viewer, Writer, proto};
 use hapfic_robot::Chain;
+use std::collections::VecDeque;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
@@ -59,6 +60,8 @@ pub struct Recorded {
     pub metrics: MetricsSummary,
     /// Messages written.
     pub messages: u64,
+    /// Of them, states and commands.
+    pub ticks: [u64; 2],
     /// Size of the file, bytes.
     pub file_bytes: u64,
 }
@@ -66,7 +69,7 @@ pub struct Recorded {
 /// A running recorder.
 pub struct Recorder {
     drain: JoinHandle<Result<(), IpcError>>,
-    write: JoinHandle<(Result<u64, LogError>, MetricsSummary, u64)>,
+    write: JoinHandle<(Result<u64, LogError>, Recorded)>,
 }
 
 impl Recorder {
@@ -118,13 +121,8 @@ impl Recorder {
             Err(_) => Some("the recorder's thread panicked".to_owned()),
         };
         match self.write.join() {
-            Ok((written, metrics, messages)) => {
-                let (file_bytes, error) = match written {
-                    Ok(bytes) => (bytes, drained),
-                    Err(e) => (0, Some(e.to_string())),
-                };
-                (Some(Recorded { metrics, messages, file_bytes }), error)
-            }
+            Ok((Ok(file_bytes), recorded)) => (Some(Recorded { file_bytes, ..recorded }), drained),
+            Ok((Err(e), recorded)) => (Some(recorded), Some(e.to_string())),
             Err(_) => (None, Some("the writer's thread panicked".to_owned())),
         }
     }
@@ -180,13 +178,15 @@ impl Drain {
             // Read before draining: what was sent before the flag was set is then taken in.
             let last = self.live.drain.load(Ordering::Acquire);
             let mut batch = Vec::new();
-            take(&mut self.operator, &mut batch, Record::Operator)?;
-            take(&mut self.state, &mut batch, Record::State)?;
-            take(&mut self.reference, &mut batch, Record::Reference)?;
-            take(&mut self.request, &mut batch, Record::Request)?;
-            take(&mut self.command, &mut batch, Record::Command)?;
-            take(&mut self.event, &mut batch, Record::Event)?;
+            // Effects before their causes: whatever a command in this batch came from is then in it too, or was before.
             take(&mut self.timing, &mut batch, Record::Timing)?;
+            take(&mut self.event, &mut batch, Record::Event)?;
+            take(&mut self.command, &mut batch, Record::Command)?;
+            take(&mut self.request, &mut batch, Record::Request)?;
+            take(&mut self.reference, &mut batch, Record::Reference)?;
+            take(&mut self.state, &mut batch, Record::State)?;
+            take(&mut self.operator, &mut batch, Record::Operator)?;
+            batch.reverse();
             for record in &batch {
                 match record {
                     Record::Timing(timing) => self.live.hear(timing),
@@ -222,23 +222,54 @@ fn take<T>(input: &mut Input<T>, batch: &mut Vec<Record>, wrap: fn(T) -> Record)
 where
     T: Check + Copy + std::fmt::Debug + hapfic_ipc::ZeroCopySend + 'static,
 {
+    let first = batch.len();
     while let Some(message) = input.next()? {
         if message.check().is_ok() {
             batch.push(wrap(message));
         }
     }
+    // The whole batch is turned round before it is passed on: causes first, each topic in its order.
+    batch[first..].reverse();
     Ok(())
 }
 
-/// What belongs to the newest tick, for viewers.
+/// What viewers are shown is put together when a tick's command has come: everything else of the tick has then, too.
 #[derive(Default)]
 struct Latest {
-    reference: Option<[f64; 3]>,
-    target: Option<[f64; 3]>,
-    desired_force: [f64; 3],
+    states: VecDeque<(State, proto::State)>,
+    references: VecDeque<Reference>,
+    operators: VecDeque<Parameters>,
     missed: u64,
     active: bool,
-    version: u64,
+}
+
+/// Ticks that may be waiting for their command at once, and parameter sets that may be in force among them.
+const WAITING: usize = 2 * topic::RECORDER_DEPTH;
+
+fn keep<T>(queue: &mut VecDeque<T>, value: T) {
+    if queue.len() == WAITING {
+        queue.pop_front();
+    }
+    queue.push_back(value);
+}
+
+impl Latest {
+    /// State and reference of a tick, and the parameters in force at it; forgets what is older.
+    fn of(&mut self, tick: i64) -> Option<(State, proto::State, Option<[f64; 3]>, Option<Parameters>)> {
+        while self.states.front().is_some_and(|(s, _)| s.tick < tick) {
+            self.states.pop_front();
+        }
+        while self.references.front().is_some_and(|r| r.tick < tick) {
+            self.references.pop_front();
+        }
+        // The last one in force stays.
+        while self.operators.get(1).is_some_and(|p| p.effective_tick <= tick) {
+            self.operators.pop_front();
+        }
+        let (state, logged) = self.states.pop_front_if(|(s, _)| s.tick == tick)?;
+        let reference = self.references.front().filter(|r| r.tick == tick).map(|r| r.position);
+        Some((state, logged, reference, self.operators.front().copied()))
+    }
 }
 
 /// The writing half.
@@ -252,7 +283,7 @@ struct Write {
 }
 
 impl Write {
-    fn run(mut self, receiver: &Receiver<Vec<Record>>, flush_every: Duration) -> (Result<u64, LogError>, MetricsSummary, u64) {
+    fn run(mut self, receiver: &Receiver<Vec<Record>>, flush_every: Duration) -> (Result<u64, LogError>, Recorded) {
         let mut failed = None;
         let mut flushed = Instant::now();
         loop {
@@ -275,12 +306,17 @@ impl Write {
                 self.live.log_failed.store(true, Ordering::Release);
             }
         }
-        let messages = hapfic_log::Topic::ALL.iter().map(|t| self.writer.messages(*t)).sum();
+        let recorded = Recorded {
+            metrics: self.metrics.summary(),
+            messages: Topic::ALL.iter().map(|t| self.writer.messages(*t)).sum(),
+            ticks: [self.writer.messages(Topic::State), self.writer.messages(Topic::Command)],
+            file_bytes: 0,
+        };
         let finished = match failed {
             Some(e) => Err(e),
             None => self.writer.finish().map(|totals| totals.file_bytes),
         };
-        (finished, self.metrics.summary(), messages)
+        (finished, recorded)
     }
 
     fn record(&mut self, record: &Record, write: bool) -> Result<(), LogError> {
@@ -289,13 +325,15 @@ impl Write {
                 let state = if write { self.writer.state(m)? } else { hapfic_log::convert::state(m, self.writer.names()) };
                 self.metrics.push_state(&state);
                 if self.viewer.due(m.tick) {
-                    self.show(m, &state, write)?;
+                    keep(&mut self.latest.states, (*m, state));
                 }
             }
             Record::Reference(m) => {
                 let reference = if write { self.writer.reference(m)? } else { hapfic_log::convert::reference(m) };
                 self.metrics.push_reference(&reference);
-                self.latest.reference = Some(m.position);
+                if self.viewer.due(m.tick) {
+                    keep(&mut self.latest.references, *m);
+                }
             }
             Record::Request(m) => {
                 if write {
@@ -311,6 +349,9 @@ impl Write {
                 self.metrics.push_command(&command);
                 self.latest.active |= m.mode == hapfic_ipc::message::Mode::Active.code();
                 self.latest.missed += u64::from(self.latest.active && m.source != hapfic_ipc::message::Source::Fresh.code());
+                if self.viewer.due(m.tick) {
+                    self.show(m.tick, write)?;
+                }
             }
             Record::Operator(m) => self.operator(m, write)?,
             Record::Event(m) => {
@@ -335,30 +376,30 @@ impl Write {
     /// Each set is logged once, when it is announced.
     fn operator(&mut self, m: &Operator, write: bool) -> Result<(), LogError> {
         for set in [&m.current, &m.next] {
-            if set.version > self.latest.version {
-                self.latest.version = set.version;
+            if self.latest.operators.back().is_none_or(|last| set.version > last.version) {
+                keep(&mut self.latest.operators, *set);
                 let operator = if write { self.writer.operator(set)? } else { hapfic_log::convert::operator(set) };
                 self.metrics.push_operator(&operator);
             }
         }
-        self.latest.target = Some(m.next.target_position);
-        self.latest.desired_force = m.next.desired_force;
         Ok(())
     }
 
-    fn show(&mut self, m: &State, state: &proto::State, write: bool) -> Result<(), LogError> {
+    fn show(&mut self, tick: i64, write: bool) -> Result<(), LogError> {
+        let Some((m, state, reference, parameters)) = self.latest.of(tick) else { return Ok(()) };
         if write {
-            let transforms = self.viewer.transforms(m.tick, &scene::poses(&self.chain, m));
-            self.writer.transforms(m.tick, &transforms)?;
-            let update = self.viewer.scene_update(m.tick, &state.contacts, self.latest.reference, self.latest.target);
-            self.writer.scene(m.tick, &update)?;
+            let transforms = self.viewer.transforms(tick, &scene::poses(&self.chain, &m));
+            self.writer.transforms(tick, &transforms)?;
+            let target = parameters.map(|p| p.target_position);
+            let update = self.viewer.scene_update(tick, &state.contacts, reference, target);
+            self.writer.scene(tick, &update)?;
         }
         if let Ok(mut glance) = self.live.glance.lock() {
             *glance = Glance {
                 time_s: m.time_ns as f64 * 1e-9,
                 foot_position: m.foot_position,
                 foot_force: m.foot_force,
-                desired_force: self.latest.desired_force,
+                desired_force: parameters.map_or([0.0; 3], |p| p.desired_force),
                 missed: self.latest.missed,
                 late: m.slipped,
             };

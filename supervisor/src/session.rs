@@ -404,9 +404,15 @@ fn summarise(request: &Request, timed: Timed, mut faults: Vec<Fault>, recorder: 
         faults,
         log: request.log.clone(),
     };
+    let mut lost = metrics.ticks.lost;
+    if timed.completed {
+        // The gaps, and what is missing at the end.
+        let written: u64 = recorded.map_or(0, |r| r.ticks.iter().sum());
+        lost = (2 * request.settings.duration_ticks).saturating_sub(written);
+    }
     let log = RecorderSummary {
         messages: recorded.map_or(0, |r| r.messages),
-        lost: metrics.ticks.lost,
+        lost,
         file_bytes: recorded.map_or(0, |r| r.file_bytes),
     };
     Summary::new(run, &metrics, log)

@@ -38,7 +38,9 @@ pub fn expect_complete(path: &Path) -> usize {
     let (states, commands) = (ticks("/state"), ticks("/command"));
     let expected: Vec<i64> = (0..states.len() as i64).collect();
     assert_eq!(states, expected, "a tick is missing in /state, or out of order");
-    assert!(states.len().abs_diff(commands.len()) <= 1, "{} states, {} commands", states.len(), commands.len());
+    // When a run is cut short, the plant may be two states ahead of the last command.
+    let ahead = states.len() - commands.len();
+    assert!(ahead <= 2, "{} states, {} commands", states.len(), commands.len());
     assert_eq!(commands, expected[..commands.len().min(expected.len())], "a tick is missing in /command");
     states.len()
 }

@@ -26,9 +26,9 @@ pub(super) struct Account {
     first: Option<i64>,
     last: Option<i64>,
     states: u64,
-    /// Commands since the first state, and those of them since the last.
+    /// Commands since the first state, and the last of them.
     commands: u64,
-    late_commands: u64,
+    last_command: Option<i64>,
 }
 
 /// Sums of one axis.
@@ -94,7 +94,6 @@ impl Account {
         }
         if slot.state.is_some() {
             self.states += 1;
-            self.late_commands = 0;
             self.first.get_or_insert(slot.tick);
             self.last = Some(slot.tick);
         }
@@ -105,7 +104,7 @@ impl Account {
             }
         }
         if let Some(command) = &slot.command {
-            self.obey(command, set.as_ref());
+            self.obey(slot.tick, command, set.as_ref());
         }
     }
 
@@ -155,10 +154,10 @@ impl Account {
         }
     }
 
-    fn obey(&mut self, command: &CommandSample, set: Option<&ParameterSample>) {
+    fn obey(&mut self, tick: i64, command: &CommandSample, set: Option<&ParameterSample>) {
         if self.first.is_some() {
             self.commands += 1;
-            self.late_commands += 1;
+            self.last_command = Some(tick);
         }
         self.was_active |= command.active;
         self.missed += u64::from(self.was_active && !command.fresh);
@@ -215,7 +214,8 @@ impl Account {
     pub(super) fn ticks(&self, invalid: u64) -> TickSummary {
         let span = self.first.zip(self.last).map_or(0, |(first, last)| last.abs_diff(first));
         let missing_states = if self.states == 0 { 0 } else { span.saturating_add(1).saturating_sub(self.states) };
-        let missing_commands = span.saturating_sub(self.commands - self.late_commands);
+        let answered = self.first.zip(self.last_command).map_or(0, |(first, last)| last.abs_diff(first).saturating_add(1));
+        let missing_commands = answered.saturating_sub(self.commands);
         TickSummary {
             first: self.first,
             last: self.last,

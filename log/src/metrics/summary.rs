@@ -98,7 +98,8 @@ pub struct TickSummary {
     pub last: Option<i64>,
     /// Ticks between the two that are missing in `/state`.
     pub missing_states: u64,
-    /// Ticks from the first on, before the last, that are missing in `/command`: the run may end before the last is answered.
+    /// Ticks from the first state to the last command that are missing in `/command`. A run that is cut short ends before the
+    /// last states are answered: the plant may be two ahead.
     pub missing_commands: u64,
     /// Both together.
     pub lost: u64,
