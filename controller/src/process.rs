@@ -8,7 +8,7 @@ use crate::task_space::{self, Input as Measured};
 use hapfic_config::{PERIOD_S, Settings};
 use hapfic_ipc::message::{Command, Operator, Process, Reference, Request, State};
 use hapfic_ipc::realtime::Wish;
-use hapfic_ipc::{Clock, Recent, Context, Input, IpcError, Output, Tick, Wait, clock, topic};
+use hapfic_ipc::{Clock, Context, Input, IpcError, Output, Recent, Tick, Wait, clock, topic};
 use hapfic_robot::{Chain, MAX_JOINTS};
 use nalgebra::Vector3;
 
@@ -74,7 +74,13 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), ControllerE
             Some(request) => published = ports.request.send(&Request { stamp_ns: context.stamp(), ..request })?,
             None => context.refuse(),
         }
-        context.account(Tick { tick: state.tick, due_ns: state.stamp_ns, wake_ns: wake, publish_ns: published, latency_ns: 0 })?;
+        context.account(Tick {
+            tick: state.tick,
+            due_ns: state.stamp_ns,
+            wake_ns: wake,
+            publish_ns: published,
+            latency_ns: 0,
+        })?;
         ports.request.prepare();
         if state.tick >= last_tick {
             context.finish(state.tick)?;
@@ -131,8 +137,7 @@ fn fill(context: &mut Context, ports: &mut Ports, inbox: &mut Inbox, tick: i64) 
         context.drain(&mut ports.reference, |new| inbox.references.keep(new))?;
         context.drain(&mut ports.command, |new| inbox.commands.keep(new))?;
         context.drain(&mut ports.operator, |new| inbox.operator = Some(new))?;
-        let complete =
-            inbox.references.at(tick).is_some() && inbox.commands.at(tick - 1).is_some() && inbox.operator.is_some();
+        let complete = inbox.references.at(tick).is_some() && inbox.commands.at(tick - 1).is_some() && inbox.operator.is_some();
         if context.clock == Clock::Realtime || complete {
             return Ok(true);
         }

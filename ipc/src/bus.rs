@@ -116,10 +116,7 @@ impl Bus {
             .map_err(|e| IpcError::messaging("open topic", topic.name, e))
     }
 
-    fn event<T>(
-        &self,
-        topic: &Topic<T>,
-    ) -> Result<iceoryx2::service::port_factory::event::PortFactory<Service>, IpcError> {
+    fn event<T>(&self, topic: &Topic<T>) -> Result<iceoryx2::service::port_factory::event::PortFactory<Service>, IpcError> {
         self.node
             .service_builder(&service_name(topic.name)?)
             .event()
@@ -148,10 +145,7 @@ impl Bus {
     ///
     /// # Errors
     /// [`IpcError::Messaging`], also when the topic has all the publishers it takes.
-    pub fn output<T: Copy + core::fmt::Debug + ZeroCopySend + 'static>(
-        &self,
-        topic: &Topic<T>,
-    ) -> Result<Output<T>, IpcError> {
+    pub fn output<T: Copy + core::fmt::Debug + ZeroCopySend + 'static>(&self, topic: &Topic<T>) -> Result<Output<T>, IpcError> {
         let publisher = self
             .service(topic)?
             .publisher_builder()
@@ -160,12 +154,7 @@ impl Bus {
             .create()
             .map_err(|e| IpcError::messaging("publish on", topic.name, e))?;
         let notifier = if topic.wakes {
-            Some(
-                self.event(topic)?
-                    .notifier_builder()
-                    .create()
-                    .map_err(|e| IpcError::messaging("notify on", topic.name, e))?,
-            )
+            Some(self.event(topic)?.notifier_builder().create().map_err(|e| IpcError::messaging("notify on", topic.name, e))?)
         } else {
             None
         };
@@ -181,12 +170,7 @@ impl Bus {
         depth: usize,
     ) -> Result<Input<T>, IpcError> {
         let listener = if wait == Wait::Yes && topic.wakes {
-            Some(
-                self.event(topic)?
-                    .listener_builder()
-                    .create()
-                    .map_err(|e| IpcError::messaging("listen on", topic.name, e))?,
-            )
+            Some(self.event(topic)?.listener_builder().create().map_err(|e| IpcError::messaging("listen on", topic.name, e))?)
         } else {
             None
         };
@@ -225,11 +209,7 @@ impl Bus {
 }
 
 fn service_name(name: &str) -> Result<ServiceName, IpcError> {
-    name.try_into().map_err(|e| IpcError::Name {
-        what: "a topic's name",
-        value: name.to_owned(),
-        cause: format!("{e:?}"),
-    })
+    name.try_into().map_err(|e| IpcError::Name { what: "a topic's name", value: name.to_owned(), cause: format!("{e:?}") })
 }
 
 /// A sender of one topic.

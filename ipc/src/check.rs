@@ -1,10 +1,10 @@
 //! Checks of messages that come from another process: finite, in range, codes known. Ticks in order are the receiver's business.
 
+use crate::message::EVENT_TEXT;
 use crate::message::{
     Command, ControllerState, Credit, Detector, Drive, Event, EventKind, MAX_CONTACTS, MAX_JOINTS, MAX_OBJECTS, Mode, Operator,
     Parameters, Phase, Process, Reference, Request, ResetPolicy, Saturation, Search, Severity, Source, State, Timing,
 };
-use crate::message::EVENT_TEXT;
 
 /// What is wrong with a message.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
@@ -78,11 +78,7 @@ fn code<T>(field: &'static str, found: u32, decoded: Option<T>) -> Result<(), De
 }
 
 fn at_most(field: &'static str, found: u32, most: usize) -> Result<(), Defect> {
-    if found as usize <= most {
-        Ok(())
-    } else {
-        Err(Defect::Count { field, found: found.into(), expected: most as u64 })
-    }
+    if found as usize <= most { Ok(()) } else { Err(Defect::Count { field, found: found.into(), expected: most as u64 }) }
 }
 
 fn positive(field: &'static str, values: &[f64]) -> Result<(), Defect> {
@@ -122,16 +118,7 @@ impl Check for Reference {
         for a in &self.planner.axes {
             finite(
                 "planner",
-                &[
-                    a.target,
-                    a.start,
-                    a.start_velocity,
-                    a.brake_acceleration,
-                    a.brake_time,
-                    a.amplitude,
-                    a.rate,
-                    a.phase,
-                ],
+                &[a.target, a.start, a.start_velocity, a.brake_acceleration, a.brake_time, a.amplitude, a.rate, a.phase],
             )?;
         }
         Ok(())
@@ -224,14 +211,7 @@ impl Check for Credit {
 impl Event {
     /// An event with a text, cut at [`EVENT_TEXT`] bytes (at a character's border).
     #[must_use]
-    pub fn new(
-        tick: i64,
-        process: Process,
-        kind: EventKind,
-        severity: Severity,
-        detector: Detector,
-        text: &str,
-    ) -> Self {
+    pub fn new(tick: i64, process: Process, kind: EventKind, severity: Severity, detector: Detector, text: &str) -> Self {
         let len = text.floor_char_boundary(EVENT_TEXT);
         let mut bytes = [0; EVENT_TEXT];
         bytes[..len].copy_from_slice(&text.as_bytes()[..len]);
@@ -277,7 +257,8 @@ mod tests {
     fn counts_beyond_the_room_are_refused() {
         let state = State { joints: 9, ..State::default() };
         assert_eq!(state.check(), Err(Defect::Count { field: "joints", found: 9, expected: 8 }));
-        let event = Event { text_len: 5000, ..Event::new(0, Process::Plant, EventKind::Note, Severity::Nominal, Detector::None, "") };
+        let event =
+            Event { text_len: 5000, ..Event::new(0, Process::Plant, EventKind::Note, Severity::Nominal, Detector::None, "") };
         assert!(event.check().is_err());
         assert_eq!(event.text().len(), EVENT_TEXT);
     }

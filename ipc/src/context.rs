@@ -86,10 +86,7 @@ impl Context {
         };
         // The death signal is only sent for a death after it was asked for.
         if context.supervisor_gone() {
-            return Err(IpcError::System {
-                action: "join the run",
-                cause: std::io::Error::other("the supervisor has ended"),
-            });
+            return Err(IpcError::System { action: "join the run", cause: std::io::Error::other("the supervisor has ended") });
         }
         Ok(context)
     }
@@ -117,7 +114,7 @@ impl Context {
         !self.stop.load(Ordering::Relaxed)
     }
 
-    /// Waits for something on one of the inputs, a signal or [`PATIENCE`]; in the latter case does what [`idle`](Self::idle)
+    /// Waits for something on one of the inputs, a signal or 50 ms; in the latter case does what [`idle`](Self::idle)
     /// does. Says whether to go on.
     ///
     /// # Errors

@@ -1,10 +1,10 @@
 //! The real-time set-up of a thread and of the machine: takes what it can get and says what it lacks.
 
-use std::fs::{File, OpenOptions};
-use std::io::Write;
 use rustix::mm::{MlockAllFlags, mlockall};
 use rustix::process::{Resource, getrlimit};
 use rustix::thread::{CapabilitySet, CpuSet};
+use std::fs::{File, OpenOptions};
+use std::io::Write;
 
 /// What a thread got; a set of bits that travels in [`crate::message::Timing`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -6,7 +6,7 @@ use crate::{PlannerParameters, hold, setpoint, step};
 use hapfic_config::{PERIOD_S, Settings};
 use hapfic_ipc::message::{Command, Mode, Operator, PlannerState, Reference, State};
 use hapfic_ipc::realtime::Wish;
-use hapfic_ipc::{Clock, Recent, Context, Input, IpcError, Output, Tick, Wait, clock, topic};
+use hapfic_ipc::{Clock, Context, Input, IpcError, Output, Recent, Tick, Wait, clock, topic};
 
 /// Ticks by which a plan may lag behind and still be stepped through; beyond, the motion starts anew from where it is held.
 const CATCH_UP: i64 = 4;
@@ -77,7 +77,13 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), IpcError> {
         if next.tick <= last_tick {
             published = send(context, &mut ports, &next, parameters.version)?;
         }
-        context.account(Tick { tick: state.tick, due_ns: state.stamp_ns, wake_ns: wake, publish_ns: published, latency_ns: 0 })?;
+        context.account(Tick {
+            tick: state.tick,
+            due_ns: state.stamp_ns,
+            wake_ns: wake,
+            publish_ns: published,
+            latency_ns: 0,
+        })?;
         ports.reference.prepare();
         if state.tick >= last_tick {
             context.finish(state.tick)?;
@@ -103,10 +109,7 @@ fn send(context: &Context, ports: &mut Ports, plan: &Plan, parameters_version: u
 fn advance(mut plan: Plan, tick: i64, operator: Option<Operator>) -> Plan {
     while let Some(operator) = operator.filter(|_| plan.tick < tick) {
         let p = operator.at(plan.tick + 1);
-        let parameters = PlannerParameters {
-            mean_speed_m_per_s: p.mean_speed,
-            max_acceleration_m_per_s2: p.max_acceleration,
-        };
+        let parameters = PlannerParameters { mean_speed_m_per_s: p.mean_speed, max_acceleration_m_per_s2: p.max_acceleration };
         plan.state = step(plan.state, p.target_position, &parameters, PERIOD_S).0;
         plan.tick += 1;
     }
@@ -114,12 +117,7 @@ fn advance(mut plan: Plan, tick: i64, operator: Option<Operator>) -> Plan {
 }
 
 /// Takes the commands there are; in lockstep waits for the one of `tick`. Says whether to go on.
-fn take_command(
-    context: &mut Context,
-    ports: &mut Ports,
-    commands: &mut Recent<Command>,
-    tick: i64,
-) -> Result<bool, IpcError> {
+fn take_command(context: &mut Context, ports: &mut Ports, commands: &mut Recent<Command>, tick: i64) -> Result<bool, IpcError> {
     loop {
         context.drain(&mut ports.command, |new| commands.keep(new))?;
         if context.clock == Clock::Realtime || commands.at(tick).is_some() {

@@ -74,11 +74,7 @@ impl ContactLaw {
         if force <= 0.0 {
             return Normal::default();
         }
-        Normal {
-            force,
-            by_depth: s.slope * spring + s.value * self.stiffness,
-            by_rate: s.value * self.damping,
-        }
+        Normal { force, by_depth: s.slope * spring + s.value * self.stiffness, by_rate: s.value * self.damping }
     }
 
     /// Coefficient of friction for a slip speed (m/s, not negative).
@@ -108,11 +104,7 @@ impl ContactLaw {
     #[inline]
     pub fn friction_per_speed(&self, speed: f64) -> f64 {
         let r = speed / self.critical_speed;
-        if r <= 1.0 {
-            self.friction_static * (2.0 - r) / self.critical_speed
-        } else {
-            self.friction(speed).value / speed
-        }
+        if r <= 1.0 { self.friction_static * (2.0 - r) / self.critical_speed } else { self.friction(speed).value / speed }
     }
 
     /// Depth at which the law carries a steady normal force, m.

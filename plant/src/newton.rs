@@ -11,6 +11,9 @@
 //! chatter. The falling branch of mu and the coupling of normal and tangential forces are left out of the matrix (quasi-Newton),
 //! which keeps it positive definite.
 
+// Indices read as the algebra does.
+#![allow(clippy::needless_range_loop)]
+
 use crate::contact_law::ContactLaw;
 use hapfic_ipc::message::{MAX_JOINTS, MAX_OBJECTS};
 
@@ -76,15 +79,7 @@ fn dot(a: &Row, b: &Row, n: usize) -> f64 {
 impl Newton {
     pub(crate) fn new(n: usize) -> Self {
         let zero = [0.0; MAX_SPEEDS];
-        Self {
-            n,
-            matrix: [zero; MAX_SPEEDS],
-            impulse: zero,
-            v0: zero,
-            hessian: [zero; MAX_SPEEDS],
-            residual: zero,
-            trial: zero,
-        }
+        Self { n, matrix: [zero; MAX_SPEEDS], impulse: zero, v0: zero, hessian: [zero; MAX_SPEEDS], residual: zero, trial: zero }
     }
 
     /// Velocities at the end of the sub-step, and the force of every point.

@@ -37,10 +37,7 @@ impl Plant {
             damping[i] = joint.damping;
             effort[i] = joint.effort;
         }
-        let substeps = Substeps {
-            flight_us: settings.plant.flight_substep_us,
-            contact_us: settings.plant.contact_substep_us,
-        };
+        let substeps = Substeps { flight_us: settings.plant.flight_substep_us, contact_us: settings.plant.contact_substep_us };
         let scene = Scene::new(settings, chain)?;
         let gravity = Vector3::from(settings.world.gravity_m_per_s2);
         Ok(Self {

@@ -6,9 +6,9 @@
 use crate::error::PlantError;
 use crate::plant::Plant;
 use hapfic_config::Settings;
+use hapfic_ipc::Tick;
 use hapfic_ipc::message::{Command, Credit, State};
 use hapfic_ipc::realtime::Wish;
-use hapfic_ipc::Tick;
 use hapfic_ipc::{Clock, Context, Input, IpcError, Output, Recent, Wait, clock, topic, wait};
 use std::time::Duration;
 

@@ -68,10 +68,7 @@ fn vector(v: &Vector3<f64>) -> Vector {
 
 fn pose(p: &Isometry3<f64>) -> Pose {
     let q = p.rotation;
-    Pose::from_parts(
-        vector(&p.translation.vector),
-        rapier3d_f64::math::Rotation::from_xyzw(q.i, q.j, q.k, q.w),
-    )
+    Pose::from_parts(vector(&p.translation.vector), rapier3d_f64::math::Rotation::from_xyzw(q.i, q.j, q.k, q.w))
 }
 
 fn shape(shape: &Shape) -> SharedShape {
@@ -86,9 +83,7 @@ fn shape(shape: &Shape) -> SharedShape {
 
 fn upright(shape: &Shape) -> Isometry3<f64> {
     match shape {
-        Shape::Cylinder { .. } => {
-            Isometry3::rotation(Vector3::new(std::f64::consts::FRAC_PI_2, 0.0, 0.0))
-        }
+        Shape::Cylinder { .. } => Isometry3::rotation(Vector3::new(std::f64::consts::FRAC_PI_2, 0.0, 0.0)),
         _ => Isometry3::identity(),
     }
 }
@@ -99,15 +94,17 @@ impl Scene {
         let (mut bodies, mut colliders) = (RigidBodySet::new(), ColliderSet::new());
         let mut names = Vec::new();
         let mut pairs = Vec::new();
-        let links: Vec<_> =
-            (0..chain.dof()).map(|_| bodies.insert(RigidBodyBuilder::kinematic_position_based())).collect();
+        let links: Vec<_> = (0..chain.dof()).map(|_| bodies.insert(RigidBodyBuilder::kinematic_position_based())).collect();
 
         let mut feet = Vec::new();
         for collision in chain.collisions() {
             let Some(body) = collision.body else { continue };
             let local = collision.origin * upright(&collision.shape);
-            let collider =
-                colliders.insert_with_parent(ColliderBuilder::new(shape(&collision.shape)).position(pose(&local)), links[body], &mut bodies);
+            let collider = colliders.insert_with_parent(
+                ColliderBuilder::new(shape(&collision.shape)).position(pose(&local)),
+                links[body],
+                &mut bodies,
+            );
             names.push(collision.link.clone());
             if collision.link == chain.tip_link() {
                 feet.push(Side { carrier: Carrier::Link(body), collider, name: names.len() - 1 });
@@ -118,11 +115,8 @@ impl Scene {
                 return Err(PlantError::NoFoot { link: chain.tip_link().to_owned() });
             }
             let ground = bodies.insert(RigidBodyBuilder::fixed().translation(Vector::new(0.0, 0.0, floor.height_m)));
-            let collider = colliders.insert_with_parent(
-                ColliderBuilder::new(SharedShape::halfspace(Vector::Z)),
-                ground,
-                &mut bodies,
-            );
+            let collider =
+                colliders.insert_with_parent(ColliderBuilder::new(SharedShape::halfspace(Vector::Z)), ground, &mut bodies);
             names.push("floor".to_owned());
             let against = Side { carrier: Carrier::World, collider, name: names.len() - 1 };
             let law = ContactLaw {
@@ -158,15 +152,10 @@ impl Scene {
     pub(crate) fn touch(&self, pair: &Pair, kin: &Kinematics, reach: f64) -> Option<Touch> {
         let (body, against) = (self.pose_of(pair.body, kin), self.pose_of(pair.against, kin));
         // The half-space has to come first: parry 0.31.1 returns a wrong depth the other way round.
-        let contact = query::contact(
-            &against,
-            self.collider(pair.against).shape(),
-            &body,
-            self.collider(pair.body).shape(),
-            reach,
-        )
-        .ok()
-        .flatten()?;
+        let contact =
+            query::contact(&against, self.collider(pair.against).shape(), &body, self.collider(pair.body).shape(), reach)
+                .ok()
+                .flatten()?;
         let middle = 0.5 * (contact.point1 + contact.point2);
         Some(Touch {
             point: Vector3::new(middle.x, middle.y, middle.z),

@@ -262,11 +262,10 @@ impl World {
         let solved = newton.solve(h, &self.points, &mut v, &mut self.forces);
         sum.physics.newton_iterations += solved.iterations;
         sum.physics.unconverged += u32::from(!solved.converged);
-        for i in 0..n {
-            let middle = 0.5 * (self.qd[i] + v[i]);
-            self.q[i] += h * middle;
-            self.qd[i] = v[i];
+        for ((q, before), after) in self.q.iter_mut().zip(&self.qd).zip(&v).take(n) {
+            *q += h * 0.5 * (before + after);
         }
+        self.qd[..n].copy_from_slice(&v[..n]);
         self.account(h, sum);
     }
 
@@ -309,9 +308,7 @@ impl World {
     fn account(&mut self, h: f64, sum: &mut Accumulator) {
         let n = self.n();
         for ((point, force), owner) in self.points.iter().zip(&self.forces).zip(&self.owners) {
-            let middle = |row: &Row| {
-                (0..n).map(|i| 0.5 * row[i] * (self.newton.v0[i] + self.qd[i])).sum::<f64>()
-            };
+            let middle = |row: &Row| (0..n).map(|i| 0.5 * row[i] * (self.newton.v0[i] + self.qd[i])).sum::<f64>();
             let work = h
                 * (force[0] * middle(&point.normal)
                     + force[1] * middle(&point.tangents[0])

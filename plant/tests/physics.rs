@@ -1,5 +1,5 @@
 //! The plant against conservation, theory, and references of its own law at far smaller steps.
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::unwrap_used, clippy::print_stdout)]
 
 use hapfic_config::Settings;
 use hapfic_ipc::message::{Command, MAX_JOINTS, Mode};
@@ -172,13 +172,7 @@ fn effort_is_limited_and_brakes_hold_until_the_first_torque() {
     }
     let held = plant.sample();
     assert_eq!((held.tick, held.joint_position), (50, start.joint_position));
-    plant.take(&Command {
-        tick: 49,
-        mode: Mode::Active.code(),
-        joints: 3,
-        torque: [1e6; MAX_JOINTS],
-        ..Command::default()
-    });
+    plant.take(&Command { tick: 49, mode: Mode::Active.code(), joints: 3, torque: [1e6; MAX_JOINTS], ..Command::default() });
     plant.advance().unwrap();
     assert_eq!(&plant.sample().joint_torque[..3], &[80.0; 3], "the URDF allows 80 N m");
 }

@@ -9,8 +9,19 @@ fn contact_law_matches_the_reference() {
     let mut rows = 0;
     for line in text.lines().skip(1) {
         let v: Vec<f64> = line.split(',').map(|f| f.parse().unwrap()).collect();
-        let [depth, rate, slip, stiffness, damping, transition_width, friction_static, friction_dynamic, critical_speed, normal, friction] =
-            v[..]
+        let [
+            depth,
+            rate,
+            slip,
+            stiffness,
+            damping,
+            transition_width,
+            friction_static,
+            friction_dynamic,
+            critical_speed,
+            normal,
+            friction,
+        ] = v[..]
         else {
             panic!("row {rows} has {} fields", v.len())
         };

@@ -104,12 +104,8 @@ pub struct Children(pub Vec<Child>);
 impl Children {
     /// Waits until one of them ends, or the time is up.
     pub fn watch(&self, timeout: Duration) {
-        let mut fds: Vec<_> = self
-            .0
-            .iter()
-            .filter(|c| c.ended.is_none())
-            .map(|c| PollFd::new(&c.handle, PollFlags::IN))
-            .collect();
+        let mut fds: Vec<_> =
+            self.0.iter().filter(|c| c.ended.is_none()).map(|c| PollFd::new(&c.handle, PollFlags::IN)).collect();
         // Interrupted by a signal is as good as timed out: the caller looks at everything anyway.
         let _ = poll(&mut fds, Some(&hapfic_ipc::clock::timespec(timeout.as_nanos() as u64)));
     }

@@ -60,12 +60,8 @@ impl Place {
                 Err(e) => return Err(e).with_context(|| format!("cannot register the run in {}", file.display())),
             };
             flock(&registration, FlockOperation::NonBlockingLockExclusive).context("cannot lock the run's registration")?;
-            let content = Registration {
-                run: run.clone(),
-                pid: std::process::id(),
-                scenario: scenario.to_owned(),
-                log: log.to_owned(),
-            };
+            let content =
+                Registration { run: run.clone(), pid: std::process::id(), scenario: scenario.to_owned(), log: log.to_owned() };
             let place = Self { run, file, others, _registration: registration };
             serde_json::to_writer_pretty(&place._registration, &content).context("cannot write the run's registration")?;
             DirBuilder::new()

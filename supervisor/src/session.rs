@@ -80,7 +80,8 @@ impl Prepared {
         }
         let start_unix_ns = if request.clock == Clock::Realtime { hapfic_ipc::clock::unix_ns() } else { 0 };
         let writer = open_log(request, &plant, start_unix_ns)?;
-        let viewer = Viewer::new(scene::scene(settings, plant.chain()), settings.recorder.viewer_rate_hz.round() as u32, start_unix_ns);
+        let viewer =
+            Viewer::new(scene::scene(settings, plant.chain()), settings.recorder.viewer_rate_hz.round() as u32, start_unix_ns);
         let stop = Arc::new(AtomicBool::new(false));
         for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP] {
             signal_hook::flag::register(signal, Arc::clone(&stop)).context("cannot handle signals")?;
@@ -275,7 +276,8 @@ impl Watch<'_> {
             }
         }
         for (process, what, detector) in &lost {
-            self.fault(process.name(), what.clone(), detector);
+            let name = if *process == recorder::GATE { "gate" } else { process.name() };
+            self.fault(name, what.clone(), detector);
         }
         if self.live.log_failed.load(Ordering::Acquire) || self.recorder.failed() {
             self.fault("recorder", "cannot write the log any further".to_owned(), "recorder");
@@ -410,10 +412,7 @@ fn summarise(request: &Request, timed: Timed, mut faults: Vec<Fault>, recorder: 
         let written: u64 = recorded.map_or(0, |r| r.ticks.iter().sum());
         lost = (2 * request.settings.duration_ticks).saturating_sub(written);
     }
-    let log = RecorderSummary {
-        messages: recorded.map_or(0, |r| r.messages),
-        lost,
-        file_bytes: recorded.map_or(0, |r| r.file_bytes),
-    };
+    let log =
+        RecorderSummary { messages: recorded.map_or(0, |r| r.messages), lost, file_bytes: recorded.map_or(0, |r| r.file_bytes) };
     Summary::new(run, &metrics, log)
 }

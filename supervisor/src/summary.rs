@@ -125,6 +125,10 @@ impl Summary {
 
     fn write(&self, out: &mut String) -> std::fmt::Result {
         let end = if self.completed { "completed" } else { "NOT COMPLETED" };
+        if self.ticks.last.is_none() {
+            writeln!(out, "{} ({}): {end}, not a single tick was run; log: {}", self.scenario, self.clock, self.log.display())?;
+            return self.write_faults(out);
+        }
         writeln!(
             out,
             "{} ({}): {end}, {:.3} s simulated in {:.2} s ({:.1} x), first tick {:.0} ms after the start",
@@ -173,8 +177,16 @@ impl Summary {
             self.recorder.lost,
             self.log.display()
         )?;
+        self.write_faults(out)
+    }
+
+    fn write_faults(&self, out: &mut String) -> std::fmt::Result {
         for fault in &self.faults {
-            writeln!(out, "  FAULT              {} {} (tick {}, seen by: {})", fault.process, fault.what, fault.tick, fault.detector)?;
+            writeln!(
+                out,
+                "  FAULT              {} {} (tick {}, seen by: {})",
+                fault.process, fault.what, fault.tick, fault.detector
+            )?;
         }
         Ok(())
     }

@@ -93,9 +93,8 @@ fn a_process_that_cannot_start_fails_the_run() {
     end.expect(3);
     assert!(end.out.contains("planner ended with exit code 0"), "{}", end.out);
     // One that never gets ready.
-    let end = stack.run(
-        &[&run[..], &["processes.planner=[\"sleep\", \"1000\"]", "--set", "supervisor.ready_timeout_ms=500"]].concat(),
-    );
+    let end =
+        stack.run(&[&run[..], &["processes.planner=[\"sleep\", \"1000\"]", "--set", "supervisor.ready_timeout_ms=500"]].concat());
     end.expect(3);
     assert!(end.out.contains("planner did not get ready in time"), "{}", end.out);
 }

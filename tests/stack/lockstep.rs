@@ -5,8 +5,7 @@ use hapfic_tests::Stack;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Topics that are functions of scenario and seed alone. `/timing` has what the clock on the wall says.
-const PURE: [&str; 9] =
-    ["/state", "/reference", "/request", "/command", "/operator", "/event", "/tf", "/scene", "/log"];
+const PURE: [&str; 9] = ["/state", "/reference", "/request", "/command", "/operator", "/event", "/tf", "/scene", "/log"];
 
 fn run(stack: &Stack, name: &str, arguments: &[&str]) -> Streams {
     let log = format!("{name}.mcap");
@@ -64,10 +63,8 @@ fn another_law_gives_other_bytes() {
 fn runs_beside_each_other_do_not_see_each_other() {
     let stack = Stack::new();
     let logs = ["a.mcap", "b.mcap", "c.mcap"];
-    let started: Vec<_> = logs
-        .iter()
-        .map(|log| stack.start(&["run", "floor", "--clock", "lockstep", "--duration", "2", "--log", log]))
-        .collect();
+    let started: Vec<_> =
+        logs.iter().map(|log| stack.start(&["run", "floor", "--clock", "lockstep", "--duration", "2", "--log", log])).collect();
     for run in started {
         run.finish().expect(0);
     }

@@ -12,10 +12,7 @@ pub fn streams(path: &Path) -> Streams {
     let mut streams = Streams::new();
     for message in mcap::MessageStream::new(&bytes).unwrap() {
         let message = message.unwrap();
-        streams
-            .entry(message.channel.topic.clone())
-            .or_default()
-            .push((message.log_time, message.data.into_owned()));
+        streams.entry(message.channel.topic.clone()).or_default().push((message.log_time, message.data.into_owned()));
     }
     streams
 }

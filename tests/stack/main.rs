@@ -7,7 +7,7 @@
 mod bad_input;
 mod command_line;
 mod ending;
-mod log_file;
 mod lockstep;
+mod log_file;
 mod readme;
 mod realtime;

@@ -16,9 +16,7 @@ fn alone() -> std::fs::File {
 fn every_tick_is_logged_and_every_bound_holds() {
     let _alone = alone();
     let stack = Stack::new();
-    stack
-        .run(&["run", "floor", "--duration", "4", "--log", "run.mcap", "--summary-json", "summary.json"])
-        .expect(0);
+    stack.run(&["run", "floor", "--duration", "4", "--log", "run.mcap", "--summary-json", "summary.json"]).expect(0);
     assert_eq!(expect_complete(&stack.path("run.mcap")), 4000);
     let text = std::fs::read_to_string(stack.path("summary.json")).unwrap();
     let summary: serde_json::Value = serde_json::from_str(&text).unwrap();

@@ -46,8 +46,9 @@ pub fn run(args: &RunArgs, since: Instant) -> Result<Outcome> {
 
 /// Before the run: a summary that cannot be written should not cost one.
 fn create(path: &Path) -> Result<(std::fs::File, PathBuf)> {
-    let file = std::fs::File::create(path)
-        .with_context(|| format!("--summary-json {}: cannot be written, expected a path in a folder that exists", path.display()))?;
+    let file = std::fs::File::create(path).with_context(|| {
+        format!("--summary-json {}: cannot be written, expected a path in a folder that exists", path.display())
+    })?;
     Ok((file, path.to_owned()))
 }
 

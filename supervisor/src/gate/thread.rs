@@ -15,6 +15,8 @@ use std::time::Duration;
 
 /// How long the gate waits at most before it looks at its flags.
 const PATIENCE: Duration = Duration::from_millis(20);
+/// How often it looks for the word to go.
+const GO_EVERY: Duration = Duration::from_millis(1);
 /// How often it looks for a state that is overdue.
 const LOOK_AGAIN: Duration = Duration::from_micros(500);
 /// The period in nanoseconds.
@@ -105,11 +107,16 @@ impl Gateway {
             self.granted = realtime::enter(wish);
         }
         self.beat(Phase::Ready)?;
+        let mut beaten = clock::now_ns();
         while !self.start.live.go.load(Ordering::Acquire) {
             if self.stopped() {
                 return Ok(());
             }
-            wait(&[], Duration::from_millis(2))?;
+            if clock::now_ns() - beaten > PATIENCE.as_nanos() as u64 {
+                self.beat(Phase::Ready)?;
+                beaten = clock::now_ns();
+            }
+            wait(&[], GO_EVERY)?;
         }
         self.faults_at_start = realtime::page_faults();
         self.operator.send(self.start.timeline.operator())?;
@@ -320,8 +327,7 @@ impl Gateway {
 
     fn beat(&mut self, phase: Phase) -> Result<(), IpcError> {
         let now = clock::now_ns();
-        let timing =
-            Timing { phase: phase.code(), tick: self.gate.last().tick, due_ns: now, wake_ns: now, ..Timing::default() };
+        let timing = Timing { phase: phase.code(), tick: self.gate.last().tick, due_ns: now, wake_ns: now, ..Timing::default() };
         self.account(&timing)?;
         self.timing.prepare();
         Ok(())

@@ -42,7 +42,9 @@ fn percent(value: &Value) -> String {
 
 fn main() {
     let stack = Stack::new();
-    println!("| law | F_d, N | settled rms, % of F_d | sliding rms, % of F_d | max \\|x - x_d\\| / x_b | max \\|F_c\\| / F_max |");
+    println!(
+        "| law | F_d, N | settled rms, % of F_d | sliding rms, % of F_d | max \\|x - x_d\\| / x_b | max \\|F_c\\| / F_max |"
+    );
     println!("|---|---|---|---|---|---|");
     for (name, law) in LAWS {
         for force in FORCES {

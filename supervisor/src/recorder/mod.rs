@@ -1,0 +1,135 @@
+//! The recorder: takes in every message of every tick, and writes them.
+//!
+//! Two threads, so that a disk that stalls does not stall the taking in: one drains shared memory every millisecond
+//! ([`drain`]) and passes what it found on; the other encodes, sums up and writes ([`write`]). Neither is a real-time thread.
+
+mod drain;
+mod shown;
+mod write;
+
+use crate::live::Live;
+use anyhow::{Context, Result};
+use drain::Drain;
+use hapfic_ipc::message::{Command, Event, Operator, Process, Reference, Request, State, Timing};
+use hapfic_ipc::{Clock, Domain, IpcError};
+use hapfic_log::{LogError, Metrics, MetricsSummary, Viewer, Writer};
+use hapfic_robot::Chain;
+use shown::Shown;
+use std::sync::Arc;
+use std::sync::mpsc::channel;
+use std::thread::JoinHandle;
+use std::time::Duration;
+use write::Write;
+
+/// A message on its way to the file.
+#[allow(clippy::large_enum_variant)] // A batch lives for a millisecond; a box for each message would cost more than the room.
+enum Record {
+    State(State),
+    Reference(Reference),
+    Request(Request),
+    Command(Command),
+    Operator(Operator),
+    Event(Event),
+    Timing(Timing),
+}
+
+/// What a recorder starts with.
+pub struct Start {
+    /// The run's domain.
+    pub domain: Domain,
+    /// How time passes.
+    pub clock: Clock,
+    /// Ticks the plant may be ahead, in lockstep.
+    pub credit_ticks: u32,
+    /// The open log.
+    pub writer: Writer,
+    /// What viewers get.
+    pub viewer: Viewer,
+    /// For the poses of the links.
+    pub chain: Chain,
+    /// How often the file is flushed.
+    pub flush_every: Duration,
+    /// Shared with the rest of the supervisor.
+    pub live: Arc<Live>,
+}
+
+/// What was recorded.
+#[derive(Clone, Copy, Debug)]
+pub struct Recorded {
+    /// The figures of the run.
+    pub metrics: MetricsSummary,
+    /// Messages written.
+    pub messages: u64,
+    /// Of them, states and commands.
+    pub ticks: [u64; 2],
+    /// Size of the file, bytes.
+    pub file_bytes: u64,
+}
+
+/// A running recorder.
+pub struct Recorder {
+    drain: JoinHandle<Result<(), IpcError>>,
+    write: JoinHandle<(Result<u64, LogError>, Recorded)>,
+}
+
+impl Recorder {
+    /// Starts both threads; returns when the recorder is connected.
+    ///
+    /// # Errors
+    /// If threads or ports cannot be had.
+    pub fn start(start: Start) -> Result<Self> {
+        let (sender, receiver) = channel();
+        let (ready, connected) = channel();
+        let Start { domain, clock, credit_ticks, writer, viewer, chain, flush_every, live } = start;
+        let drain_live = Arc::clone(&live);
+        let drain = std::thread::Builder::new()
+            .name("hapfic-recorder".to_owned())
+            .spawn(move || {
+                let opened = Drain::open(&domain, clock, credit_ticks, drain_live, sender);
+                match opened {
+                    Ok(mut drain) => {
+                        let _ = ready.send(Ok(()));
+                        drain.run()
+                    }
+                    Err(e) => {
+                        let _ = ready.send(Err(e));
+                        Ok(())
+                    }
+                }
+            })
+            .context("cannot start the recorder")?;
+        let write = std::thread::Builder::new()
+            .name("hapfic-writer".to_owned())
+            .spawn(move || {
+                Write { writer, viewer, chain, live, metrics: Metrics::new(), shown: Shown::default(), missed: 0, active: false }
+                    .run(&receiver, flush_every)
+            })
+            .context("cannot start the recorder")?;
+        connected.recv().context("the recorder ended at once")??;
+        Ok(Self { drain, write })
+    }
+
+    /// Whether it has ended by itself, which only an error makes it do.
+    #[must_use]
+    pub fn failed(&self) -> bool {
+        self.drain.is_finished() || self.write.is_finished()
+    }
+
+    /// Waits for the end; [`Live::drain`] asks for it. Returns what was recorded, and what went wrong, if anything did.
+    #[must_use]
+    pub fn finish(self) -> (Option<Recorded>, Option<String>) {
+        let drained = match self.drain.join() {
+            Ok(Ok(())) => None,
+            Ok(Err(e)) => Some(e.to_string()),
+            Err(_) => Some("the recorder's thread panicked".to_owned()),
+        };
+        match self.write.join() {
+            Ok((Ok(file_bytes), recorded)) => (Some(Recorded { file_bytes, ..recorded }), drained),
+            Ok((Err(e), recorded)) => (Some(recorded), Some(e.to_string())),
+            Err(_) => (None, Some("the writer's thread panicked".to_owned())),
+        }
+    }
+}
+
+/// The process whose heartbeats stand for the gate.
+pub const GATE: Process = Process::Supervisor;

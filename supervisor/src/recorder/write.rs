@@ -1,0 +1,151 @@
+//! The writing half.
+
+use super::shown::Shown;
+use super::{Record, Recorded};
+use crate::live::{Glance, Live};
+use crate::scene;
+use hapfic_ipc::message::{Mode, Operator, Source};
+use hapfic_log::{LogError, Metrics, Topic, Viewer, Writer};
+use hapfic_robot::Chain;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::sync::mpsc::{Receiver, RecvTimeoutError};
+use std::time::{Duration, Instant};
+
+/// The log, and what is made of it on the way.
+pub(super) struct Write {
+    pub(super) writer: Writer,
+    pub(super) viewer: Viewer,
+    pub(super) chain: Chain,
+    pub(super) live: Arc<Live>,
+    pub(super) metrics: Metrics,
+    pub(super) shown: Shown,
+    pub(super) missed: u64,
+    pub(super) active: bool,
+}
+
+impl Write {
+    pub(super) fn run(mut self, receiver: &Receiver<Vec<Record>>, flush_every: Duration) -> (Result<u64, LogError>, Recorded) {
+        let mut failed = None;
+        let mut flushed = Instant::now();
+        loop {
+            match receiver.recv_timeout(flush_every) {
+                // After an error the figures go on; only the file does not.
+                Ok(batch) => {
+                    for record in &batch {
+                        let written = self.record(record, failed.is_none());
+                        failed = failed.or(written.err());
+                    }
+                }
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => break,
+            }
+            if failed.is_none() && flushed.elapsed() >= flush_every {
+                failed = self.writer.flush().err();
+                flushed = Instant::now();
+            }
+            if failed.is_some() {
+                self.live.log_failed.store(true, Ordering::Release);
+            }
+        }
+        let recorded = Recorded {
+            metrics: self.metrics.summary(),
+            messages: Topic::ALL.iter().map(|t| self.writer.messages(*t)).sum(),
+            ticks: [self.writer.messages(Topic::State), self.writer.messages(Topic::Command)],
+            file_bytes: 0,
+        };
+        let finished = match failed {
+            Some(e) => Err(e),
+            None => self.writer.finish().map(|totals| totals.file_bytes),
+        };
+        (finished, recorded)
+    }
+
+    fn record(&mut self, record: &Record, write: bool) -> Result<(), LogError> {
+        match record {
+            Record::State(m) => {
+                let state = if write { self.writer.state(m)? } else { hapfic_log::convert::state(m, self.writer.names()) };
+                self.metrics.push_state(&state);
+                if self.viewer.due(m.tick) {
+                    self.shown.state(m, state);
+                }
+            }
+            Record::Reference(m) => {
+                let reference = if write { self.writer.reference(m)? } else { hapfic_log::convert::reference(m) };
+                self.metrics.push_reference(&reference);
+                if self.viewer.due(m.tick) {
+                    self.shown.reference(m);
+                }
+            }
+            Record::Request(m) => {
+                if write {
+                    self.writer.request(m)?;
+                }
+            }
+            Record::Command(m) => {
+                // The command before the first tick only starts things.
+                if m.tick < 0 {
+                    return Ok(());
+                }
+                let command = if write { self.writer.command(m)? } else { hapfic_log::convert::command(m) };
+                self.metrics.push_command(&command);
+                self.active |= m.mode == Mode::Active.code();
+                self.missed += u64::from(self.active && m.source != Source::Fresh.code());
+                if self.viewer.due(m.tick) {
+                    self.show(m.tick, write)?;
+                }
+            }
+            Record::Operator(m) => self.operator(m, write)?,
+            Record::Event(m) => {
+                let event = if write { self.writer.event(m)? } else { hapfic_log::convert::event(m) };
+                if write {
+                    let line = self.viewer.log_line(&event);
+                    self.writer.log(m.tick.max(0), &line)?;
+                }
+            }
+            Record::Timing(m) => {
+                let at = self.writer.time_of(m.tick.max(0));
+                let timing = if write { self.writer.timing(m, at)? } else { hapfic_log::convert::timing(m) };
+                // A heartbeat in between is no tick's account.
+                if m.publish_ns > 0 {
+                    self.metrics.push_timing(&timing);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Each set is logged once, when it is announced.
+    fn operator(&mut self, m: &Operator, write: bool) -> Result<(), LogError> {
+        for set in [&m.current, &m.next] {
+            if self.shown.parameters(set) {
+                let operator = if write { self.writer.operator(set)? } else { hapfic_log::convert::operator(set) };
+                self.metrics.push_operator(&operator);
+            }
+        }
+        Ok(())
+    }
+
+    fn show(&mut self, tick: i64, write: bool) -> Result<(), LogError> {
+        let Some(picture) = self.shown.take(tick) else { return Ok(()) };
+        let (m, parameters) = (&picture.state, picture.parameters);
+        if write {
+            let transforms = self.viewer.transforms(tick, &scene::poses(&self.chain, m));
+            self.writer.transforms(tick, &transforms)?;
+            let target = parameters.map(|p| p.target_position);
+            let update = self.viewer.scene_update(tick, &picture.logged.contacts, picture.reference, target);
+            self.writer.scene(tick, &update)?;
+        }
+        if let Ok(mut glance) = self.live.glance.lock() {
+            *glance = Glance {
+                time_s: m.time_ns as f64 * 1e-9,
+                foot_position: m.foot_position,
+                foot_force: m.foot_force,
+                desired_force: parameters.map_or([0.0; 3], |p| p.desired_force),
+                missed: self.missed,
+                late: m.slipped,
+            };
+        }
+        Ok(())
+    }
+}
