@@ -149,7 +149,14 @@ impl Prepared {
             stop,
             faults: Vec::new(),
         };
-        let timed = watch.start_and_follow(request, &run_file, core)?;
+        let timed = match watch.start_and_follow(request, &run_file, core) {
+            Ok(timed) => timed,
+            // From here on nothing may end without ending everyone.
+            Err(e) => {
+                watch.fault("supervisor", format!("{e:#}"), "start");
+                Timed::default()
+            }
+        };
         watch.end(timed.completed)?;
         let faults = std::mem::take(&mut watch.faults);
         drop(watch);
@@ -158,6 +165,7 @@ impl Prepared {
 }
 
 /// When a run started and ended.
+#[derive(Default)]
 struct Timed {
     launch_s: f64,
     wall_s: f64,

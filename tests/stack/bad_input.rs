@@ -87,7 +87,7 @@ fn a_process_that_cannot_start_fails_the_run() {
     let run = ["run", "floor", "--clock", "lockstep", "--log", "run.mcap", "--set"];
     let end = stack.run(&[&run[..], &["processes.planner=[\"/nonexistent/planner\"]"]].concat());
     end.expect(3);
-    assert!(end.err.contains("/nonexistent/planner"), "{}", end.err);
+    assert!(end.out.contains("FAULT") && end.out.contains("/nonexistent/planner"), "{}", end.out);
     // One that starts and ends at once.
     let end = stack.run(&[&run[..], &["processes.planner=[\"true\"]"]].concat());
     end.expect(3);

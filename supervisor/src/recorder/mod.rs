@@ -101,8 +101,18 @@ impl Recorder {
         let write = std::thread::Builder::new()
             .name("hapfic-writer".to_owned())
             .spawn(move || {
-                Write { writer, viewer, chain, live, metrics: Metrics::new(), shown: Shown::default(), missed: 0, active: false }
-                    .run(&receiver, flush_every)
+                Write {
+                    writer,
+                    viewer,
+                    chain,
+                    live,
+                    metrics: Metrics::new(),
+                    shown: Shown::default(),
+                    missed: 0,
+                    active: false,
+                    timing_at: 0,
+                }
+                .run(&receiver, flush_every)
             })
             .context("cannot start the recorder")?;
         connected.recv().context("the recorder ended at once")??;

@@ -22,6 +22,7 @@ pub(super) struct Write {
     pub(super) shown: Shown,
     pub(super) missed: u64,
     pub(super) active: bool,
+    pub(super) timing_at: u64,
 }
 
 impl Write {
@@ -104,7 +105,9 @@ impl Write {
                 }
             }
             Record::Timing(m) => {
-                let at = self.writer.time_of(m.tick.max(0));
+                // Several processes send here, each at its own pace: readers want one order.
+                self.timing_at = self.timing_at.max(self.writer.time_of(m.tick.max(0)));
+                let at = self.timing_at;
                 let timing = if write { self.writer.timing(m, at)? } else { hapfic_log::convert::timing(m) };
                 // A heartbeat in between is no tick's account.
                 if m.publish_ns > 0 {
