@@ -318,6 +318,11 @@ pub fn wait(inputs: &[&dyn Wakes], timeout: Duration) -> Result<bool, IpcError> 
         listeners[count] = Some(listener);
         count += 1;
     }
+    // A listener that was told something while its last wake-up was being taken away has nothing in its socket, and nobody will
+    // put anything there until it is asked: so ask first, then poll.
+    if take_wake_ups(&listeners[..count]) {
+        return Ok(true);
+    }
     let mut fds = listeners.map(|listener| {
         // An unused place polls no file; descriptor 0 with no flags asked for is never looked at beyond the count below.
         let raw = listener.map_or(0, |l| {
@@ -328,18 +333,22 @@ pub fn wait(inputs: &[&dyn Wakes], timeout: Duration) -> Result<bool, IpcError> 
         PollFd::from_borrowed_fd(unsafe { BorrowedFd::borrow_raw(raw) }, PollFlags::IN)
     });
     let time = clock::timespec(timeout.as_nanos() as u64);
-    let woken = match poll(&mut fds[..count], Some(&time)) {
-        Ok(ready) => ready > 0,
-        Err(rustix::io::Errno::INTR) => false,
-        Err(e) => return Err(IpcError::System { action: "wait for a message", cause: e.into() }),
-    };
-    for (fd, listener) in fds.iter().zip(listeners).take(count) {
-        if let Some(listener) = listener
-            && !fd.revents().is_empty()
-        {
-            // Only takes the wake-up away; the messages are in the subscriber.
-            let _ = listener.try_wait(|_| {});
+    match poll(&mut fds[..count], Some(&time)) {
+        Ok(0) | Err(rustix::io::Errno::INTR) => Ok(false),
+        Ok(_) => {
+            take_wake_ups(&listeners[..count]);
+            Ok(true)
         }
+        Err(e) => Err(IpcError::System { action: "wait for a message", cause: e.into() }),
     }
-    Ok(woken)
+}
+
+/// Takes pending wake-ups away; the messages themselves are in the subscribers. Says whether there were any.
+fn take_wake_ups(listeners: &[Option<&Listener<Service>>]) -> bool {
+    let mut any = false;
+    for listener in listeners.iter().flatten() {
+        // An error would show at the poll.
+        any |= listener.try_wait(|_| {}).is_ok_and(|count| count > 0);
+    }
+    any
 }

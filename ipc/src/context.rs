@@ -66,10 +66,14 @@ impl Context {
             .map_err(system("ask to end with the supervisor"))?;
         let name = std::ffi::CString::new(format!("hapfic-{}", process.name())).unwrap_or_default();
         rustix::thread::set_name(&name).map_err(system("set the process's name"))?;
+        // The death signal is only sent for a death after it was asked for; and an orphan must not touch shared memory any more.
+        if supervisor_gone(run.supervisor_pid) {
+            return Err(IpcError::System { action: "join the run", cause: std::io::Error::other("the supervisor has ended") });
+        }
         let domain = Domain::new(&run.prefix, &run.root)?;
         let bus = Bus::open(&domain, process.name())?;
         let timing = bus.output(&topic::TIMING)?;
-        let context = Self {
+        Ok(Self {
             process,
             clock: run.clock,
             bus,
@@ -83,16 +87,11 @@ impl Context {
             faults_at_start: 0,
             faults: 0,
             allocations_at_wake: 0,
-        };
-        // The death signal is only sent for a death after it was asked for.
-        if context.supervisor_gone() {
-            return Err(IpcError::System { action: "join the run", cause: std::io::Error::other("the supervisor has ended") });
-        }
-        Ok(context)
+        })
     }
 
     fn supervisor_gone(&self) -> bool {
-        rustix::process::getppid().is_none_or(|p| p.as_raw_nonzero().get() != self.supervisor_pid)
+        supervisor_gone(self.supervisor_pid)
     }
 
     /// Takes real-time privileges, as far as the run asks for them, and says that the process is ready.
@@ -274,4 +273,8 @@ impl Context {
         })?;
         Ok(())
     }
+}
+
+fn supervisor_gone(pid: i32) -> bool {
+    rustix::process::getppid().is_none_or(|parent| parent.as_raw_nonzero().get() != pid)
 }

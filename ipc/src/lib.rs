@@ -24,6 +24,7 @@
 pub mod allocations;
 mod bus;
 mod check;
+mod child;
 pub mod clock;
 mod context;
 mod error;
@@ -36,6 +37,7 @@ mod wire_enum;
 
 pub use bus::{Bus, Domain, Input, Output, Wait, Wakes, wait};
 pub use check::{Check, Defect};
+pub use child::tie_to_parent;
 pub use context::{Context, Tick};
 pub use error::IpcError;
 pub use iceoryx2::prelude::ZeroCopySend;

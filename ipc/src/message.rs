@@ -71,8 +71,10 @@ wire_enum! {
         Fresh = 0, "fresh";
         /// The last accepted request, once more.
         Repeated = 1, "repeated";
-        /// No request: before the first one, or braking.
+        /// No valid request: before the first one, or braking.
         None = 2, "none";
+        /// A valid request of this tick that is not passed on, since a brake has not cleared yet.
+        Withheld = 3, "withheld";
     }
 }
 
@@ -204,7 +206,7 @@ pub struct ContactState {
     pub point: [f64; 3],
     /// Mean force on the first body over the tick, N.
     pub force: [f64; 3],
-    /// Penetration at the end of the tick, m.
+    /// Penetration at the start of the last sub-step in which they touched, m.
     pub depth: f64,
 }
 
@@ -222,7 +224,7 @@ pub struct Physics {
     pub reserved: u32,
     /// Kinetic and potential energy, J.
     pub energy_j: f64,
-    /// Work done by the contacts since the start, J: falls, but for what a compressed contact gives back.
+    /// Work done by the contacts (joint stops apart) since the start, J: falls, but for what a compressed contact gives back.
     pub contact_work_j: f64,
 }
 

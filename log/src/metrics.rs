@@ -120,6 +120,7 @@ impl Metrics {
                 latency_us: self.latency.quantiles_us(),
                 late_ticks: self.slipped,
                 missed_ticks: account.missed(),
+                brake_ticks: account.braked(),
                 wake_lateness_us: self.wake_lateness.quantiles_us(),
                 allocations: self.allocations,
             },

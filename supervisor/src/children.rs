@@ -5,9 +5,8 @@ use hapfic_config::{Processes, Settings};
 use hapfic_ipc::RunFile;
 use hapfic_ipc::message::Process;
 use rustix::event::{PollFd, PollFlags, poll};
-use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
+use rustix::process::{Pid, PidfdFlags, Signal, kill_process_group, pidfd_open};
 use std::os::fd::OwnedFd;
-use std::os::unix::process::CommandExt;
 use std::path::Path;
 use std::process::{Child as Spawned, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
@@ -28,8 +27,6 @@ pub struct Child {
 impl Child {
     /// Starts a process of the stack: this same program, or the scenario's foreign command.
     ///
-    /// It is in a process group of its own, so that Ctrl-C reaches the supervisor alone, which then ends all in order.
-    ///
     /// # Errors
     /// If the program cannot be started.
     pub fn start(process: Process, settings: &Settings, run_file: &Path) -> Result<Self> {
@@ -45,15 +42,21 @@ impl Child {
                 command
             }
         };
-        let spawned = command
+        hapfic_ipc::tie_to_parent(&mut command);
+        let mut spawned = command
             .env(RunFile::VARIABLE, run_file)
             .stdin(Stdio::null())
             .stdout(Stdio::null())
-            .process_group(0)
             .spawn()
             .with_context(|| format!("cannot start the {process} ({:?})", command.get_program()))?;
         let pid = Pid::from_child(&spawned);
-        let handle = pidfd_open(pid, PidfdFlags::empty()).with_context(|| format!("cannot watch the {process}"))?;
+        let handle = match pidfd_open(pid, PidfdFlags::empty()) {
+            Ok(handle) => handle,
+            Err(e) => {
+                let _ = spawned.kill().and_then(|()| spawned.wait());
+                return Err(e).with_context(|| format!("cannot watch the {process}"));
+            }
+        };
         Ok(Self { process, spawned, handle, ended: None })
     }
 
@@ -68,13 +71,16 @@ impl Child {
         Ok(self.ended)
     }
 
+    /// To all of its process group: a foreign command may have started processes of its own.
     fn signal(&self, signal: Signal) {
-        // A process that has ended already needs no signal.
-        let _ = pidfd_send_signal(&self.handle, signal);
+        // A group that has ended already needs no signal.
+        let _ = kill_process_group(Pid::from_child(&self.spawned), signal);
     }
 }
 
-fn foreign(processes: &Processes, process: Process) -> Option<&Vec<String>> {
+/// The scenario's own command for a process, if it has one.
+#[must_use]
+pub fn foreign(processes: &Processes, process: Process) -> Option<&Vec<String>> {
     match process {
         Process::Plant => processes.plant.as_ref(),
         Process::Planner => processes.planner.as_ref(),
@@ -132,6 +138,11 @@ impl Children {
             }
             self.watch(left.max(Duration::from_millis(10)));
         }
+        for child in &self.0 {
+            // Whatever its leader has left in the group.
+            child.signal(Signal::KILL);
+        }
+        self.0.clear();
         Ok(killed)
     }
 

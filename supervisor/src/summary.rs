@@ -50,6 +50,8 @@ pub struct Timing {
     pub late_ticks: u64,
     /// Ticks whose command no request of theirs stands behind.
     pub missed_ticks: u64,
+    /// Ticks at which the drive braked after it had been active.
+    pub brake_ticks: u64,
     /// How late the plant's timer was, us; none in lockstep.
     pub wake_lateness_us: Option<Quantiles>,
     /// Time the machine took away from all processors together, ms.
@@ -103,6 +105,7 @@ impl Summary {
                 latency_us: metrics.timing.latency_us.filter(|_| realtime),
                 late_ticks: metrics.timing.late_ticks,
                 missed_ticks: metrics.timing.missed_ticks,
+                brake_ticks: metrics.timing.brake_ticks,
                 wake_lateness_us: metrics.timing.wake_lateness_us.filter(|_| realtime),
                 steal_ms: run.steal_ms,
                 allocations: metrics.timing.allocations,
@@ -166,8 +169,8 @@ impl Summary {
         writeln!(out, "  timer lateness     {}  (the machine's own witness)", quantiles(&timing.wake_lateness_us))?;
         writeln!(
             out,
-            "  ticks              {} late, {} missed; {} ms stolen by the host; {} allocations in real-time code",
-            timing.late_ticks, timing.missed_ticks, timing.steal_ms, timing.allocations
+            "  ticks              {} late, {} missed, {} braked; {} ms stolen by the host; {} allocations in real-time code",
+            timing.late_ticks, timing.missed_ticks, timing.brake_ticks, timing.steal_ms, timing.allocations
         )?;
         writeln!(
             out,

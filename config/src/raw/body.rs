@@ -69,7 +69,7 @@ pub(crate) struct RawFloor {
     /// k, N/m, in (0, 1e9]. Raising it makes contacts shallower and impacts harder.
     pub(crate) stiffness_n_per_m: f64,
 
-    /// b, N s/m, in [0, 1e8]. Raising it takes the bounce out of impacts.
+    /// b, N s/m, in [0, 1e7]. Raising it takes the bounce out of impacts.
     pub(crate) damping_n_s_per_m: f64,
 
     /// w, depth over which stiffness and damping come in, m, in (0, 0.1]. Raising it makes the touch softer.

@@ -23,6 +23,7 @@ pub(super) struct Account {
     rest_since: Option<i64>,
     was_active: bool,
     missed: u64,
+    braked: u64,
     first: Option<i64>,
     last: Option<i64>,
     states: u64,
@@ -160,7 +161,15 @@ impl Account {
             self.last_command = Some(tick);
         }
         self.was_active |= command.active;
-        self.missed += u64::from(self.was_active && !command.fresh);
+        self.missed += u64::from(self.was_active && command.missed);
+        self.braked += u64::from(self.was_active && !command.active);
+        if !command.active {
+            // No force is asked for: what was reached has to be reached anew.
+            self.rest_since = None;
+            for wish in self.axes.iter_mut().filter_map(|axis| axis.wish.as_mut()) {
+                *wish = Wish { since: tick, reached: false, ..*wish };
+            }
+        }
         // In the other modes the content is that of an older request, and no force stands behind it.
         let (true, Some(set)) = (command.active, set) else { return };
         let mut above = false;
@@ -209,6 +218,10 @@ impl Account {
 
     pub(super) fn missed(&self) -> u64 {
         self.missed
+    }
+
+    pub(super) fn braked(&self) -> u64 {
+        self.braked
     }
 
     pub(super) fn ticks(&self, invalid: u64) -> TickSummary {

@@ -40,7 +40,8 @@ impl ReferenceSample {
 pub(super) struct CommandSample {
     pub(super) force: [f64; 3],
     pub(super) active: bool,
-    pub(super) fresh: bool,
+    /// No valid request of its tick stands behind it.
+    pub(super) missed: bool,
 }
 
 impl CommandSample {
@@ -48,7 +49,7 @@ impl CommandSample {
         Some(Self {
             force: vector(&message.force)?,
             active: message.mode == Mode::Active.name(),
-            fresh: message.source == Source::Fresh.name(),
+            missed: ![Source::Fresh, Source::Withheld].iter().any(|s| message.source == s.name()),
         })
     }
 }

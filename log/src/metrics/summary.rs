@@ -68,8 +68,10 @@ pub struct TimingSummary {
     pub latency_us: Option<Quantiles>,
     /// Periods by which simulated time slipped, because the plant's timer came late.
     pub late_ticks: u64,
-    /// Commands that no request of their tick stands behind, after the first one in mode `active`.
+    /// Commands that no valid request of their tick stands behind, after the first one in mode `active`.
     pub missed_ticks: u64,
+    /// Commands in another mode than `active` after the first one in it: the drive brakes, for 20 good ticks after two misses.
+    pub brake_ticks: u64,
     /// How late the plant's timer was, us; all zero in lockstep, which has no timer.
     pub wake_lateness_us: Option<Quantiles>,
     /// Heap allocations between receiving and sending, in all processes.

@@ -3,7 +3,7 @@
 use super::sample::{CommandSample, ReferenceSample, StateSample};
 
 /// Ticks by which topics may run ahead of each other.
-pub const WINDOW: i64 = 64;
+pub const WINDOW: i64 = 1024;
 
 /// What has come of one tick.
 #[derive(Clone, Copy, Debug, Default)]
@@ -17,14 +17,14 @@ pub(super) struct Slot {
 /// The last [`WINDOW`] ticks. Each leaves when a tick comes for which there is no more room, oldest first.
 #[derive(Clone, Debug)]
 pub(super) struct Window {
-    slots: [Option<Slot>; WINDOW as usize],
+    slots: Vec<Option<Slot>>,
     /// The oldest tick that may still come; `None` before the first.
     oldest: Option<i64>,
 }
 
 impl Default for Window {
     fn default() -> Self {
-        Self { slots: [None; WINDOW as usize], oldest: None }
+        Self { slots: vec![None; WINDOW as usize], oldest: None }
     }
 }
 

@@ -104,7 +104,7 @@ impl Gate {
         self.opened = true;
         self.step(0, self.conditions.good.saturating_add(1));
         if self.severity >= Severity::Brake {
-            return self.brake();
+            return self.brake(Source::Withheld);
         }
         self.filter = self.filter.step(&request.torque, self.limits.bandwidth_hz, self.limits.period_s);
         let (torque, limited) = limit(&self.filter.output, &self.limits.peak);
@@ -126,7 +126,7 @@ impl Gate {
         }
         self.step(self.conditions.missed.saturating_add(1), 0);
         if self.severity >= Severity::Brake {
-            return self.brake();
+            return self.brake(Source::None);
         }
         self.publish(Command { source: Source::Repeated.code(), ..self.last })
     }
@@ -137,7 +137,7 @@ impl Gate {
     }
 
     /// Controllers start anew from a cleared state, and so does the filter.
-    fn brake(&mut self) -> Command {
+    fn brake(&mut self, source: Source) -> Command {
         self.filter = LowPass::default();
         let mode = if self.severity == Severity::Stopped { Mode::Stopped } else { Mode::Brake };
         let mut request = self.last.request;
@@ -146,7 +146,7 @@ impl Gate {
         request.force = [0.0; 3];
         self.publish(Command {
             mode: mode.code(),
-            source: Source::None.code(),
+            source: source.code(),
             limited: 0,
             torque: [0.0; MAX_JOINTS],
             request,
