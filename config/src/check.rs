@@ -78,6 +78,7 @@ pub(crate) fn settings(mut raw: RawScenario, tree: &Node, urdf: Urdf) -> Result<
             torque_peak: at.per_joint("supervisor.torque_peak_n_m", raw.supervisor.torque_peak_n_m, joints)?,
             ready_timeout_ms: raw.supervisor.ready_timeout_ms,
             heartbeat_timeout_ms: raw.supervisor.heartbeat_timeout_ms,
+            stall_timeout_ms: raw.supervisor.stall_timeout_ms,
             credit_ticks: raw.supervisor.credit_ticks,
         },
         realtime: at.realtime(&raw.realtime)?,

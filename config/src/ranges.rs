@@ -59,6 +59,7 @@ pub(crate) const RANGES: &[(&str, Range)] = &[
     ("supervisor.torque_peak_n_m", above(0.0, 1e5)),
     ("supervisor.ready_timeout_ms", whole(100, 600_000)),
     ("supervisor.heartbeat_timeout_ms", whole(200, 60_000)),
+    ("supervisor.stall_timeout_ms", whole(500, 600_000)),
     ("supervisor.credit_ticks", whole(1, 1_000_000)),
     ("realtime.priority_plant", whole(1, 98)),
     ("realtime.priority_gate", whole(1, 98)),

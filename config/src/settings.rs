@@ -223,6 +223,8 @@ pub struct Supervisor {
     pub ready_timeout_ms: u32,
     /// Age of the last sign of life at which a process counts as lost, ms.
     pub heartbeat_timeout_ms: u32,
+    /// How long no tick may be done while all are alive, ms.
+    pub stall_timeout_ms: u32,
     /// How far the plant may be ahead of the recorder in lockstep, ticks.
     pub credit_ticks: u32,
 }

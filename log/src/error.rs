@@ -15,6 +15,12 @@ pub enum LogError {
         /// What the operating system said.
         cause: io::Error,
     },
+    /// Another run is writing the file.
+    #[error("{}: another run is writing this log. Give each run a log of its own", .path.display())]
+    Busy {
+        /// The log.
+        path: PathBuf,
+    },
     /// The file cannot be written any further.
     #[error("{}: cannot write the log: {cause}. What was flushed before can still be read; check the space left on the disk", .path.display())]
     Write {

@@ -13,7 +13,7 @@ use prost::Message;
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::fmt;
-use std::fs::File;
+use std::fs::{File, TryLockError};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
@@ -77,7 +77,7 @@ impl Writer<BufWriter<File>> {
     /// `header` are metadata records by name; [`Names::METADATA`] is added to them.
     ///
     /// # Errors
-    /// [`LogError::Create`] and [`LogError::Write`].
+    /// [`LogError::Create`], [`LogError::Busy`] and [`LogError::Write`].
     pub fn create(
         path: impl AsRef<Path>,
         names: &Names,
@@ -86,7 +86,17 @@ impl Writer<BufWriter<File>> {
         options: &WriterOptions,
     ) -> Result<Self, LogError> {
         let path = path.as_ref();
-        let file = File::create(path).map_err(|cause| LogError::Create { path: path.to_owned(), cause })?;
+        let failed = |cause| LogError::Create { path: path.to_owned(), cause };
+        // Not emptied before it is known that nobody else is writing it.
+        let file = File::options().write(true).create(true).truncate(false).open(path).map_err(failed)?;
+        match file.try_lock() {
+            Ok(()) => {}
+            Err(TryLockError::WouldBlock) => return Err(LogError::Busy { path: path.to_owned() }),
+            Err(TryLockError::Error(cause)) => return Err(failed(cause)),
+        }
+        if file.metadata().map_err(failed)?.is_file() {
+            file.set_len(0).map_err(failed)?;
+        }
         Self::new(BufWriter::with_capacity(64 * 1024, file), path, names, header, attachments, options)
     }
 }

@@ -17,6 +17,26 @@ pub enum PlantError {
         /// The tip link.
         link: String,
     },
+    /// A foot the contacts cannot carry.
+    #[error("link '{link}': found {shape:?} as collision shape of the foot, expected a sphere")]
+    FootShape {
+        /// The tip link.
+        link: String,
+        /// Its shape.
+        shape: hapfic_robot::Shape,
+    },
+    /// A start inside of something.
+    #[error(
+        "robot.start_position_rad: the foot starts {depth_m:.4} m deep in the {body}, expected at most {limit_m} m: raise the base, or change the posture"
+    )]
+    StartsInside {
+        /// How deep.
+        depth_m: f64,
+        /// In what.
+        body: String,
+        /// The contact's transition width.
+        limit_m: f64,
+    },
     /// A start posture that does not fit the robot.
     #[error("robot.start_position_rad{place}: found {found}, expected {expected}")]
     Start {

@@ -19,7 +19,7 @@ use hapfic_ipc::message::{MAX_JOINTS, MAX_OBJECTS};
 
 /// Most velocities a world has.
 pub(crate) const MAX_SPEEDS: usize = MAX_JOINTS + 6 * MAX_OBJECTS;
-/// Most contact points at a time; more are left out, deepest kept, and counted as unconverged.
+/// Most contact points at a time, joint stops first; with more the sub-step counts as unconverged.
 pub(crate) const MAX_POINTS: usize = 32;
 /// Most iterations.
 const MAX_ITERATIONS: u32 = 25;

@@ -39,6 +39,13 @@ impl Plant {
         }
         let substeps = Substeps { flight_us: settings.plant.flight_substep_us, contact_us: settings.plant.contact_substep_us };
         let scene = Scene::new(settings, chain)?;
+        let kin = scene.chain.kinematics(&q);
+        if let Some((depth_m, body)) = scene.deepest(&kin)
+            && let Some(floor) = &settings.world.floor
+            && depth_m > floor.transition_width_m
+        {
+            return Err(PlantError::StartsInside { depth_m, body: body.to_owned(), limit_m: floor.transition_width_m });
+        }
         let gravity = Vector3::from(settings.world.gravity_m_per_s2);
         Ok(Self {
             world: World::new(scene, q, gravity, damping, effort, substeps),

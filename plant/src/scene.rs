@@ -107,6 +107,10 @@ impl Scene {
             );
             names.push(collision.link.clone());
             if collision.link == chain.tip_link() {
+                // A flat foot stands on more points than one; that comes with the other bodies.
+                if !matches!(collision.shape, Shape::Sphere { .. }) {
+                    return Err(PlantError::FootShape { link: collision.link.clone(), shape: collision.shape });
+                }
                 feet.push(Side { carrier: Carrier::Link(body), collider, name: names.len() - 1 });
             }
         }
@@ -178,6 +182,13 @@ impl Scene {
                 }
             })
             .sum()
+    }
+
+    /// How deep the tip stands in something, m, and in what.
+    pub(crate) fn deepest(&self, kin: &Kinematics) -> Option<(f64, &str)> {
+        let depths =
+            self.pairs.iter().filter_map(|p| Some((self.touch(p, kin, 0.0)?.depth, self.names[p.against.name].as_str())));
+        depths.max_by(|a, b| a.0.total_cmp(&b.0))
     }
 
     /// Moves rapier's bodies to where the chain is.

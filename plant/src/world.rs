@@ -11,15 +11,22 @@ use hapfic_ipc::message::{ContactState, MAX_CONTACTS, Physics};
 use hapfic_robot::{JointVector, Kinematics, MAX_JOINTS};
 use nalgebra::Vector3;
 
-/// The stop at a joint's limit: a stiff, well damped contact law over the angle, rad (m for a prismatic joint).
-const STOP: ContactLaw = ContactLaw {
-    stiffness: 1e4,
-    damping: 1e2,
-    transition_width: 1e-3,
-    friction_static: 0.0,
-    friction_dynamic: 0.0,
-    critical_speed: 1e-3,
-};
+/// The stop at a joint's limit: a stiff, well damped contact law over the angle, rad (m for a prismatic joint), that holds the
+/// joint's full effort with 2 mrad (mm).
+fn stop(effort: f64) -> ContactLaw {
+    let effort = if effort.is_finite() { effort } else { 0.0 };
+    let stiffness = (effort / 2e-3).max(1e4);
+    ContactLaw {
+        stiffness,
+        damping: stiffness * 1e-2,
+        transition_width: 1e-3,
+        friction_static: 0.0,
+        friction_dynamic: 0.0,
+        critical_speed: 1e-3,
+    }
+}
+/// Share of a damped velocity that may decay in a Runge-Kutta sub-step; the method is unstable beyond 2.8.
+const DECAY: f64 = 0.5;
 /// A contact this near, m, is treated as one, besides the way that can be covered in a sub-step.
 const CLEARANCE: f64 = 1e-4;
 
@@ -161,7 +168,7 @@ impl World {
             let kin = self.kinematics();
             let flight = left.min(self.substeps.flight_us);
             sum.physics.substeps += 1;
-            if self.is_clear(&kin, seconds(flight)) {
+            if self.is_clear(&kin, seconds(flight)) && self.is_slow(&kin, &damping, seconds(flight)) {
                 self.fly(&kin, &torque, &damping, seconds(flight));
                 left -= flight;
             } else {
@@ -192,26 +199,48 @@ impl World {
             })
     }
 
-    /// q'' under a torque.
+    /// Whether damping is weak enough for an explicit sub-step of `h`: the trace of M^-1 D bounds the fastest decay.
+    fn is_slow(&self, kin: &Kinematics, damping: &JointVector, h: f64) -> bool {
+        let n = self.n();
+        if damping[..n].iter().all(|c| *c == 0.0) {
+            return true;
+        }
+        let Some(factor) = self.factor(kin) else { return false };
+        let mut rate = 0.0;
+        for i in 0..n {
+            let mut unit = [0.0; MAX_SPEEDS];
+            unit[i] = 1.0;
+            newton::substitute(&factor, &mut unit, n);
+            rate += damping[i] * unit[i];
+        }
+        h * rate < DECAY
+    }
+
+    /// Cholesky factor of the mass matrix; `None` if it is singular.
+    fn factor(&self, kin: &Kinematics) -> Option<[Row; MAX_SPEEDS]> {
+        let n = self.n();
+        let mass = self.scene.chain.mass_matrix(kin);
+        let mut factor = [[0.0; MAX_SPEEDS]; MAX_SPEEDS];
+        for (i, row) in factor.iter_mut().enumerate().take(n) {
+            for (j, value) in row.iter_mut().enumerate().take(n) {
+                *value = mass[(i, j)];
+            }
+        }
+        newton::factor(&mut factor, n).then_some(factor)
+    }
+
+    /// q'' under a torque; not a number where the mass matrix is singular, which the plant reports.
     fn acceleration(&self, kin: &Kinematics, qd: &JointVector, torque: &JointVector, damping: &JointVector) -> JointVector {
         let n = self.n();
-        let chain = &self.scene.chain;
-        let mass = chain.mass_matrix(kin);
-        let bias = chain.bias(kin, &qd[..n], &self.gravity);
-        let mut factor = [[0.0; MAX_SPEEDS]; MAX_SPEEDS];
+        let bias = self.scene.chain.bias(kin, &qd[..n], &self.gravity);
+        let mut qdd = [0.0; MAX_JOINTS];
+        let Some(factor) = self.factor(kin) else { return [f64::NAN; MAX_JOINTS] };
         let mut x = [0.0; MAX_SPEEDS];
         for i in 0..n {
-            for j in 0..n {
-                factor[i][j] = mass[(i, j)];
-            }
             x[i] = torque[i] - damping[i] * qd[i] - bias[i];
         }
-        let mut qdd = [0.0; MAX_JOINTS];
-        // Bodies without mass are refused when the chain is built, so the matrix is positive definite.
-        if newton::factor(&mut factor, n) {
-            newton::substitute(&factor, &mut x, n);
-            qdd[..n].copy_from_slice(&x[..n]);
-        }
+        newton::substitute(&factor, &mut x, n);
+        qdd[..n].copy_from_slice(&x[..n]);
         qdd
     }
 
@@ -243,7 +272,7 @@ impl World {
     /// One implicit sub-step in contact.
     fn press(&mut self, kin: &Kinematics, torque: &JointVector, damping: &JointVector, h: f64, sum: &mut Accumulator) {
         let n = self.n();
-        self.gather(kin, h);
+        let left_out = self.gather(kin, h);
         let chain = &self.scene.chain;
         let mass = chain.mass_matrix(kin);
         let bias = chain.bias(kin, &self.qd[..n], &self.gravity);
@@ -261,7 +290,7 @@ impl World {
         let mut v = [0.0; MAX_SPEEDS];
         let solved = newton.solve(h, &self.points, &mut v, &mut self.forces);
         sum.physics.newton_iterations += solved.iterations;
-        sum.physics.unconverged += u32::from(!solved.converged);
+        sum.physics.unconverged += u32::from(!solved.converged || left_out > 0);
         for ((q, before), after) in self.q.iter_mut().zip(&self.qd).zip(&v).take(n) {
             *q += h * 0.5 * (before + after);
         }
@@ -269,17 +298,32 @@ impl World {
         self.account(h, sum);
     }
 
-    /// Contact points and stops within reach of a sub-step of `h`.
-    fn gather(&mut self, kin: &Kinematics, h: f64) {
+    /// Stops and contact points within reach of a sub-step of `h`. Returns how many points there was no room for.
+    fn gather(&mut self, kin: &Kinematics, h: f64) -> u32 {
         let n = self.n();
         self.points.clear();
         self.owners.clear();
+        let mut left_out = 0;
+        for (i, joint) in self.scene.chain.joints().iter().enumerate() {
+            let way = CLEARANCE + 2.0 * h * self.qd[i].abs();
+            for (depth, sign) in [(joint.lower - self.q[i], 1.0), (self.q[i] - joint.upper, -1.0)] {
+                if depth > -way && self.points.len() < MAX_POINTS {
+                    let mut normal = [0.0; MAX_SPEEDS];
+                    normal[i] = sign;
+                    let zero = [0.0; MAX_SPEEDS];
+                    self.points.push(Point { normal, tangents: [zero; 2], rough: false, depth, law: stop(self.effort[i]) });
+                    self.owners.push(Owner::Stop);
+                }
+            }
+        }
         for (index, pair) in self.scene.pairs.iter().enumerate() {
             let reach = CLEARANCE + 2.0 * h * self.scene.closing_speed(pair, kin, &self.qd[..n]);
             let Some(touch) = self.scene.touch(pair, kin, reach) else { continue };
             let tangents = tangents(&touch.normal);
             let row = |direction: &Vector3<f64>| relative_row(pair.body, pair.against, kin, &touch.point, direction);
-            if self.points.len() < MAX_POINTS {
+            if self.points.len() == MAX_POINTS {
+                left_out += 1;
+            } else {
                 self.points.push(Point {
                     normal: row(&touch.normal),
                     tangents: [row(&tangents[0]), row(&tangents[1])],
@@ -290,18 +334,7 @@ impl World {
                 self.owners.push(Owner::Pair { index, touch, tangents });
             }
         }
-        for (i, joint) in self.scene.chain.joints().iter().enumerate() {
-            let way = CLEARANCE + 2.0 * h * self.qd[i].abs();
-            for (depth, sign) in [(joint.lower - self.q[i], 1.0), (self.q[i] - joint.upper, -1.0)] {
-                if depth > -way && self.points.len() < MAX_POINTS {
-                    let mut normal = [0.0; MAX_SPEEDS];
-                    normal[i] = sign;
-                    let zero = [0.0; MAX_SPEEDS];
-                    self.points.push(Point { normal, tangents: [zero; 2], rough: false, depth, law: STOP });
-                    self.owners.push(Owner::Stop);
-                }
-            }
-        }
+        left_out
     }
 
     /// Adds the forces of a sub-step to the tick's sums.
@@ -313,9 +346,10 @@ impl World {
                 * (force[0] * middle(&point.normal)
                     + force[1] * middle(&point.tangents[0])
                     + force[2] * middle(&point.tangents[1]));
-            self.contact_work += work;
             let Owner::Pair { index, touch, tangents } = owner else { continue };
-            sum.add(*index, touch, touch.normal * force[0] + tangents[0] * force[1] + tangents[1] * force[2], h);
+            self.contact_work += work;
+            let sensed = self.scene.pairs[*index].sensed;
+            sum.add(*index, sensed, touch, touch.normal * force[0] + tangents[0] * force[1] + tangents[1] * force[2], h);
             sum.peak_normal = sum.peak_normal.max(force[0]);
         }
     }
@@ -326,7 +360,7 @@ impl World {
         for (index, pair) in self.scene.pairs.iter().enumerate() {
             if let Some(touch) = self.scene.touch(pair, &kin, CLEARANCE) {
                 let force = pair.law.normal(touch.depth, 0.0).force;
-                sum.add(index, &touch, touch.normal * force, seconds(duration_us));
+                sum.add(index, pair.sensed, &touch, touch.normal * force, seconds(duration_us));
             }
         }
     }
@@ -363,6 +397,7 @@ fn relative_row(body: Side, against: Side, kin: &Kinematics, point: &Vector3<f64
 /// Sums over the sub-steps of a tick.
 #[derive(Clone, Copy, Debug, Default)]
 struct Accumulator {
+    sensed: Vector3<f64>,
     impulse: [Vector3<f64>; MAX_CONTACTS],
     last: [Option<Touch>; MAX_CONTACTS],
     peak_normal: f64,
@@ -370,7 +405,11 @@ struct Accumulator {
 }
 
 impl Accumulator {
-    fn add(&mut self, pair: usize, touch: &Touch, force: Vector3<f64>, h: f64) {
+    fn add(&mut self, pair: usize, sensed: bool, touch: &Touch, force: Vector3<f64>, h: f64) {
+        if sensed {
+            self.sensed += force * h;
+        }
+        // There is room to report a few pairs; all of them push, and are felt.
         if let (Some(impulse), Some(last)) = (self.impulse.get_mut(pair), self.last.get_mut(pair)) {
             *impulse += force * h;
             *last = Some(*touch);
@@ -378,12 +417,14 @@ impl Accumulator {
     }
 
     fn finish(self, pairs: &[Pair], duration_us: u32) -> Advance {
-        let mut advance = Advance { peak_normal: self.peak_normal, physics: self.physics, ..Advance::default() };
+        let mut advance = Advance {
+            sensed_force: self.sensed / seconds(duration_us),
+            peak_normal: self.peak_normal,
+            physics: self.physics,
+            ..Advance::default()
+        };
         for ((pair, impulse), last) in pairs.iter().zip(self.impulse).zip(self.last) {
             let force = impulse / seconds(duration_us);
-            if pair.sensed {
-                advance.sensed_force += force;
-            }
             if let Some(touch) = last
                 && force.norm_squared() > 0.0
             {

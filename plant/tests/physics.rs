@@ -61,6 +61,70 @@ fn joint_damping_only_takes_energy() {
     }
 }
 
+#[test]
+fn damping_of_any_strength_is_stable() {
+    for damping in ["11.46", "100", "1e4"] {
+        let set = format!("robot.joint_damping_n_m_s_per_rad={damping}");
+        let mut plant = floor(&["robot.base_position_m=[0, 0, 5]", &set]);
+        plant.world().qd[..3].copy_from_slice(&[3.0, -5.0, 4.0]);
+        let mut energy = plant.world().energy();
+        for tick in 0..300 {
+            plant.world().advance(Action::Torque([0.0; MAX_JOINTS]), 1000);
+            let now = plant.world().energy();
+            assert!(now <= energy, "damping {damping}, tick {tick}: {now} after {energy}");
+            energy = now;
+        }
+    }
+}
+
+/// A vertical slider of 2 kg with a sphere of 20 mm at its end, between stops 0.3 m apart.
+const SLIDER: &str = r#"<robot name="slider">
+  <link name="rail"/>
+  <joint name="lift" type="prismatic"><parent link="rail"/><child link="rod"/><axis xyz="0 0 1"/>
+    <limit lower="-0.2" upper="0.1" effort="500" velocity="5"/></joint>
+  <link name="rod"><inertial><mass value="2"/><inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="end" type="fixed"><parent link="rod"/><child link="foot"/></joint>
+  <link name="foot"><collision><geometry><sphere radius="0.02"/></geometry></collision></link>
+</robot>"#;
+
+fn slider(base_height: f64) -> Plant {
+    let scenario = format!(
+        "[robot]\nurdf = \"slider.urdf\"\nbase_link = \"rail\"\ntip_link = \"foot\"\n\
+         base_position_m = [0, 0, {base_height:?}]\nstart_position_rad = [0]\n[world.floor]\n"
+    );
+    Plant::new(&Settings::from_effective(&scenario, "slider.urdf", SLIDER).unwrap()).unwrap()
+}
+
+#[test]
+fn a_slider_falls_lands_and_stops_as_it_should() {
+    // Free fall.
+    let mut plant = slider(5.0);
+    for _ in 0..100 {
+        plant.world().advance(Action::Torque([0.0; MAX_JOINTS]), 1000);
+    }
+    assert!((plant.world().q[0] + 0.5 * 9.81 * 0.01).abs() < 1e-12);
+    // On its lower stop, pushed with all its effort: within 3 mm.
+    for _ in 0..2000 {
+        plant.world().advance(Action::Torque([-500.0; MAX_JOINTS]), 1000);
+    }
+    let q = plant.world().q[0];
+    assert!(q < -0.2 && q > -0.203 && plant.world().qd[0].abs() < 1e-6, "{q}");
+    // On the floor: its own weight.
+    let mut plant = slider(0.05);
+    let mut advance = hapfic_plant::Advance::default();
+    for _ in 0..2000 {
+        advance = plant.world().advance(Action::Torque([0.0; MAX_JOINTS]), 1000);
+    }
+    assert!((advance.sensed_force.z - 2.0 * 9.81).abs() < 1e-6, "{:?}", advance.sensed_force);
+}
+
+#[test]
+fn a_start_inside_the_floor_is_refused() {
+    let settings = Settings::load("floor", &["world.floor.height_m=0.3".to_owned()]).unwrap();
+    let error = Plant::new(&settings).unwrap_err().to_string();
+    assert!(error.contains("deep in the floor") && error.contains("0.17"), "{error}");
+}
+
 /// A torque that presses the foot down with a force and carries the leg's weight, computed from the plant's own model.
 fn press(plant: &mut Plant, force: f64) -> [f64; MAX_JOINTS] {
     let chain = plant.chain().clone();

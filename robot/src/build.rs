@@ -47,7 +47,7 @@ impl Chain {
             return Err(RobotError::TooManyJoints { file: file(), base, tip, found: movable });
         }
 
-        let mut builder = Builder { tree: &tree, path: &path, joints: ArrayVec::new(), collisions: Vec::new() };
+        let mut builder = Builder { tree: &tree, path: &path, tip_link, joints: ArrayVec::new(), collisions: Vec::new() };
         let mut bodies: ArrayVec<Body, MAX_JOINTS> = ArrayVec::new();
         // Of the current link, in the frame of the body it belongs to.
         let mut pose = IsometryMatrix3::identity();
@@ -107,6 +107,7 @@ fn kind(tree: &Tree<'_>, index: usize) -> Result<Option<JointKind>, RobotError> 
 struct Builder<'t> {
     tree: &'t Tree<'t>,
     path: &'t [usize],
+    tip_link: &'t str,
     joints: ArrayVec<Joint, MAX_JOINTS>,
     collisions: Vec<Collision>,
 }
@@ -193,6 +194,10 @@ impl Builder<'_> {
             inertia = inertia.plus(&self.inertia(index)?.placed(&pose));
             for collision in &link.collision {
                 let own = self.pose(&collision.origin, || format!("link '{}' <collision><origin>", link.name))?;
+                // Only what the tip touches with must be known exactly; a mesh elsewhere is left out.
+                if matches!(collision.geometry, Geometry::Mesh { .. }) && link.name != self.tip_link {
+                    continue;
+                }
                 let shape = self.shape(&link.name, &collision.geometry)?;
                 let placed = pose * own;
                 let origin = Isometry3::from_parts(placed.translation, UnitQuaternion::from_rotation_matrix(&placed.rotation));

@@ -89,6 +89,26 @@ pub fn foreign(processes: &Processes, process: Process) -> Option<&Vec<String>> 
     }
 }
 
+/// Checks that a foreign command's program is there.
+///
+/// # Errors
+/// If it is not, naming the setting.
+pub fn find_program(processes: &Processes, process: Process) -> Result<()> {
+    let Some(program) = foreign(processes, process).map(|words| Path::new(&words[0])) else { return Ok(()) };
+    // As the system looks for it: with a slash it is a path, without one it is in a folder of PATH.
+    let found = if program.components().count() > 1 {
+        program.is_file()
+    } else {
+        std::env::var_os("PATH").is_some_and(|path| std::env::split_paths(&path).any(|dir| dir.join(program).is_file()))
+    };
+    anyhow::ensure!(
+        found,
+        "processes.{process}: found no program '{}', expected the path of one, or a name in PATH",
+        program.display()
+    );
+    Ok(())
+}
+
 /// How a process ended, in words.
 #[must_use]
 pub fn describe(status: ExitStatus) -> String {

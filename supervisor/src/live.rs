@@ -14,6 +14,8 @@ pub struct Pulse {
     phase: AtomicU32,
     /// Real-time privileges it has.
     realtime: AtomicU32,
+    /// Messages it has refused.
+    refused: AtomicU32,
 }
 
 impl Pulse {
@@ -23,11 +25,15 @@ impl Pulse {
         self.phase.load(Ordering::Acquire).checked_sub(1).and_then(Phase::from_code)
     }
 
-    /// How long it has not been heard of, ns.
+    /// When it was last heard of.
+    fn heard_ns(&self) -> Option<u64> {
+        Some(self.heard_ns.load(Ordering::Relaxed)).filter(|heard| *heard > 0)
+    }
+
+    /// Messages it has refused since it started.
     #[must_use]
-    pub fn age_ns(&self) -> Option<u64> {
-        let heard = self.heard_ns.load(Ordering::Relaxed);
-        (heard > 0).then(|| clock::now_ns().saturating_sub(heard))
+    pub fn refused(&self) -> u32 {
+        self.refused.load(Ordering::Relaxed)
     }
 
     /// Real-time privileges it has, bits of [`hapfic_ipc::realtime::Granted`].
@@ -63,6 +69,8 @@ pub struct Live {
     pub stop: AtomicBool,
     /// The recorder should take in what is left and end.
     pub drain: AtomicBool,
+    /// When the recorder last took in all there was.
+    listened_ns: AtomicU64,
     /// The log cannot be written any further.
     pub log_failed: AtomicBool,
     /// Last tick whose command went out; starts at 0, see `go`.
@@ -87,11 +95,25 @@ impl Live {
         &self.pulses[process as usize]
     }
 
+    /// How long a process has not been heard of, ns: until the recorder last listened, since a recorder that was held up has
+    /// heard of nobody.
+    #[must_use]
+    pub fn silence_ns(&self, process: Process) -> Option<u64> {
+        let listened = self.listened_ns.load(Ordering::Acquire);
+        self.pulse(process).heard_ns().map(|heard| listened.saturating_sub(heard))
+    }
+
+    /// To be called when everything that had been sent has been taken in.
+    pub fn listened(&self) {
+        self.listened_ns.store(clock::now_ns(), Ordering::Release);
+    }
+
     /// Takes note of a timing message.
     pub fn hear(&self, timing: &Timing) {
         let Some(pulse) = self.pulses.get(timing.process as usize) else { return };
         pulse.heard_ns.store(clock::now_ns(), Ordering::Relaxed);
         pulse.realtime.store(timing.realtime, Ordering::Relaxed);
+        pulse.refused.store(timing.refused, Ordering::Relaxed);
         pulse.phase.store(timing.phase + 1, Ordering::Release);
     }
 }

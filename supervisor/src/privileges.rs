@@ -3,21 +3,65 @@
 use crate::live::Live;
 use anyhow::{Result, bail};
 use hapfic_config::Settings;
-use hapfic_ipc::RealtimeMode;
 use hapfic_ipc::message::Process;
 use hapfic_ipc::realtime::{Granted, Privilege, privileges};
+use hapfic_ipc::{Clock, RealtimeMode};
 use std::fmt::Write;
 
-/// Refuses to go on if all privileges are required and one is missing.
+/// Refuses to go on if all privileges are required and one cannot be had.
 ///
 /// # Errors
 /// The table of what is there and what is not.
-pub fn require(settings: &Settings, mode: RealtimeMode) -> Result<()> {
+pub fn require(settings: &Settings, clock: Clock, mode: RealtimeMode) -> Result<()> {
+    if mode != RealtimeMode::Require {
+        return Ok(());
+    }
+    if clock == Clock::Lockstep {
+        bail!("--realtime require: found --clock lockstep, which has no real time; expected --clock realtime");
+    }
     let list = privileges(settings.realtime.priority_plant as i32);
-    if mode == RealtimeMode::Require && list.iter().any(|p| !p.granted) {
+    if list.iter().any(|p| !p.granted) {
         bail!("--realtime require: this user lacks what real time needs\n{}", table(&list));
     }
     Ok(())
+}
+
+/// A real-time thread and what it asks for.
+struct Row {
+    name: &'static str,
+    process: Process,
+    priority: u32,
+    core: Option<u32>,
+}
+
+fn rows(settings: &Settings, shared_core: Option<u32>) -> [Row; 4] {
+    let rt = &settings.realtime;
+    [
+        ("plant", Process::Plant, rt.priority_plant, rt.core_plant),
+        ("gate", Process::Supervisor, rt.priority_gate, rt.core_gate),
+        ("controller", Process::Controller, rt.priority_controller, rt.core_controller),
+        ("planner", Process::Planner, rt.priority_planner, rt.core_planner),
+    ]
+    .map(|(name, process, priority, core)| Row { name, process, priority, core: core.or(shared_core) })
+}
+
+/// What threads asked for and did not get: who, and what.
+#[must_use]
+pub fn missing(settings: &Settings, shared_core: Option<u32>, live: &Live) -> Vec<(&'static str, String)> {
+    let mut missing = Vec::new();
+    for row in rows(settings, shared_core) {
+        let granted = Granted(live.pulse(row.process).realtime());
+        if !granted.has(Granted::FIFO) {
+            missing.push((row.name, format!("SCHED_FIFO at priority {}", row.priority)));
+        }
+        if !granted.has(Granted::LOCKED) {
+            missing.push((row.name, "its memory locked".to_owned()));
+        }
+        if let Some(core) = row.core.filter(|_| !granted.has(Granted::PINNED)) {
+            missing.push((row.name, format!("core {core}")));
+        }
+    }
+    missing
 }
 
 fn table(list: &[Privilege]) -> String {
@@ -36,18 +80,11 @@ pub fn report(settings: &Settings, mode: RealtimeMode, shared_core: Option<u32>,
         out.push_str(" off, nothing asked for");
     } else {
         let _ = write!(out, "\n{}", table(&privileges(settings.realtime.priority_plant as i32)));
-        let rt = &settings.realtime;
-        let rows = [
-            ("plant", Process::Plant, rt.priority_plant, rt.core_plant),
-            ("gate", Process::Supervisor, rt.priority_gate, rt.core_gate),
-            ("controller", Process::Controller, rt.priority_controller, rt.core_controller),
-            ("planner", Process::Planner, rt.priority_planner, rt.core_planner),
-        ];
-        for (name, process, priority, core) in rows {
+        for Row { name, process, priority, core } in rows(settings, shared_core) {
             let granted = Granted(live.pulse(process).realtime());
             let fifo = if granted.has(Granted::FIFO) { format!("FIFO {priority}") } else { "not FIFO".to_owned() };
             let memory = if granted.has(Granted::LOCKED) { "memory locked" } else { "memory not locked" };
-            let core = match core.or(shared_core) {
+            let core = match core {
                 None => "any core".to_owned(),
                 Some(c) if granted.has(Granted::PINNED) => format!("core {c}"),
                 Some(c) => format!("NOT on core {c}"),

@@ -5,6 +5,7 @@
 
 use anyhow::{Context, Result};
 use rustix::fs::{FlockOperation, flock};
+use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
 use serde::{Deserialize, Serialize};
 use std::fs::{self, DirBuilder, File, OpenOptions};
 use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt};
@@ -44,6 +45,8 @@ impl Place {
     /// If shared memory or the user's run-time directory cannot be written.
     pub fn take(scenario: &str, log: &Path) -> Result<Self> {
         let folder = runtime_folder()?;
+        // One start or end at a time, so that none takes another's half-made registration for a dead run's.
+        let _turn = Turn::take(&folder)?;
         let others = sweep(&folder);
         let mut salt = hapfic_ipc::clock::unix_ns();
         loop {
@@ -94,11 +97,43 @@ impl Place {
 impl Drop for Place {
     fn drop(&mut self) {
         remove_remains(&self.run);
+        let Some(folder) = self.file.parent() else { return };
+        // Without its turn it can still remove its own file, but not the folder that others may be about to use.
+        let turn = Turn::take(folder);
         // Last: as long as it is there, the next start knows that something may be left.
         let _ = fs::remove_file(&self.file);
-        if let Some(folder) = self.file.parent() {
+        if turn.is_ok() {
             // Only if no other run is registered.
             let _ = fs::remove_dir(folder);
+        }
+    }
+}
+
+/// The right to change what is registered; ends when dropped.
+struct Turn(#[allow(dead_code)] File);
+
+impl Turn {
+    fn take(folder: &Path) -> Result<Self> {
+        use std::os::unix::fs::MetadataExt;
+        let problem = || format!("cannot lock {}, where runs are registered", folder.display());
+        loop {
+            let handle = match File::open(folder) {
+                Ok(handle) => handle,
+                // Another run has just removed it.
+                Err(e) if e.kind() == std::io::ErrorKind::NotFound => {
+                    let _ = runtime_folder()?;
+                    continue;
+                }
+                Err(e) => return Err(e).with_context(problem),
+            };
+            flock(&handle, FlockOperation::LockExclusive).with_context(problem)?;
+            // While this one waited, the folder may have been removed and made anew.
+            let same = |a: &fs::Metadata, b: &fs::Metadata| (a.dev(), a.ino()) == (b.dev(), b.ino());
+            if let (Ok(ours), Ok(now)) = (handle.metadata(), fs::metadata(folder))
+                && same(&ours, &now)
+            {
+                return Ok(Self(handle));
+            }
         }
     }
 }
@@ -106,7 +141,8 @@ impl Drop for Place {
 /// The user's run-time directory for runs; made if it is not there.
 fn runtime_folder() -> Result<PathBuf> {
     let folder = match std::env::var_os("XDG_RUNTIME_DIR") {
-        Some(dir) if !dir.is_empty() => PathBuf::from(dir).join("hapfic"),
+        // Set, but not there: as after `su`.
+        Some(dir) if Path::new(&dir).is_dir() => PathBuf::from(dir).join("hapfic"),
         _ => std::env::temp_dir().join(format!("hapfic-{}", rustix::process::getuid().as_raw())),
     };
     match DirBuilder::new().mode(0o700).create(&folder) {
@@ -143,12 +179,28 @@ fn sweep(folder: &Path) -> usize {
 }
 
 fn remove_remains(run: &str) {
+    end_processes(run);
     let _ = fs::remove_dir_all(format!("{SHM}/{run}"));
     let prefix = format!("{run}_");
     let Ok(entries) = fs::read_dir(SHM) else { return };
     for entry in entries.flatten() {
         if entry.file_name().to_string_lossy().starts_with(&prefix) {
             let _ = fs::remove_file(entry.path());
+        }
+    }
+}
+
+/// Ends what still runs of a run whose supervisor is gone: it should have ended by itself, unless it was stopped.
+fn end_processes(run: &str) {
+    let mark = format!("{}={SHM}/{run}/", hapfic_ipc::RunFile::VARIABLE);
+    let Ok(entries) = fs::read_dir("/proc") else { return };
+    for entry in entries.flatten() {
+        let Some(pid) = entry.file_name().to_str().and_then(|n| n.parse().ok()).and_then(Pid::from_raw) else { continue };
+        // Opened first: what is read after is then of the same process.
+        let Ok(handle) = pidfd_open(pid, PidfdFlags::empty()) else { continue };
+        let environment = fs::read(entry.path().join("environ")).unwrap_or_default();
+        if environment.split(|b| *b == 0).any(|v| v.starts_with(mark.as_bytes())) {
+            let _ = pidfd_send_signal(&handle, Signal::KILL);
         }
     }
 }

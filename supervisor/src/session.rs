@@ -1,6 +1,6 @@
 //! One run from start to end: everything checked first, then started, watched, ended, and removed.
 
-use crate::children::{Child, Children, describe};
+use crate::children::{self, Child, Children, describe};
 use crate::gate::core::Limits;
 use crate::gate::timeline::Timeline;
 use crate::gate::{Gateway, Start as GateStart};
@@ -13,9 +13,9 @@ use crate::scene;
 use crate::summary::{self, Fault, Recorder as RecorderSummary, Run, Summary};
 use anyhow::{Context, Result};
 use hapfic_config::{PERIOD_S, Placement, Settings};
-use hapfic_ipc::message::{MAX_JOINTS, Phase, Process};
+use hapfic_ipc::message::{Detector, Event, EventKind, MAX_JOINTS, Phase, Process, Severity};
 use hapfic_ipc::realtime::IdleHold;
-use hapfic_ipc::{Bus, Clock, Domain, IpcError, RealtimeMode, RunFile, topic};
+use hapfic_ipc::{Bus, Clock, Domain, IpcError, Output, RealtimeMode, RunFile, topic};
 use hapfic_log::{Attachment, Names, Viewer, Writer, WriterOptions};
 use hapfic_plant::Plant;
 use std::collections::BTreeMap;
@@ -65,6 +65,7 @@ pub fn run(request: &Request) -> Result<Result<Summary, Refused>> {
 
 /// Everything that can fail because of what was asked for, done.
 struct Prepared {
+    place: Place,
     plant: Plant,
     writer: Writer,
     viewer: Viewer,
@@ -75,24 +76,27 @@ impl Prepared {
     fn new(request: &Request) -> Result<Self> {
         let settings = &request.settings;
         let plant = Plant::new(settings)?;
-        if request.clock == Clock::Realtime {
-            privileges::require(settings, request.realtime)?;
+        privileges::require(settings, request.clock, request.realtime)?;
+        for process in STARTED {
+            children::find_program(&settings.processes, process)?;
         }
+        let place = Place::take(&request.scenario, &request.log)?;
         let start_unix_ns = if request.clock == Clock::Realtime { hapfic_ipc::clock::unix_ns() } else { 0 };
         let writer = open_log(request, &plant, start_unix_ns)?;
         let viewer =
             Viewer::new(scene::scene(settings, plant.chain()), settings.recorder.viewer_rate_hz.round() as u32, start_unix_ns);
         let stop = Arc::new(AtomicBool::new(false));
         for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP] {
+            // The second one ends at once, whatever is still being waited for; the next start then cleans up.
+            signal_hook::flag::register_conditional_shutdown(signal, 3, Arc::clone(&stop)).context("cannot handle signals")?;
             signal_hook::flag::register(signal, Arc::clone(&stop)).context("cannot handle signals")?;
         }
-        Ok(Self { plant, writer, viewer, stop })
+        Ok(Self { place, plant, writer, viewer, stop })
     }
 
     fn run(self, request: &Request) -> Result<Summary> {
-        let Self { plant, writer, viewer, stop } = self;
+        let Self { place, plant, writer, viewer, stop } = self;
         let settings = &request.settings;
-        let place = Place::take(&request.scenario, &request.log)?;
         let domain = Domain::new(&place.prefix(), &place.root())?;
         let core = match settings.realtime.placement {
             Placement::OneCore => hapfic_ipc::realtime::shared_core(place.others()),
@@ -148,6 +152,8 @@ impl Prepared {
             recorder: &recorder,
             stop,
             faults: Vec::new(),
+            events: bus.output(&topic::EVENT)?,
+            advanced: (-1, Instant::now()),
         };
         let timed = match watch.start_and_follow(request, &run_file, core) {
             Ok(timed) => timed,
@@ -182,6 +188,9 @@ struct Watch<'a> {
     recorder: &'a Recorder,
     stop: Arc<AtomicBool>,
     faults: Vec<Fault>,
+    events: Output<Event>,
+    /// Last tick that had been gated, and when that was first seen.
+    advanced: (i64, Instant),
 }
 
 impl Watch<'_> {
@@ -195,11 +204,21 @@ impl Watch<'_> {
         let stolen = summary::steal_ms();
         let mut completed = false;
         if ready {
+            if request.clock == Clock::Realtime && !self.has_what_it_requires(request, core) {
+                return Ok(Timed { launch_s, ..Timed::default() });
+            }
             if request.clock == Clock::Realtime {
                 privileges::report(self.settings, request.realtime, core, &self.live);
             }
+            let what = format!("{} ({}) starts", request.scenario, request.clock.name());
+            self.tell(-1, Process::Supervisor, EventKind::Started, Severity::Nominal, Detector::None, &what);
+            self.advanced = (-1, Instant::now());
             self.live.go.store(true, Ordering::Release);
             completed = self.follow()?;
+            if completed {
+                let last = self.live.gated.load(Ordering::Relaxed);
+                self.tell(last, Process::Supervisor, EventKind::Ended, Severity::Nominal, Detector::None, "all ticks are done");
+            }
         }
         Ok(Timed {
             launch_s,
@@ -211,7 +230,20 @@ impl Watch<'_> {
 
     fn fault(&mut self, process: &str, what: String, detector: &'static str) {
         let tick = self.live.gated.load(Ordering::Relaxed);
+        let (kind, seen) = match detector {
+            "exit" => (EventKind::Lost, Detector::Exit),
+            "heartbeat" => (EventKind::Lost, Detector::Heartbeat),
+            "tick" => (EventKind::Lost, Detector::Tick),
+            _ => (EventKind::Ended, Detector::None),
+        };
+        let about = Process::from_name(process).unwrap_or(Process::Supervisor);
+        self.tell(tick, about, kind, Severity::Stopped, seen, &format!("{process} {what}"));
         self.faults.push(Fault { process: process.to_owned(), what, detector, tick });
+    }
+
+    /// Into the log. Whoever cannot be told is the recorder, and its own failure is reported elsewhere.
+    fn tell(&mut self, tick: i64, about: Process, kind: EventKind, severity: Severity, seen: Detector, text: &str) {
+        let _ = self.events.send(&Event::new(tick, about, kind, severity, seen, text));
     }
 
     /// Waits until all have said that they are ready. `false` if one does not get there.
@@ -274,10 +306,9 @@ impl Watch<'_> {
         }
         let limit = u64::from(self.settings.supervisor.heartbeat_timeout_ms) * 1_000_000;
         for process in STARTED.iter().chain([&recorder::GATE]) {
-            let pulse = self.live.pulse(*process);
-            if let Some(age) = pulse.age_ns()
+            if let Some(age) = self.live.silence_ns(*process)
                 && age > limit
-                && pulse.phase() != Some(Phase::Finished)
+                && self.live.pulse(*process).phase() != Some(Phase::Finished)
                 && !lost.iter().any(|(p, _, _)| p == process)
             {
                 lost.push((*process, format!("has not been heard of for {} ms", age / 1_000_000), "heartbeat"));
@@ -286,6 +317,9 @@ impl Watch<'_> {
         for (process, what, detector) in &lost {
             let name = if *process == recorder::GATE { "gate" } else { process.name() };
             self.fault(name, what.clone(), detector);
+        }
+        if self.live.go.load(Ordering::Relaxed) && lost.is_empty() && self.stalled() {
+            return Ok(false);
         }
         if self.live.log_failed.load(Ordering::Acquire) || self.recorder.failed() {
             self.fault("recorder", "cannot write the log any further".to_owned(), "recorder");
@@ -299,6 +333,44 @@ impl Watch<'_> {
             }
         }
         Ok(lost.is_empty())
+    }
+
+    /// The third detector: everybody lives, and no tick is done.
+    fn stalled(&mut self) -> bool {
+        let gated = self.live.gated.load(Ordering::Acquire);
+        if gated != self.advanced.0 || gated + 1 >= self.settings.duration_ticks as i64 {
+            self.advanced = (gated, Instant::now());
+            return false;
+        }
+        let limit = Duration::from_millis(self.settings.supervisor.stall_timeout_ms.into());
+        let stalled = self.advanced.1.elapsed() > limit;
+        if stalled {
+            let refused: Vec<_> = STARTED
+                .iter()
+                .chain([&recorder::GATE])
+                .filter(|p| self.live.pulse(**p).refused() > 0)
+                .map(|p| format!("{p} {}", self.live.pulse(*p).refused()))
+                .collect();
+            let refused = if refused.is_empty() { "none".to_owned() } else { refused.join(", ") };
+            self.fault(
+                "gate",
+                format!("has had nothing to pass on for {} ms; messages refused: {refused}", limit.as_millis()),
+                "tick",
+            );
+        }
+        stalled
+    }
+
+    /// With `--realtime require`: whether every thread has got what it asked for.
+    fn has_what_it_requires(&mut self, request: &Request, core: Option<u32>) -> bool {
+        if request.realtime != RealtimeMode::Require {
+            return true;
+        }
+        let missing = privileges::missing(self.settings, core, &self.live);
+        for (process, what) in &missing {
+            self.fault(process, format!("did not get {what}, which --realtime require asks for"), "start");
+        }
+        missing.is_empty()
     }
 
     /// Ends everyone, then lets the recorder take in what is left.
@@ -393,7 +465,7 @@ fn open_log(request: &Request, plant: &Plant, start_unix_ns: u64) -> Result<Writ
 
 fn summarise(request: &Request, timed: Timed, mut faults: Vec<Fault>, recorder: Recorder) -> Summary {
     let (recorded, error) = recorder.finish();
-    let mut completed = timed.completed;
+    let mut completed = timed.completed && faults.is_empty();
     if let Some(error) = error {
         completed = false;
         faults.push(Fault {
@@ -402,6 +474,11 @@ fn summarise(request: &Request, timed: Timed, mut faults: Vec<Fault>, recorder: 
             detector: "recorder",
             tick: recorded.and_then(|r| r.metrics.ticks.last).unwrap_or(-1),
         });
+    }
+    if completed && recorded.is_some_and(|r| !r.active) {
+        completed = false;
+        let what = "made no request that could be used, in the whole run".to_owned();
+        faults.push(Fault { process: "controller".to_owned(), what, detector: "tick", tick: -1 });
     }
     let metrics = recorded.map(|r| r.metrics).unwrap_or_default();
     let run = Run {
@@ -415,8 +492,8 @@ fn summarise(request: &Request, timed: Timed, mut faults: Vec<Fault>, recorder: 
         log: request.log.clone(),
     };
     let mut lost = metrics.ticks.lost;
-    if timed.completed {
-        // The gaps, and what is missing at the end.
+    if timed.completed && metrics.ticks.last.is_some() {
+        // The gaps, and what is missing at the start and at the end.
         let written: u64 = recorded.map_or(0, |r| r.ticks.iter().sum());
         lost = (2 * request.settings.duration_ticks).saturating_sub(written);
     }

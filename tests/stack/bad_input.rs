@@ -79,15 +79,46 @@ fn places_that_cannot_be_written() {
     refused(&stack, &["run", "--log", "file/run.mcap"], &["file"]);
     refused(&stack, &["run", "--log", "/dev/full"], &["/dev/full"]);
     refused(&stack, &["run", "--summary-json", "nowhere/summary.json"], &["nowhere/summary.json"]);
+    // What was there before is still there.
+    std::fs::write(stack.path("old.json"), "old").unwrap();
+    refused(&stack, &["run", "--summary-json", "old.json", "--log", "/dev/full"], &["/dev/full"]);
+    assert_eq!(std::fs::read_to_string(stack.path("old.json")).unwrap(), "old");
+}
+
+#[test]
+fn a_log_that_another_run_is_writing() {
+    let stack = Stack::new();
+    let long = ["run", "floor", "--clock", "lockstep", "--duration", "3600", "--log", "run.mcap"];
+    let mut first = stack.start(&long);
+    first.wait_for(&stack.path("run.mcap"), 50_000);
+    let second = stack.run(&long);
+    assert_eq!(second.code, Some(2), "{}", second.err);
+    assert!(second.err.contains("run.mcap") && second.err.contains("another run"), "{}", second.err);
+    second.expect_nothing_left();
+    first.signal(rustix::process::Signal::INT);
+    first.finish().expect(3);
+    assert!(crate::log_file::expect_complete(&stack.path("run.mcap")) > 50);
+}
+
+#[test]
+fn real_time_that_cannot_be_had() {
+    let stack = Stack::new();
+    refused(&stack, &["run", "--clock", "lockstep", "--realtime", "require"], &["require", "lockstep"]);
 }
 
 #[test]
 fn a_process_that_cannot_start_fails_the_run() {
     let stack = Stack::new();
     let run = ["run", "floor", "--clock", "lockstep", "--log", "run.mcap", "--set"];
-    let end = stack.run(&[&run[..], &["processes.planner=[\"/nonexistent/planner\"]"]].concat());
-    end.expect(3);
-    assert!(end.out.contains("FAULT") && end.out.contains("/nonexistent/planner"), "{}", end.out);
+    for process in ["plant", "planner", "controller"] {
+        let set = format!("processes.{process}=[\"/nonexistent/program\"]");
+        refused(&stack, &[&run[..], &[&set]].concat(), &[&format!("processes.{process}"), "/nonexistent/program"]);
+        // A program that is there and cannot be started.
+        let set = format!("processes.{process}=[\"/etc/passwd\"]");
+        let end = stack.run(&[&run[..], &[&set]].concat());
+        end.expect(3);
+        assert!(end.out.contains("FAULT") && end.out.contains("/etc/passwd"), "{}", end.out);
+    }
     // One that starts and ends at once.
     let end = stack.run(&[&run[..], &["processes.planner=[\"true\"]"]].concat());
     end.expect(3);

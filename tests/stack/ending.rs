@@ -78,6 +78,54 @@ fn without_a_supervisor_all_go_and_the_next_start_cleans_up() {
 }
 
 #[test]
+fn a_supervisor_killed_while_it_starts_leaves_nothing_running_and_the_next_start_works() {
+    let stack = Stack::new();
+    for delay_us in (0..40_000).step_by(4_000) {
+        let run = stack.start(&LONG);
+        let begun = Instant::now();
+        while begun.elapsed() < Duration::from_micros(delay_us) {
+            std::hint::spin_loop();
+        }
+        let children = hapfic_tests::children_of(run.pid());
+        run.signal(Signal::KILL);
+        let end = run.finish();
+        let start = Instant::now();
+        while children.iter().any(|(_, pid)| is_running(*pid)) {
+            assert!(start.elapsed() < Duration::from_secs(10), "killed after {delay_us} us, still running: {children:?}");
+            std::thread::yield_now();
+        }
+        stack.run(&["run", "floor", "--clock", "lockstep", "--duration", "0.05", "--log", "next.mcap"]).expect(0);
+        end.expect_nothing_left();
+    }
+    assert_eq!(stack.registrations(), 0);
+}
+
+#[test]
+fn a_foreign_program_and_what_it_started_end_with_the_run() {
+    let stack = Stack::new();
+    let foreign = "processes.planner=[\"sh\", \"-c\", \"sleep 1000 & sleep 1000\"]";
+    // When the supervisor ends it, and when the supervisor is killed: then its death signal, or the next start, does.
+    for signal in [Signal::INT, Signal::KILL] {
+        let arguments = [&LONG[..], &["--set", foreign]].concat();
+        let run = stack.start(&arguments);
+        let begun = Instant::now();
+        // The plant, the controller, the shell and its two.
+        while remains_of(run.pid()).iter().filter(|r| r.starts_with("process")).count() < 5 {
+            assert!(begun.elapsed() < Duration::from_secs(30), "{:?}", remains_of(run.pid()));
+            std::thread::yield_now();
+        }
+        run.signal(signal);
+        let end = run.finish();
+        if signal == Signal::KILL {
+            stack.run(&["run", "floor", "--clock", "lockstep", "--duration", "0.05", "--log", "next.mcap"]).expect(0);
+        } else {
+            assert_eq!(end.code, Some(3), "{}", end.err);
+        }
+        end.expect_nothing_left();
+    }
+}
+
+#[test]
 fn a_log_that_cannot_be_written_any_further_ends_the_run() {
     let stack = Stack::new();
     let pipe = stack.path("pipe");

@@ -2,9 +2,11 @@
 
 use crate::cli::RunArgs;
 use crate::session::{self, Refused, Request};
+use crate::summary::Summary;
 use crate::{Outcome, print};
 use anyhow::{Context, Result};
 use hapfic_config::Settings;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -21,7 +23,7 @@ pub fn run(args: &RunArgs, since: Instant) -> Result<Outcome> {
         Ok(settings) => settings,
         Err(e) => return Ok(Outcome::Refused(e.into())),
     };
-    let summary_file = match args.summary_json.as_deref().map(create).transpose() {
+    let summary_file = match args.summary_json.as_deref().map(SummaryFile::open).transpose() {
         Ok(file) => file,
         Err(e) => return Ok(Outcome::Refused(e)),
     };
@@ -35,21 +37,50 @@ pub fn run(args: &RunArgs, since: Instant) -> Result<Outcome> {
     };
     let summary = match session::run(&request)? {
         Ok(summary) => summary,
-        Err(Refused(e)) => return Ok(Outcome::Refused(e)),
+        Err(Refused(e)) => {
+            if let Some(file) = summary_file {
+                file.forget();
+            }
+            return Ok(Outcome::Refused(e));
+        }
     };
     print(summary.text().trim_end());
-    if let Some((file, path)) = summary_file {
-        serde_json::to_writer_pretty(file, &summary).with_context(|| format!("cannot write {}", path.display()))?;
+    if let Some(file) = summary_file {
+        file.write(&summary)?;
     }
     Ok(if summary.completed { Outcome::Done } else { Outcome::Failed })
 }
 
-/// Before the run: a summary that cannot be written should not cost one.
-fn create(path: &Path) -> Result<(std::fs::File, PathBuf)> {
-    let file = std::fs::File::create(path).with_context(|| {
-        format!("--summary-json {}: cannot be written, expected a path in a folder that exists", path.display())
-    })?;
-    Ok((file, path.to_owned()))
+/// Where the summary goes: opened before the run, since a summary that cannot be written should not cost one, and emptied only
+/// after it.
+struct SummaryFile {
+    file: std::fs::File,
+    path: PathBuf,
+    existed: bool,
+}
+
+impl SummaryFile {
+    fn open(path: &Path) -> Result<Self> {
+        let existed = path.exists();
+        let file = std::fs::File::options().write(true).create(true).truncate(false).open(path).with_context(|| {
+            format!("--summary-json {}: cannot be written, expected a path in a folder that exists", path.display())
+        })?;
+        Ok(Self { file, path: path.to_owned(), existed })
+    }
+
+    fn write(&self, summary: &Summary) -> Result<()> {
+        let text = serde_json::to_vec_pretty(summary)?;
+        // A device or a pipe has no length to set.
+        let _ = self.file.set_len(0);
+        (&self.file).write_all(&text).with_context(|| format!("cannot write {}", self.path.display()))
+    }
+
+    /// The run was refused: leaves things as they were.
+    fn forget(self) {
+        if !self.existed {
+            let _ = std::fs::remove_file(&self.path);
+        }
+    }
 }
 
 /// `logs/floor-20260131-154502-1234.mcap`, local to where the program was started.

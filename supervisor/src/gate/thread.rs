@@ -8,7 +8,7 @@ use hapfic_ipc::message::{
     Command, Detector, Event, EventKind, Operator, Phase, Process, Request, Severity, Source, State, Timing,
 };
 use hapfic_ipc::realtime::{self, Granted, Wish};
-use hapfic_ipc::{Bus, Check, Clock, Defect, Domain, Input, IpcError, Output, Wait, allocations, clock, topic, wait};
+use hapfic_ipc::{Bus, Check, Clock, Defect, Domain, Input, IpcError, Output, Recent, Wait, allocations, clock, topic, wait};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
@@ -21,8 +21,8 @@ const GO_EVERY: Duration = Duration::from_millis(1);
 const LOOK_AGAIN: Duration = Duration::from_micros(500);
 /// The period in nanoseconds.
 const PERIOD_NS: u64 = 1_000_000;
-/// Controllers whose requests may wait for their tick at once.
-const CONTROLLERS: usize = 4;
+/// Controllers: the primary and its standby.
+const CONTROLLERS: usize = 2;
 
 /// What the gate starts with.
 #[derive(Clone, Debug)]
@@ -63,11 +63,18 @@ pub struct Gateway {
     operator: Output<Operator>,
     event: Output<Event>,
     timing: Output<Timing>,
-    /// Newest request of each controller for the tick that is due.
-    inbox: [Option<Request>; CONTROLLERS],
+    /// What each controller has asked for lately: primary first.
+    inbox: [Recent<Request>; CONTROLLERS],
+    /// What was refused in this tick, to be told of in the slack.
+    defects: [Option<(Process, Defect)>; CONTROLLERS],
     /// Newest state's tick and time of publication.
     newest: Option<(i64, u64)>,
     refused: u32,
+    /// Periods slipped so far, and joints limited in the last tick.
+    slipped: u64,
+    limited: u32,
+    /// Time of the last heartbeat sent while waiting.
+    beaten_ns: u64,
     granted: Granted,
     faults_at_start: u64,
     faults: u32,
@@ -88,9 +95,13 @@ impl Gateway {
             operator: bus.output(&topic::OPERATOR)?,
             event: bus.output(&topic::EVENT)?,
             timing: bus.output(&topic::TIMING)?,
-            inbox: [None; CONTROLLERS],
+            inbox: [Recent::default(); CONTROLLERS],
+            defects: [None; CONTROLLERS],
             newest: None,
             refused: 0,
+            slipped: 0,
+            limited: 0,
+            beaten_ns: 0,
             granted: Granted::default(),
             faults_at_start: 0,
             faults: 0,
@@ -120,8 +131,11 @@ impl Gateway {
         }
         self.faults_at_start = realtime::page_faults();
         self.operator.send(self.start.timeline.operator())?;
-        self.announce(-1)?;
+        let announced = self.announce(-1)?;
         self.command.send(self.gate.last())?;
+        if let Some((version, from)) = announced {
+            self.tell_parameters(version, from)?;
+        }
         self.slack();
         while self.gate.tick() < self.start.ticks && !self.stopped() {
             match self.start.clock {
@@ -206,65 +220,91 @@ impl Gateway {
     /// Takes in what has come: states for their time, requests into the inbox.
     fn read(&mut self) -> Result<(), IpcError> {
         while let Some(state) = self.state.next()? {
-            if state.check().is_ok() && self.newest.is_none_or(|(tick, _)| state.tick > tick) {
-                self.newest = Some((state.tick, state.stamp_ns));
+            let in_order = self.newest.is_none_or(|(tick, _)| state.tick > tick) && (0..self.start.ticks).contains(&state.tick);
+            if state.check().is_ok() && in_order {
+                let now = clock::now_ns();
+                // A stamp that cannot be right must not move the deadline.
+                let stamp = if (1..=now).contains(&state.stamp_ns) { state.stamp_ns } else { now };
+                self.newest = Some((state.tick, stamp));
+                self.tell_of(&state)?;
             } else {
                 self.refused += 1;
             }
         }
         while let Some(request) = self.request.next()? {
-            // A place for each controller, so that none can push another's request out.
             let place = match Process::from_code(request.controller) {
                 Some(Process::Controller) => 0,
                 Some(Process::Standby) => 1,
                 _ => {
-                    self.refuse(&request, Defect::Code { field: "controller", found: request.controller })?;
+                    self.refused += 1;
                     continue;
                 }
             };
-            self.inbox[place] = Some(request);
+            self.inbox[place].keep(request);
         }
         Ok(())
     }
 
-    /// The first valid request for the tick that is due, primary before standby.
+    /// Time that slipped, once it has grown.
+    fn tell_of(&mut self, state: &State) -> Result<(), IpcError> {
+        let (before, now) = (self.slipped, state.slipped);
+        if now <= before {
+            return Ok(());
+        }
+        self.slipped = now;
+        let late_us = state.wake_lateness_ns / 1000;
+        self.tell(Process::Plant, EventKind::Slipped, Detector::Tick, |text| {
+            write!(text, "timer {late_us} us late, simulated time slipped by {} ticks", now - before)
+        })
+    }
+
+    /// The first valid request for the tick that is due, primary before standby. Those for later ticks wait.
     fn choose(&mut self) -> Option<Request> {
-        let version = self.start.timeline.operator().at(self.gate.tick()).version;
+        let tick = self.gate.tick();
+        let version = self.start.timeline.operator().at(tick).version;
         for place in 0..CONTROLLERS {
-            let Some(request) = self.inbox[place].take() else { continue };
+            let Some(request) = self.inbox[place].at(tick).copied() else { continue };
             match self.gate.judge(&request, version) {
                 Ok(()) => return Some(request),
-                // The standby's, when the primary's was taken: no fault of anybody's.
-                Err(Defect::Tick { field: "tick", found, expected }) if found == expected - 1 => {}
                 Err(defect) => {
-                    // Telling of it must not cost the tick.
-                    let _ = self.refuse(&request, defect);
+                    // Asked again at every wake-up of this tick, told once.
+                    if self.defects[place].is_none() {
+                        self.refused += 1;
+                        self.defects[place] = Some((Process::from_code(request.controller)?, defect));
+                    }
                 }
             }
         }
         None
     }
 
-    fn refuse(&mut self, request: &Request, defect: Defect) -> Result<(), IpcError> {
-        self.refused += 1;
-        let process = Process::from_code(request.controller).unwrap_or(Process::Controller);
-        self.tell(process, EventKind::Refused, Detector::Check, |text| write!(text, "request refused: {defect}"))
-    }
-
     fn publish(&mut self, command: &Command, wake: u64, before: u64) -> Result<(), IpcError> {
         let tick = command.tick;
         let severity_before = self.start.live.severity.load(Ordering::Relaxed);
-        self.announce(tick)?;
+        let announced = self.announce(tick)?;
         let stamp = if self.start.clock == Clock::Realtime { clock::now_ns() } else { 0 };
         let published = self.command.send(&Command { stamp_ns: stamp, ..*command })?;
         let allocated = if self.start.clock == Clock::Realtime { allocations::count() - before } else { 0 };
         // From here on it is slack.
         self.start.live.severity.store(command.severity, Ordering::Relaxed);
         self.start.live.gated.store(tick, Ordering::Release);
+        for place in 0..CONTROLLERS {
+            if let Some((process, defect)) = self.defects[place].take() {
+                self.tell(process, EventKind::Refused, Detector::Check, |text| write!(text, "request refused: {defect}"))?;
+            }
+        }
+        if let Some((version, from)) = announced {
+            self.tell_parameters(version, from)?;
+        }
+        if (command.limited == 0) != (self.limited == 0) {
+            self.tell_limited(command)?;
+        }
+        self.limited = command.limited;
         if command.severity != severity_before {
             self.tell_transition(severity_before, command.severity)?;
         }
-        if command.source != Source::Fresh.code() && Severity::from_code(command.severity) != Some(Severity::Nominal) {
+        let missed = command.source != Source::Fresh.code() && command.source != Source::Withheld.code();
+        if missed && Severity::from_code(command.severity) != Some(Severity::Nominal) {
             self.tell(Process::Controller, EventKind::Missed, Detector::Deadline, |text| {
                 write!(text, "no valid request for tick {tick} by the deadline")
             })?;
@@ -291,13 +331,25 @@ impl Gateway {
         Ok(())
     }
 
-    fn announce(&mut self, tick: i64) -> Result<(), IpcError> {
-        let Some(operator) = self.start.timeline.announce(tick) else { return Ok(()) };
+    /// Publishes parameters whose time is near. Returns their version and first tick.
+    fn announce(&mut self, tick: i64) -> Result<Option<(u64, i64)>, IpcError> {
+        let Some(operator) = self.start.timeline.announce(tick) else { return Ok(None) };
         let operator = *operator;
         self.operator.send(&operator)?;
-        let next = operator.next;
+        Ok(Some((operator.next.version, operator.next.effective_tick)))
+    }
+
+    fn tell_parameters(&mut self, version: u64, from: i64) -> Result<(), IpcError> {
         self.tell(Process::Supervisor, EventKind::Parameters, Detector::None, |text| {
-            write!(text, "parameters {} in force from tick {}", next.version, next.effective_tick)
+            write!(text, "parameters {version} in force from tick {from}")
+        })
+    }
+
+    fn tell_limited(&mut self, command: &Command) -> Result<(), IpcError> {
+        let limited = command.limited;
+        self.tell(Process::Supervisor, EventKind::Limited, Detector::None, |text| match limited {
+            0 => write!(text, "no torque is limited any more"),
+            bits => write!(text, "the peak limits the torque of joints {bits:#b} (a bit each, the first joint last)"),
         })
     }
 
@@ -327,6 +379,11 @@ impl Gateway {
 
     fn beat(&mut self, phase: Phase) -> Result<(), IpcError> {
         let now = clock::now_ns();
+        // Often enough to be heard, and not more.
+        if phase == Phase::Waiting && now - self.beaten_ns < PATIENCE.as_nanos() as u64 {
+            return Ok(());
+        }
+        self.beaten_ns = now;
         let timing = Timing { phase: phase.code(), tick: self.gate.last().tick, due_ns: now, wake_ns: now, ..Timing::default() };
         self.account(&timing)?;
         self.timing.prepare();

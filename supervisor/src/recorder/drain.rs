@@ -6,7 +6,7 @@ use hapfic_ipc::message::{Command, Credit, Event, Operator, Reference, Request, 
 use hapfic_ipc::{Bus, Check, Clock, Domain, Input, IpcError, Output, topic};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
-use std::sync::mpsc::Sender;
+use std::sync::mpsc::SyncSender;
 use std::time::Duration;
 
 /// How often shared memory is drained.
@@ -17,7 +17,7 @@ pub(super) struct Drain {
     clock: Clock,
     window: i64,
     live: Arc<Live>,
-    sender: Sender<Vec<Record>>,
+    sender: SyncSender<Vec<Record>>,
     state: Input<State>,
     reference: Input<Reference>,
     request: Input<Request>,
@@ -35,7 +35,7 @@ impl Drain {
         clock: Clock,
         credit_ticks: u32,
         live: Arc<Live>,
-        sender: Sender<Vec<Record>>,
+        sender: SyncSender<Vec<Record>>,
     ) -> Result<Self, IpcError> {
         let bus = Bus::open(domain, "recorder")?;
         Ok(Self {
@@ -71,6 +71,8 @@ impl Drain {
             take(&mut self.state, &mut batch, Record::State)?;
             take(&mut self.operator, &mut batch, Record::Operator)?;
             batch.reverse();
+            // Tick by tick, causes first.
+            batch.sort_by_key(Record::tick);
             for record in &batch {
                 match record {
                     Record::Timing(timing) => self.live.hear(timing),
@@ -83,6 +85,7 @@ impl Drain {
                 self.credit.send(&Credit { tick: self.granted })?;
                 self.credit.prepare();
             }
+            self.live.listened();
             let quiet = batch.is_empty();
             if !quiet && self.sender.send(batch).is_err() {
                 // The writer has failed, and says so itself.

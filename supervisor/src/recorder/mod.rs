@@ -16,7 +16,7 @@ use hapfic_log::{LogError, Metrics, MetricsSummary, Viewer, Writer};
 use hapfic_robot::Chain;
 use shown::Shown;
 use std::sync::Arc;
-use std::sync::mpsc::channel;
+use std::sync::mpsc::{channel, sync_channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
 use write::Write;
@@ -31,6 +31,26 @@ enum Record {
     Operator(Operator),
     Event(Event),
     Timing(Timing),
+}
+
+/// Batches that may wait for the writer, in realtime a millisecond each, in lockstep up to a hundred ticks. A disk that stalls for longer stalls the draining too; in
+/// lockstep the plant then waits for its credit, in realtime ticks are lost, and counted.
+const QUEUE_REALTIME: usize = 4096;
+const QUEUE_LOCKSTEP: usize = 64;
+
+impl Record {
+    /// The tick it belongs to; parameters come before everything they may govern.
+    fn tick(&self) -> i64 {
+        match self {
+            Self::State(m) => m.tick,
+            Self::Reference(m) => m.tick,
+            Self::Request(m) => m.tick,
+            Self::Command(m) => m.tick,
+            Self::Operator(_) => i64::MIN,
+            Self::Event(m) => m.tick,
+            Self::Timing(m) => m.tick,
+        }
+    }
 }
 
 /// What a recorder starts with.
@@ -60,6 +80,8 @@ pub struct Recorded {
     pub metrics: MetricsSummary,
     /// Messages written.
     pub messages: u64,
+    /// Whether any request was ever accepted.
+    pub active: bool,
     /// Of them, states and commands.
     pub ticks: [u64; 2],
     /// Size of the file, bytes.
@@ -78,7 +100,7 @@ impl Recorder {
     /// # Errors
     /// If threads or ports cannot be had.
     pub fn start(start: Start) -> Result<Self> {
-        let (sender, receiver) = channel();
+        let (sender, receiver) = sync_channel(if start.clock == Clock::Lockstep { QUEUE_LOCKSTEP } else { QUEUE_REALTIME });
         let (ready, connected) = channel();
         let Start { domain, clock, credit_ticks, writer, viewer, chain, flush_every, live } = start;
         let drain_live = Arc::clone(&live);

@@ -51,6 +51,7 @@ impl Write {
         }
         let recorded = Recorded {
             metrics: self.metrics.summary(),
+            active: self.active,
             messages: Topic::ALL.iter().map(|t| self.writer.messages(*t)).sum(),
             ticks: [self.writer.messages(Topic::State), self.writer.messages(Topic::Command)],
             file_bytes: 0,
