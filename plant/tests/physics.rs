@@ -115,7 +115,7 @@ fn a_slider_falls_lands_and_stops_as_it_should() {
     for _ in 0..2000 {
         advance = plant.world().advance(Action::Torque([0.0; MAX_JOINTS]), 1000);
     }
-    assert!((advance.sensed_force.z - 2.0 * 9.81).abs() < 1e-6, "{:?}", advance.sensed_force);
+    assert!((advance.sensed_force.z - 2.0 * 9.81).abs() < 1e-4, "{:?}", advance.sensed_force);
 }
 
 #[test]

@@ -131,6 +131,14 @@ impl Started {
         }
     }
 
+    /// Kills it and waits for its end; what it said is lost, since processes it has left behind may hold on to its output.
+    #[must_use]
+    pub fn kill(mut self) -> Finished {
+        self.child.kill().expect("the program still runs");
+        let status = self.child.wait().expect("a status");
+        Finished { supervisor: self.pid(), code: status.code(), out: String::new(), err: String::new() }
+    }
+
     /// Waits for its end.
     #[must_use]
     pub fn finish(self) -> Finished {

@@ -63,8 +63,7 @@ fn without_a_supervisor_all_go_and_the_next_start_cleans_up() {
     let mut run = stack.start(&LONG);
     let children = run.children(&PROCESSES);
     run.wait_for(&stack.path("run.mcap"), UNDER_WAY);
-    run.signal(Signal::KILL);
-    let end = run.finish();
+    let end = run.kill();
     assert_eq!(end.code, None);
     let start = Instant::now();
     while children.iter().any(|(_, pid)| is_running(*pid)) {
@@ -87,8 +86,7 @@ fn a_supervisor_killed_while_it_starts_leaves_nothing_running_and_the_next_start
             std::hint::spin_loop();
         }
         let children = hapfic_tests::children_of(run.pid());
-        run.signal(Signal::KILL);
-        let end = run.finish();
+        let end = run.kill();
         let start = Instant::now();
         while children.iter().any(|(_, pid)| is_running(*pid)) {
             assert!(start.elapsed() < Duration::from_secs(10), "killed after {delay_us} us, still running: {children:?}");
@@ -114,8 +112,12 @@ fn a_foreign_program_and_what_it_started_end_with_the_run() {
             assert!(begun.elapsed() < Duration::from_secs(30), "{:?}", remains_of(run.pid()));
             std::thread::yield_now();
         }
-        run.signal(signal);
-        let end = run.finish();
+        let end = if signal == Signal::KILL {
+            run.kill()
+        } else {
+            run.signal(signal);
+            run.finish()
+        };
         if signal == Signal::KILL {
             stack.run(&["run", "floor", "--clock", "lockstep", "--duration", "0.05", "--log", "next.mcap"]).expect(0);
         } else {
