@@ -219,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn the_foot_stands_over_the_floor_as_the_issue_of_the_start_posture_says() {
+    fn the_foot_starts_twelve_centimetres_over_the_floor() {
         let scene = floor_scene();
         let kin = scene.chain.kinematics(&[0.0, 0.9, -1.8]);
         let touch = scene.touch(&scene.pairs[0], &kin, 1.0).unwrap();

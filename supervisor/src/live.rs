@@ -69,8 +69,9 @@ pub struct Live {
     pub stop: AtomicBool,
     /// The recorder should take in what is left and end.
     pub drain: AtomicBool,
-    /// When the recorder last took in all there was.
+    /// When the recorder last took in all there was, and how often it has.
     listened_ns: AtomicU64,
+    rounds: AtomicU64,
     /// The log cannot be written any further.
     pub log_failed: AtomicBool,
     /// Last tick whose command went out; starts at 0, see `go`.
@@ -106,6 +107,13 @@ impl Live {
     /// To be called when everything that had been sent has been taken in.
     pub fn listened(&self) {
         self.listened_ns.store(clock::now_ns(), Ordering::Release);
+        self.rounds.fetch_add(1, Ordering::Release);
+    }
+
+    /// How often that was.
+    #[must_use]
+    pub fn rounds(&self) -> u64 {
+        self.rounds.load(Ordering::Acquire)
     }
 
     /// Takes note of a timing message.

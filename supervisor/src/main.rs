@@ -7,14 +7,15 @@ mod children;
 mod cli;
 mod commands;
 mod gate;
+mod launch;
 mod live;
 mod privileges;
 mod progress;
 mod recorder;
 mod registry;
 mod scene;
-mod session;
 mod summary;
+mod watch;
 
 use clap::Parser;
 use std::io::Write;

@@ -1,7 +1,7 @@
 //! `hapfic run`: a scenario from start to summary.
 
 use crate::cli::RunArgs;
-use crate::session::{self, Refused, Request};
+use crate::launch::{self, Refused, Request};
 use crate::summary::Summary;
 use crate::{Outcome, print};
 use anyhow::{Context, Result};
@@ -35,7 +35,7 @@ pub fn run(args: &RunArgs, since: Instant) -> Result<Outcome> {
         log: args.log.clone().unwrap_or_else(|| default_log(&args.scenario)),
         since,
     };
-    let summary = match session::run(&request)? {
+    let summary = match launch::run(&request)? {
         Ok(summary) => summary,
         Err(Refused(e)) => {
             if let Some(file) = summary_file {
