@@ -6,7 +6,7 @@ use std::path::PathBuf;
 
 /// A real-time control stack for robots that touch things: the HapFIC adaptive force/position controller.
 #[derive(Debug, Parser)]
-#[command(version, about, propagate_version = true)]
+#[command(version, propagate_version = true)]
 pub struct Cli {
     /// What to do; `run floor` if nothing is given.
     #[command(subcommand)]

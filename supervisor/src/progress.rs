@@ -24,7 +24,8 @@ impl Progress {
 
     /// Draws the line, if there is a terminal and it is time to.
     pub fn show(&mut self, glance: &Glance) {
-        if !self.terminal || self.drawn.is_some_and(|t| t.elapsed() < DRAW_EVERY) {
+        // Before the first tick there is nothing to show.
+        if !self.terminal || *glance == Glance::default() || self.drawn.is_some_and(|t| t.elapsed() < DRAW_EVERY) {
             return;
         }
         self.drawn = Some(Instant::now());

@@ -1,5 +1,7 @@
 //! `hapfic check`: everything that can be known to be wrong without running.
 
+use crate::children::find_program;
+use crate::watch::STARTED;
 use crate::{Outcome, print};
 use anyhow::Result;
 use hapfic_config::Settings;
@@ -15,6 +17,11 @@ pub fn check(scenario: &str, set: &[String]) -> Result<Outcome> {
         Ok(plant) => plant,
         Err(e) => return Ok(Outcome::Refused(anyhow::Error::from(e).context(scenario.to_owned()))),
     };
+    for process in STARTED {
+        if let Err(e) = find_program(&settings.processes, process) {
+            return Ok(Outcome::Refused(e.context(scenario.to_owned())));
+        }
+    }
     let joints: Vec<_> = plant.chain().joints().iter().map(|j| j.name.as_str()).collect();
     let state = plant.sample();
     let [x, y, z] = state.foot_position;

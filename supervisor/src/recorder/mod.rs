@@ -1,7 +1,7 @@
 //! The recorder: takes in every message of every tick, and writes them.
 //!
 //! Two threads, so that a disk that stalls does not stall the taking in: one drains shared memory every millisecond
-//! ([`drain`]) and passes what it found on; the other encodes, sums up and writes ([`write`]). Neither is a real-time thread.
+//! (`drain.rs`) and passes what it found on; the other encodes, sums up and writes (`write.rs`). Neither is a real-time thread.
 
 mod drain;
 mod shown;
