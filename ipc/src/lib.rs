@@ -26,6 +26,7 @@ mod bus;
 mod check;
 mod child;
 pub mod clock;
+mod codes;
 mod context;
 mod error;
 pub mod message;

@@ -1,0 +1,165 @@
+//! What the codes in messages mean.
+
+use crate::wire_enum::wire_enum;
+
+wire_enum! {
+    /// What happens to the searched offset when the force is matched or none is wished (Algorithm 1, `Reset`).
+    ResetPolicy {
+        /// dx returns to zero when no force is wished and is kept while the force is matched.
+        ContactLoss = 0, "contact_loss";
+        /// dx returns to zero whenever the search rests, as Algorithm 1 prints it with `Reset = true`.
+        AsPrinted = 1, "as_printed";
+        /// dx is always kept (`Reset = false`).
+        Never = 2, "never";
+    }
+}
+
+wire_enum! {
+    /// How the force profile saturates (eq. 4).
+    Saturation {
+        /// S = 0.05 / (2 pi): saturates in the last 5 % of x_b, as the prose says.
+        Continuous = 0, "continuous";
+        /// S = 0.1353, the printed value: steps at 0.95 x_b.
+        AsPrinted = 1, "as_printed";
+    }
+}
+
+wire_enum! {
+    /// The step of the haptic search (Algorithm 1).
+    Search {
+        /// min(step, taper |F_d - F| / K0): settles.
+        Tapered = 0, "tapered";
+        /// A full step every tick, the paper's: leaves a limit cycle of one step.
+        Sign = 1, "sign";
+    }
+}
+
+wire_enum! {
+    /// The mode of a command: what the drive is asked to do.
+    Mode {
+        /// The drive's brakes hold the joints: nothing has been commanded yet.
+        Hold = 0, "hold";
+        /// The torque of the command is applied.
+        Active = 1, "active";
+        /// No torque; the drive damps its joints.
+        Brake = 2, "brake";
+        /// As brake, latched until the operator re-arms.
+        Stopped = 3, "stopped";
+    }
+}
+
+wire_enum! {
+    /// Where the content of a command comes from.
+    Source {
+        /// A request of this tick.
+        Fresh = 0, "fresh";
+        /// The last accepted request, once more.
+        Repeated = 1, "repeated";
+        /// No valid request: before the first one, or braking.
+        None = 2, "none";
+        /// A valid request of this tick that is not passed on, since a brake has not cleared yet.
+        Withheld = 3, "withheld";
+    }
+}
+
+wire_enum! {
+    /// What the drive (the plant's joints) does with the command it has.
+    Drive {
+        /// Brakes on: no command with a torque has come yet.
+        Held = 0, "held";
+        /// Applies the command's torque.
+        Torque = 1, "torque";
+        /// Damps its joints: commanded so, or commands stayed away.
+        Braking = 2, "braking";
+    }
+}
+
+wire_enum! {
+    /// A process of the stack.
+    Process {
+        /// Launcher, gate, watchdog and recorder.
+        Supervisor = 0, "supervisor";
+        /// The simulated robot, or the driver of a real one: the clock.
+        Plant = 1, "plant";
+        /// The harmonic planner.
+        Planner = 2, "planner";
+        /// The controller whose request counts.
+        Controller = 3, "controller";
+        /// The controller that computes the same, in case.
+        Standby = 4, "standby";
+    }
+}
+
+wire_enum! {
+    /// The phase of a process's life.
+    Phase {
+        /// Its ports are open; it waits for the first message.
+        Ready = 0, "ready";
+        /// It works tick by tick.
+        Running = 1, "running";
+        /// It is alive and waits for input that is overdue.
+        Waiting = 2, "waiting";
+        /// It has done its last tick.
+        Finished = 3, "finished";
+    }
+}
+
+wire_enum! {
+    /// How bad it is. Ordered: a later one is worse.
+    Severity {
+        /// All is well.
+        Nominal = 0, "nominal";
+        /// Works on with something missing.
+        Degraded = 1, "degraded";
+        /// The drive brakes.
+        Brake = 2, "brake";
+        /// Latched stop; only the operator leaves it.
+        Stopped = 3, "stopped";
+    }
+}
+
+wire_enum! {
+    /// What an event reports.
+    EventKind {
+        /// A run, process or phase began.
+        Started = 0, "started";
+        /// A run, process or phase ended as planned.
+        Ended = 1, "ended";
+        /// A process was lost.
+        Lost = 2, "lost";
+        /// A message was refused.
+        Refused = 3, "refused";
+        /// No valid request came by the deadline.
+        Missed = 4, "missed";
+        /// The plant's timer came a period or more late; simulated time slipped.
+        Slipped = 5, "slipped";
+        /// The severity changed.
+        Transition = 6, "transition";
+        /// A parameter set took effect.
+        Parameters = 7, "parameters";
+        /// A torque was limited.
+        Limited = 8, "limited";
+        /// Contact of the foot made or lost.
+        Contact = 9, "contact";
+        /// Anything else worth a line.
+        Note = 10, "note";
+    }
+}
+
+wire_enum! {
+    /// Who saw an event first.
+    Detector {
+        /// Nobody had to detect it: it was done on purpose.
+        None = 0, "none";
+        /// The operating system: exit of a process.
+        Exit = 1, "exit";
+        /// The age of the last heartbeat.
+        Heartbeat = 2, "heartbeat";
+        /// A tick that does not advance.
+        Tick = 3, "tick";
+        /// The gate's deadline.
+        Deadline = 4, "deadline";
+        /// The check of a message.
+        Check = 5, "check";
+    }
+}
