@@ -1,4 +1,5 @@
 //! What the planner promises for every sequence of targets, at any ticks and with changing limits.
+#![allow(clippy::print_stdout)]
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use core::f64::consts::PI;
@@ -263,4 +264,23 @@ fn a_long_way_takes_pi_d_over_two_v_max_and_peaks_at_v_max() {
     // pi / (2 * 1.596 * 0.5) = 1.9684 s: it is there with the next tick.
     assert_eq!(ticks, 1969);
     assert!((fastest - 0.798).abs() < 1e-6, "{fastest}");
+}
+
+/// What docs/decisions/0005 says of targets that are streamed, so that it stays true or is noticed when it changes.
+#[test]
+fn a_target_that_trembles_at_every_tick_is_approached_far_more_slowly_than_one_that_stands() {
+    let parameters = PlannerParameters { mean_speed_m_per_s: 0.5, max_acceleration_m_per_s2: 10.0 };
+    let way = |tremble: f64| {
+        let mut state = hapfic_planner::hold([0.0; 3]);
+        let mut position = 0.0;
+        for tick in 0..500 {
+            let target = [0.1 + if tick % 2 == 0 { tremble } else { -tremble }, 0.0, 0.0];
+            let (next, setpoint) = hapfic_planner::step(state, target, &parameters, 1e-3);
+            (state, position) = (next, setpoint.position_m[0]);
+        }
+        position
+    };
+    println!("after 0.5 s: {} m standing, {} m trembling by 0.1 mm", way(0.0), way(1e-4));
+    assert!((way(0.0) - 0.1).abs() < 1e-12);
+    assert!(way(1e-4) < 0.05 && way(1e-4) > 0.0);
 }

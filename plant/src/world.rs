@@ -143,7 +143,7 @@ impl World {
         self.contact_work
     }
 
-    /// Advances by a whole number of microseconds under one action.
+    /// Advances by a whole number of microseconds, at least one, under one action.
     pub fn advance(&mut self, action: Action, duration_us: u32) -> Advance {
         let mut sum = Accumulator::default();
         if action == Action::Held {

@@ -12,6 +12,15 @@ const PROCESSES: [&str; 3] = ["plant", "planner", "controller"];
 /// Bytes of log after which a run is well under way.
 const UNDER_WAY: u64 = 200_000;
 
+/// Waits for processes whose supervisor is gone to end by themselves.
+fn expect_gone(children: &[(String, u32)]) {
+    let start = Instant::now();
+    while children.iter().any(|(_, pid)| is_running(*pid)) {
+        assert!(start.elapsed() < Duration::from_secs(10), "still running: {children:?}");
+        std::thread::yield_now();
+    }
+}
+
 #[test]
 fn a_signal_ends_everything_in_order() {
     for signal in [Signal::INT, Signal::TERM] {
@@ -65,11 +74,7 @@ fn without_a_supervisor_all_go_and_the_next_start_cleans_up() {
     run.wait_for(&stack.path("run.mcap"), UNDER_WAY);
     let end = run.kill();
     assert_eq!(end.code, None);
-    let start = Instant::now();
-    while children.iter().any(|(_, pid)| is_running(*pid)) {
-        assert!(start.elapsed() < Duration::from_secs(10), "still running: {children:?}");
-        std::thread::yield_now();
-    }
+    expect_gone(&children);
     assert!(!remains_of(end.supervisor).is_empty(), "a killed supervisor cannot have cleaned up");
     stack.run(&["run", "floor", "--clock", "lockstep", "--duration", "0.1", "--log", "next.mcap"]).expect(0);
     end.expect_nothing_left();
@@ -87,11 +92,7 @@ fn a_supervisor_killed_while_it_starts_leaves_nothing_running_and_the_next_start
         }
         let children = hapfic_tests::children_of(run.pid());
         let end = run.kill();
-        let start = Instant::now();
-        while children.iter().any(|(_, pid)| is_running(*pid)) {
-            assert!(start.elapsed() < Duration::from_secs(10), "killed after {delay_us} us, still running: {children:?}");
-            std::thread::yield_now();
-        }
+        expect_gone(&children);
         stack.run(&["run", "floor", "--clock", "lockstep", "--duration", "0.05", "--log", "next.mcap"]).expect(0);
         end.expect_nothing_left();
     }

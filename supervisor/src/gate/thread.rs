@@ -73,6 +73,8 @@ pub struct Gateway {
     /// Periods slipped so far, and joints limited in the last tick.
     slipped: u64,
     limited: u32,
+    /// Periods slipped by the newest state that told of more, and how late its timer was, ns.
+    slip: (u64, u64),
     /// Time of the last heartbeat sent while waiting.
     beaten_ns: u64,
     granted: Granted,
@@ -101,6 +103,7 @@ impl Gateway {
             refused: 0,
             slipped: 0,
             limited: 0,
+            slip: (0, 0),
             beaten_ns: 0,
             granted: Granted::default(),
             faults_at_start: 0,
@@ -226,7 +229,7 @@ impl Gateway {
                 // A stamp that cannot be right must not move the deadline.
                 let stamp = if (1..=now).contains(&state.stamp_ns) { state.stamp_ns } else { now };
                 self.newest = Some((state.tick, stamp));
-                self.tell_of(&state)?;
+                self.slip = self.slip.max((state.slipped, state.wake_lateness_ns));
             } else {
                 self.refused += 1;
             }
@@ -246,13 +249,13 @@ impl Gateway {
     }
 
     /// Time that slipped, once it has grown.
-    fn tell_of(&mut self, state: &State) -> Result<(), IpcError> {
-        let (before, now) = (self.slipped, state.slipped);
+    fn tell_slip(&mut self) -> Result<(), IpcError> {
+        let (before, (now, late_ns)) = (self.slipped, self.slip);
         if now <= before {
             return Ok(());
         }
         self.slipped = now;
-        let late_us = state.wake_lateness_ns / 1000;
+        let late_us = late_ns / 1000;
         self.tell(Process::Plant, EventKind::Slipped, Detector::Tick, |text| {
             write!(text, "timer {late_us} us late, simulated time slipped by {} ticks", now - before)
         })
@@ -293,6 +296,7 @@ impl Gateway {
                 self.tell(process, EventKind::Refused, Detector::Check, |text| write!(text, "request refused: {defect}"))?;
             }
         }
+        self.tell_slip()?;
         if let Some((version, from)) = announced {
             self.tell_parameters(version, from)?;
         }

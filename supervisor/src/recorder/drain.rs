@@ -99,6 +99,7 @@ impl Drain {
                 self.credit.prepare();
             }
             if !last {
+                // Nobody wakes the recorder: that would cost every sender a system call a message.
                 std::thread::sleep(DRAIN_EVERY);
             }
         }
