@@ -1,0 +1,76 @@
+//! `hapfic`: launches the stack, gates torque, watches the processes and records everything.
+//!
+//! Exit codes: 0 the run completed, or the question was answered; 2 what was asked for is no good, nothing was started; 3 the
+//! run failed.
+
+mod children;
+mod cli;
+mod commands;
+pub mod gate;
+mod launch;
+mod live;
+mod privileges;
+mod progress;
+mod recorder;
+mod registry;
+mod scene;
+mod summary;
+mod watch;
+
+use clap::Parser;
+use std::io::Write;
+use std::process::ExitCode;
+use std::time::Instant;
+
+/// What was asked for is no good.
+const BAD_INPUT: u8 = 2;
+/// The run failed.
+const FAILED: u8 = 3;
+
+/// The program: reads the command line and does what it says.
+pub fn main() -> ExitCode {
+    let since = Instant::now();
+    let cli = cli::Cli::parse();
+    let outcome = match cli.command.unwrap_or_else(|| cli::Command::Run(cli::RunArgs::default())) {
+        cli::Command::Run(args) => commands::run::run(&args, since),
+        cli::Command::Check { scenario, set } => commands::check::check(&scenario, &set),
+        cli::Command::Scenarios { name } => commands::scenarios::scenarios(name.as_deref()),
+        cli::Command::Schema => {
+            print(&hapfic_config::json_schema());
+            Ok(Outcome::Done)
+        }
+        cli::Command::Process { name } => commands::process::process(name),
+    };
+    match outcome {
+        Ok(Outcome::Done) => ExitCode::SUCCESS,
+        Ok(Outcome::Failed) => ExitCode::from(FAILED),
+        Ok(Outcome::Refused(e)) => {
+            say(&format!("hapfic: {e:#}"));
+            ExitCode::from(BAD_INPUT)
+        }
+        Err(e) => {
+            say(&format!("hapfic: {e:#}"));
+            ExitCode::from(FAILED)
+        }
+    }
+}
+
+/// How a command ended.
+enum Outcome {
+    /// As asked.
+    Done,
+    /// The run failed; what there is to say has been said.
+    Failed,
+    /// It cannot be done as asked.
+    Refused(anyhow::Error),
+}
+
+/// To standard output. A reader that has gone away is no reason to fail.
+fn print(text: &str) {
+    let _ = writeln!(std::io::stdout(), "{text}");
+}
+
+/// To standard error.
+fn say(text: &str) {
+    let _ = writeln!(std::io::stderr(), "{text}");
+}
