@@ -1,11 +1,11 @@
 //! What several values have to fulfil together, and the step from a raw scenario to [`Settings`].
 
 use crate::error::{Complaint, ConfigError};
-use crate::policy::{Fidelity, ResetPolicy, Saturation, Search};
-use crate::raw::{PerJoint, RawController, RawOperator, RawProcesses, RawRealtime, RawRobot, RawScenario, RawWorld};
+use crate::policy::{Fidelity, ResetPolicy, Saturation, Search, ShapeKind};
+use crate::raw::{PerJoint, RawController, RawObject, RawOperator, RawProcesses, RawRealtime, RawRobot, RawScenario, RawWorld};
 use crate::settings::{
-    Floor, MAX_JOINTS, MIN_SPACING_TICKS, OperatorChange, Parameters, Plant, Processes, Realtime, Recorder, Robot, Settings,
-    Supervisor, Urdf, World,
+    Floor, MAX_JOINTS, MAX_OBJECTS, MIN_SPACING_TICKS, Object, ObjectShape, OperatorChange, Parameters, Plant, Processes,
+    Realtime, Recorder, Robot, Settings, Supervisor, Surface, Urdf, World,
 };
 use crate::tree::{Node, describe_number};
 
@@ -21,7 +21,7 @@ const GRAVITY_MAX: f64 = 100.0;
 /// Checks the rest of a scenario whose numbers are in their ranges.
 pub(crate) fn settings(mut raw: RawScenario, tree: &Node, urdf: Urdf) -> Result<Settings, ConfigError> {
     let at = At { tree };
-    let (search, reset_policy, saturation) = at.policies(&mut raw.controller)?;
+    let policies = at.policies(&mut raw.controller)?;
     let duration_ticks = ticks(raw.duration_s);
     let mut operator = at.timeline(&raw.operator)?;
     let mut initial = Parameters {
@@ -30,13 +30,15 @@ pub(crate) fn settings(mut raw: RawScenario, tree: &Node, urdf: Urdf) -> Result<
         stiffness: raw.controller.stiffness_n_per_m,
         max_force: raw.controller.max_force_n,
         position_bound: raw.controller.position_bound_m,
-        reset_policy,
-        saturation,
-        search,
+        reset_policy: policies.reset_policy,
+        saturation: policies.saturation,
+        search: policies.search,
         taper: raw.controller.taper,
         search_scale: raw.controller.search_scale,
         force_resolution: raw.controller.force_resolution_n,
         gravity_compensation: raw.controller.gravity_compensation,
+        offset_anti_windup: policies.offset_anti_windup,
+        stall_release: policies.stall_release,
         mean_speed: raw.planner.mean_speed_m_per_s,
         max_acceleration: raw.planner.max_acceleration_m_per_s2,
     };
@@ -92,6 +94,11 @@ pub(crate) fn settings(mut raw: RawScenario, tree: &Node, urdf: Urdf) -> Result<
     })
 }
 
+/// Checks the operator's entries of a tree that holds nothing else.
+pub(crate) fn changes(raw: &[RawOperator], tree: &Node) -> Result<Vec<OperatorChange>, ConfigError> {
+    At { tree }.timeline(raw)
+}
+
 /// A time within its range as the nearest tick.
 fn ticks(seconds: f64) -> i64 {
     (seconds * TICKS_PER_S).round() as i64
@@ -99,6 +106,15 @@ fn ticks(seconds: f64) -> i64 {
 
 fn length(v: [f64; 3]) -> f64 {
     v.iter().map(|x| x * x).sum::<f64>().sqrt()
+}
+
+/// What `fidelity` stands for, or what was set instead.
+struct Policies {
+    search: Search,
+    reset_policy: ResetPolicy,
+    saturation: Saturation,
+    offset_anti_windup: bool,
+    stall_release: bool,
 }
 
 /// The checks, with the tree to tell where a value was written.
@@ -122,19 +138,23 @@ impl At<'_> {
     }
 
     /// The policies in force, which are also written into the raw section unless `fidelity` stands for them.
-    fn policies(&self, raw: &mut RawController) -> Result<(Search, ResetPolicy, Saturation), ConfigError> {
+    fn policies(&self, raw: &mut RawController) -> Result<Policies, ConfigError> {
         const FIDELITY: &str = "controller.fidelity";
         if raw.fidelity == Fidelity::Hapfic {
-            return Ok((
-                *raw.search.get_or_insert_default(),
-                *raw.reset_policy.get_or_insert_default(),
-                *raw.saturation.get_or_insert_default(),
-            ));
+            return Ok(Policies {
+                search: *raw.search.get_or_insert_default(),
+                reset_policy: *raw.reset_policy.get_or_insert_default(),
+                saturation: *raw.saturation.get_or_insert_default(),
+                offset_anti_windup: *raw.offset_anti_windup.get_or_insert(true),
+                stall_release: *raw.stall_release.get_or_insert(true),
+            });
         }
         let given = [
             ("controller.search", raw.search.is_some()),
             ("controller.reset_policy", raw.reset_policy.is_some()),
             ("controller.saturation", raw.saturation.is_some()),
+            ("controller.offset_anti_windup", raw.offset_anti_windup.is_some()),
+            ("controller.stall_release", raw.stall_release.is_some()),
         ];
         if let Some((key, _)) = given.into_iter().find(|(_, given)| *given) {
             let found = format!(
@@ -145,7 +165,13 @@ impl At<'_> {
             let help = format!("remove {key}, or remove {FIDELITY} and set each policy");
             return Err(ConfigError::Combination(self.complain(key, &found, "one of the two", &help)));
         }
-        Ok((Search::Sign, ResetPolicy::AsPrinted, Saturation::AsPrinted))
+        Ok(Policies {
+            search: Search::Sign,
+            reset_policy: ResetPolicy::AsPrinted,
+            saturation: Saturation::AsPrinted,
+            offset_anti_windup: false,
+            stall_release: false,
+        })
     }
 
     fn short_enough(&self, key: &str, v: [f64; 3], longest: f64) -> Result<(), ConfigError> {
@@ -198,23 +224,81 @@ impl At<'_> {
         self.short_enough("world.gravity_m_per_s2", raw.gravity_m_per_s2, GRAVITY_MAX)?;
         let floor = raw.floor.map(|floor| Floor {
             height_m: floor.height_m,
-            stiffness_n_per_m: floor.stiffness_n_per_m,
-            damping_n_s_per_m: floor.damping_n_s_per_m,
-            transition_width_m: floor.transition_width_m,
-            friction_static: floor.friction_static,
-            friction_dynamic: floor.friction_dynamic,
-            critical_speed_m_per_s: floor.critical_speed_m_per_s,
+            surface: Surface {
+                stiffness_n_per_m: floor.stiffness_n_per_m,
+                damping_n_s_per_m: floor.damping_n_s_per_m,
+                transition_width_m: floor.transition_width_m,
+                friction_static: floor.friction_static,
+                friction_dynamic: floor.friction_dynamic,
+                critical_speed_m_per_s: floor.critical_speed_m_per_s,
+            },
         });
-        if let Some(floor) = floor
-            && floor.friction_dynamic > floor.friction_static
-        {
-            let found = describe_number(floor.friction_dynamic);
-            let expected = format!("at most world.floor.friction_static = {}", describe_number(floor.friction_static));
-            let help = "raise friction_static or lower friction_dynamic";
-            let complaint = self.complain("world.floor.friction_dynamic", &found, &expected, help);
-            return Err(ConfigError::Combination(complaint));
+        if let Some(floor) = floor {
+            self.friction("world.floor", &floor.surface)?;
         }
-        Ok(World { gravity_m_per_s2: raw.gravity_m_per_s2, floor })
+        if raw.objects.len() > MAX_OBJECTS {
+            let found = format!("{} of them", raw.objects.len());
+            let expected = format!("at most {MAX_OBJECTS}");
+            let help = "the messages have room for so many";
+            return Err(ConfigError::WrongLength(self.complain("world.object", &found, &expected, help)));
+        }
+        let mut objects: Vec<Object> = Vec::with_capacity(raw.objects.len());
+        for (index, object) in raw.objects.into_iter().enumerate() {
+            let object = self.object(&format!("world.object[{index}]"), object)?;
+            let name = object.name.as_str();
+            if name.trim().is_empty() || name == "floor" || objects.iter().any(|o| o.name == name) {
+                let key = format!("world.object[{index}].name");
+                let expected = "a name of its own, not \"floor\"";
+                let help = "contacts are told apart by these names";
+                return Err(ConfigError::Combination(self.complain(&key, &self.found(&key), expected, help)));
+            }
+            objects.push(object);
+        }
+        Ok(World { gravity_m_per_s2: raw.gravity_m_per_s2, floor, objects })
+    }
+
+    fn object(&self, path: &str, raw: RawObject) -> Result<Object, ConfigError> {
+        let wrong = |key: &str, expected: &str| {
+            let key = format!("{path}.{key}");
+            let found = if self.tree.get(&key).is_some() { self.found(&key) } else { "nothing".to_owned() };
+            let help = "a box has size_m, a ball has radius_m";
+            Err(ConfigError::Combination(self.complain(&key, &found, expected, help)))
+        };
+        let shape = match (raw.shape, raw.size_m, raw.radius_m) {
+            (ShapeKind::Box, Some(size_m), None) => ObjectShape::Box { size_m },
+            (ShapeKind::Ball, None, Some(radius_m)) => ObjectShape::Ball { radius_m },
+            (ShapeKind::Box, None, _) => return wrong("size_m", "the edges of the box, m"),
+            (ShapeKind::Ball, _, None) => return wrong("radius_m", "the radius of the ball, m"),
+            (ShapeKind::Box, Some(_), Some(_)) => return wrong("radius_m", "no radius for a box"),
+            (ShapeKind::Ball, Some(_), Some(_)) => return wrong("size_m", "no edges for a ball"),
+        };
+        let surface = Surface {
+            stiffness_n_per_m: raw.stiffness_n_per_m,
+            damping_n_s_per_m: raw.damping_n_s_per_m,
+            transition_width_m: raw.transition_width_m,
+            friction_static: raw.friction_static,
+            friction_dynamic: raw.friction_dynamic,
+            critical_speed_m_per_s: raw.critical_speed_m_per_s,
+        };
+        self.friction(path, &surface)?;
+        Ok(Object {
+            name: raw.name,
+            shape,
+            mass_kg: raw.mass_kg,
+            position_m: raw.position_m,
+            orientation_rpy_rad: raw.orientation_rpy_rad,
+            surface,
+        })
+    }
+
+    fn friction(&self, path: &str, surface: &Surface) -> Result<(), ConfigError> {
+        if surface.friction_dynamic <= surface.friction_static {
+            return Ok(());
+        }
+        let found = describe_number(surface.friction_dynamic);
+        let expected = format!("at most {path}.friction_static = {}", describe_number(surface.friction_static));
+        let help = "raise friction_static or lower friction_dynamic";
+        Err(ConfigError::Combination(self.complain(&format!("{path}.friction_dynamic"), &found, &expected, help)))
     }
 
     fn realtime(&self, raw: &RawRealtime) -> Result<Realtime, ConfigError> {
@@ -315,6 +399,8 @@ fn change(raw: &RawOperator) -> OperatorChange {
         search_scale: raw.search_scale,
         force_resolution: raw.force_resolution_n,
         gravity_compensation: raw.gravity_compensation,
+        offset_anti_windup: raw.offset_anti_windup,
+        stall_release: raw.stall_release,
         mean_speed: raw.mean_speed_m_per_s,
         max_acceleration: raw.max_acceleration_m_per_s2,
     }

@@ -11,11 +11,29 @@ pub struct Scenario {
     pub text: &'static str,
 }
 
-const SCENARIOS: &[Scenario] = &[Scenario {
-    name: "floor",
-    title: "Press and slide on a frictionless floor",
-    text: include_str!("../scenarios/floor.toml"),
-}];
+const SCENARIOS: &[Scenario] = &[
+    Scenario { name: "floor", title: "Press and slide on a frictionless floor", text: include_str!("../scenarios/floor.toml") },
+    Scenario {
+        name: "box",
+        title: "Press, slide, tip a box over and strike it with the shank",
+        text: include_str!("../scenarios/box.toml"),
+    },
+    Scenario {
+        name: "ball",
+        title: "Press a soft ball, kick it, and pass through the singularity",
+        text: include_str!("../scenarios/ball.toml"),
+    },
+    Scenario {
+        name: "ball-actuators",
+        title: "The soft ball again, with actuators that have limits",
+        text: include_str!("../scenarios/ball-actuators.toml"),
+    },
+    Scenario {
+        name: "tuning",
+        title: "Change every parameter while the foot presses on the floor",
+        text: include_str!("../scenarios/tuning.toml"),
+    },
+];
 
 const ROBOTS: &[(&str, &str)] = &[("leg.urdf", include_str!("../robots/leg.urdf"))];
 

@@ -15,6 +15,8 @@ pub enum Place {
     },
     /// On the command line: the `KEY=VALUE` after `--set`.
     Override(Arc<str>),
+    /// In a change of a running stack: one `KEY=VALUE` of it.
+    Change(Arc<str>),
 }
 
 impl Place {
@@ -30,6 +32,7 @@ impl fmt::Display for Place {
             Self::File { name, line: Some(line) } => write!(f, "{name}:{line}"),
             Self::File { name, line: None } => f.write_str(name),
             Self::Override(argument) => write!(f, "--set {argument}"),
+            Self::Change(argument) => write!(f, "set {argument}"),
         }
     }
 }
@@ -98,6 +101,21 @@ impl ConfigError {
     /// Place, key, found, expected and what to do, one by one.
     #[must_use]
     pub fn complaint(&self) -> &Complaint {
+        match self {
+            Self::Read(c)
+            | Self::UnknownScenario(c)
+            | Self::NotToml(c)
+            | Self::UnknownKey(c)
+            | Self::MissingKey(c)
+            | Self::WrongType(c)
+            | Self::OutOfRange(c)
+            | Self::WrongLength(c)
+            | Self::Combination(c)
+            | Self::Override(c) => c,
+        }
+    }
+
+    pub(crate) fn complaint_mut(&mut self) -> &mut Complaint {
         match self {
             Self::Read(c)
             | Self::UnknownScenario(c)

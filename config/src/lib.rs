@@ -14,6 +14,7 @@
 //! several values have to fulfil together is checked last. A complaint therefore always knows place, key and value.
 
 mod alias;
+mod change;
 mod check;
 mod embedded;
 mod error;
@@ -27,11 +28,12 @@ mod schema;
 mod settings;
 mod tree;
 
+pub use change::{Asked, Difference, differences};
 pub use embedded::{Scenario, robots, scenarios};
 pub use error::{Complaint, ConfigError, Place};
 pub use policy::{Fidelity, Placement, ResetPolicy, Saturation, Search};
 pub use schema::json_schema;
 pub use settings::{
-    Floor, MAX_JOINTS, MIN_SPACING_TICKS, OperatorChange, PERIOD_S, Parameters, Plant, Processes, Realtime, Recorder, Robot,
-    Settings, Supervisor, Urdf, World,
+    Floor, MAX_JOINTS, MAX_OBJECTS, MIN_SPACING_TICKS, Object, ObjectShape, OperatorChange, PERIOD_S, Parameters, Plant,
+    Processes, Realtime, Recorder, Robot, Settings, Supervisor, Surface, Urdf, World,
 };

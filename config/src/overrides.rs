@@ -37,7 +37,7 @@ fn apply_one(root: &mut Node, defaults: &Node, argument: &str) -> Result<(), Con
 }
 
 /// TOML, or a word that needs no quotes.
-fn parse(text: &str, path: &str, place: &Place) -> Result<Node, ConfigError> {
+pub(crate) fn parse(text: &str, path: &str, place: &Place) -> Result<Node, ConfigError> {
     if let Some(node) = Node::parse_value(text, place) {
         return Ok(node);
     }
@@ -111,7 +111,7 @@ fn defaults() -> Result<Node, ConfigError> {
     }
 }
 
-fn complain(place: &Place, key: &str, found: &str, expected: &str, help: &str) -> ConfigError {
+pub(crate) fn complain(place: &Place, key: &str, found: &str, expected: &str, help: &str) -> ConfigError {
     ConfigError::Override(Box::new(Complaint {
         place: place.clone(),
         key: key.to_owned(),

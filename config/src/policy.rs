@@ -49,6 +49,16 @@ pub enum Placement {
     Free,
 }
 
+/// Form of an object, as written.
+#[derive(Clone, Copy, Debug, Deserialize, Eq, JsonSchema, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum ShapeKind {
+    /// A box of `size_m`.
+    Box,
+    /// A ball of `radius_m`.
+    Ball,
+}
+
 /// One word for how close to print the controller is.
 #[derive(Clone, Copy, Debug, Default, Deserialize, Eq, JsonSchema, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]

@@ -8,6 +8,9 @@ pub const PERIOD_S: f64 = 0.001;
 /// Most joints a robot may have.
 pub const MAX_JOINTS: usize = 8;
 
+/// Most objects a world may have.
+pub const MAX_OBJECTS: usize = 4;
+
 /// Fewest ticks between two entries of the operator: a change is announced this long ahead.
 pub const MIN_SPACING_TICKS: i64 = 5;
 
@@ -85,13 +88,57 @@ pub struct World {
     pub gravity_m_per_s2: [f64; 3],
     /// The floor, if there is one.
     pub floor: Option<Floor>,
+    /// What moves freely, at most [`MAX_OBJECTS`].
+    pub objects: Vec<Object>,
 }
 
-/// A level floor and its contact law.
+/// A level floor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Floor {
     /// Its z, m.
     pub height_m: f64,
+    /// How it feels.
+    pub surface: Surface,
+}
+
+/// A body that moves freely.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Object {
+    /// Its name, unique among the objects.
+    pub name: String,
+    /// Form and size.
+    pub shape: ObjectShape,
+    /// kg, evenly spread over the shape.
+    pub mass_kg: f64,
+    /// Of its centre at the start, m, world frame.
+    pub position_m: [f64; 3],
+    /// At the start: roll, pitch, yaw, rad.
+    pub orientation_rpy_rad: [f64; 3],
+    /// How it feels.
+    pub surface: Surface,
+}
+
+/// Form and size of an object.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum ObjectShape {
+    /// A box with its edges along x, y and z, m.
+    Box {
+        /// Lengths of the edges, m.
+        size_m: [f64; 3],
+    },
+    /// A ball.
+    Ball {
+        /// m.
+        radius_m: f64,
+    },
+}
+
+/// Contact law of a body's surface.
+///
+/// Where two surfaces meet, the softer one's k, b and w count, and mu_s, mu_d and v_c of the more slippery one; a robot's links
+/// take over what they touch.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Surface {
     /// k, N/m.
     pub stiffness_n_per_m: f64,
     /// b, N s/m.
@@ -120,9 +167,10 @@ pub struct Plant {
 }
 
 /// Everything the operator may change. SI units, per axis of the world frame.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Parameters {
     /// x_t, m; none: where the foot stands at the start.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub target_position: Option<[f64; 3]>,
     /// F_d, N.
     pub desired_force: [f64; 3],
@@ -146,6 +194,10 @@ pub struct Parameters {
     pub force_resolution: f64,
     /// Whether g(q) is added.
     pub gravity_compensation: bool,
+    /// Whether the searched offset is kept from winding up at F_max, and rescaled when K0 changes.
+    pub offset_anti_windup: bool,
+    /// Whether a convergence that has come to a standstill starts anew from there.
+    pub stall_release: bool,
     /// Wished mean speed, m/s.
     pub mean_speed: f64,
     /// a_max, m/s^2.
@@ -181,6 +233,10 @@ pub struct OperatorChange {
     pub force_resolution: Option<f64>,
     /// Whether g(q) is added.
     pub gravity_compensation: Option<bool>,
+    /// Whether the searched offset is kept from winding up at F_max, and rescaled when K0 changes.
+    pub offset_anti_windup: Option<bool>,
+    /// Whether a convergence that has come to a standstill starts anew from there.
+    pub stall_release: Option<bool>,
     /// Wished mean speed, m/s.
     pub mean_speed: Option<f64>,
     /// a_max, m/s^2.
@@ -204,6 +260,8 @@ impl Parameters {
             search_scale: change.search_scale.unwrap_or(self.search_scale),
             force_resolution: change.force_resolution.unwrap_or(self.force_resolution),
             gravity_compensation: change.gravity_compensation.unwrap_or(self.gravity_compensation),
+            offset_anti_windup: change.offset_anti_windup.unwrap_or(self.offset_anti_windup),
+            stall_release: change.stall_release.unwrap_or(self.stall_release),
             mean_speed: change.mean_speed.unwrap_or(self.mean_speed),
             max_acceleration: change.max_acceleration.unwrap_or(self.max_acceleration),
         }

@@ -272,6 +272,14 @@ fn combinations() {
             "8: controller.reset_policy: found \"never\" beside controller.fidelity = \"paper\" (x.toml:7)",
         ),
         (
+            "[controller]\noffset_anti_windup = false\nfidelity = \"paper\"\n",
+            "7: controller.offset_anti_windup: found false beside controller.fidelity = \"paper\" (x.toml:8)",
+        ),
+        (
+            "[controller]\nfidelity = \"paper\"\nstall_release = true\n",
+            "8: controller.stall_release: found true beside controller.fidelity = \"paper\" (x.toml:7)",
+        ),
+        (
             "[realtime]\npriority_gate = 80\n",
             "7: realtime.priority_gate: found 80, expected less than realtime.priority_plant = 80",
         ),

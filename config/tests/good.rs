@@ -52,6 +52,7 @@ fn a_minimal_scenario_has_the_documented_defaults() {
     assert_eq!((p.search, p.reset_policy, p.saturation), (Search::Tapered, ResetPolicy::ContactLoss, Saturation::Continuous));
     assert_eq!((p.taper, p.search_scale, p.force_resolution), (0.2, 0.01, 0.01));
     assert!(!p.gravity_compensation);
+    assert!(p.offset_anti_windup && p.stall_release);
     assert_eq!((p.mean_speed, p.max_acceleration), (0.2, 10.0));
     assert!(s.operator.is_empty());
     assert_eq!((s.supervisor.deadline_us, s.supervisor.torque_bandwidth_hz), (800, None));
@@ -69,9 +70,9 @@ fn a_minimal_scenario_has_the_documented_defaults() {
 #[test]
 fn a_floor_table_without_keys_has_the_documented_defaults() {
     let floor = load(&format!("{MINIMAL}[world.floor]\n"), &[]).world.floor.unwrap();
-    assert_eq!((floor.height_m, floor.stiffness_n_per_m, floor.damping_n_s_per_m), (0.0, 1e6, 1e4));
-    assert_eq!((floor.transition_width_m, floor.critical_speed_m_per_s), (1e-3, 1e-3));
-    assert_eq!((floor.friction_static, floor.friction_dynamic), (0.0, 0.0));
+    assert_eq!((floor.height_m, floor.surface.stiffness_n_per_m, floor.surface.damping_n_s_per_m), (0.0, 1e6, 1e4));
+    assert_eq!((floor.surface.transition_width_m, floor.surface.critical_speed_m_per_s), (1e-3, 1e-3));
+    assert_eq!((floor.surface.friction_static, floor.surface.friction_dynamic), (0.0, 0.0));
 }
 
 #[test]
@@ -105,6 +106,8 @@ search = "sign"
 reset_policy = "never"
 saturation = "as_printed"
 gravity_compensation = true
+offset_anti_windup = false
+stall_release = false
 [planner]
 mean_speed = 0.1
 [supervisor]
@@ -130,6 +133,8 @@ taper = 1
 search_scale = 1
 force_resolution = 0.5
 gravity_compensation = false
+offset_anti_windup = true
+stall_release = true
 mean_speed = 10
 max_acceleration = 1000
 "#;
@@ -148,13 +153,16 @@ max_acceleration = 1000
     let after = s.initial.with(&change);
     assert_eq!(after.target_position, s.initial.target_position);
     assert_eq!((after.stiffness, after.search, after.mean_speed), ([10.0; 3], Search::Tapered, 10.0));
+    assert!(!s.initial.offset_anti_windup && !s.initial.stall_release);
+    assert!(after.offset_anti_windup && after.stall_release);
 }
 
 #[test]
-fn fidelity_paper_selects_all_three_policies() {
+fn fidelity_paper_selects_all_three_policies_and_no_improvement() {
     let s = Settings::load("floor", &["controller.fidelity=paper".to_owned()]).unwrap();
     let p = s.initial;
     assert_eq!((p.search, p.reset_policy, p.saturation), (Search::Sign, ResetPolicy::AsPrinted, Saturation::AsPrinted));
+    assert!(!p.offset_anti_windup && !p.stall_release);
     assert_eq!(s.fidelity, Fidelity::Paper);
     assert_eq!(again(&s), s);
 }
@@ -184,7 +192,7 @@ fn overrides_reach_defaults_entries_and_words() {
     assert_eq!(floor("title=\"two words\"").title, "two words");
     assert_eq!(floor("seed=7").seed, 7);
     let with_floor = load(MINIMAL, &["world.floor.friction_static=0.5"]);
-    assert_eq!(with_floor.world.floor.unwrap().friction_static, 0.5);
+    assert_eq!(with_floor.world.floor.unwrap().surface.friction_static, 0.5);
 }
 
 #[test]

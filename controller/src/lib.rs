@@ -22,6 +22,8 @@
 //! # Ok::<(), hapfic_controller::task_space::TaskSpaceError>(())
 //! ```
 
+pub mod answer;
+mod anti_windup;
 mod attractor;
 pub mod conditioning;
 mod error;
@@ -29,10 +31,13 @@ mod haptic;
 pub mod parameters;
 pub mod process;
 mod profile;
+mod stall;
 pub mod task_space;
 
+pub use anti_windup::{held_back, rescaled};
 pub use attractor::Attractor;
 pub use conditioning::{LowPass, limit};
 pub use error::ControllerError;
 pub use haptic::{HapticParameters, HapticSearch};
 pub use profile::ForceProfile;
+pub use stall::{Stall, StallInput};

@@ -31,6 +31,8 @@ pub fn parameters(settings: &Settings, version: u64, effective_tick: i64, here: 
         saturation: saturation.code(),
         search: search.code(),
         gravity_compensation: u32::from(settings.gravity_compensation),
+        offset_anti_windup: u32::from(settings.offset_anti_windup),
+        stall_release: u32::from(settings.stall_release),
         taper: settings.taper,
         search_scale: settings.search_scale,
         force_resolution: settings.force_resolution,
@@ -54,6 +56,7 @@ mod tests {
         assert_eq!(p.search, message::Search::Sign.code());
         assert_eq!(p.reset_policy, message::ResetPolicy::AsPrinted.code());
         assert_eq!(p.saturation, message::Saturation::AsPrinted.code());
+        assert_eq!((p.offset_anti_windup, p.stall_release), (0, 0));
         assert_eq!(p.stiffness, [1.0, 2.0, 3.0]);
         assert_eq!(p.target_position, [7.0, 8.0, 9.0]);
     }

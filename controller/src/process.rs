@@ -3,13 +3,13 @@
 //! It keeps nothing from tick to tick: the controller's state comes with the command, as the gate accepted it. So any number of
 //! controllers compute the same, and one that starts late needs no seeding.
 
+use crate::answer::{Known, answer};
 use crate::error::ControllerError;
-use crate::task_space::{self, Input as Measured};
-use hapfic_config::{PERIOD_S, Settings};
+use hapfic_config::Settings;
 use hapfic_ipc::message::{Command, Operator, Process, Reference, Request, State};
 use hapfic_ipc::realtime::Wish;
 use hapfic_ipc::{Clock, Context, Input, IpcError, Output, Recent, Tick, Wait, clock, topic};
-use hapfic_robot::{Chain, MAX_JOINTS};
+use hapfic_robot::Chain;
 use nalgebra::Vector3;
 
 struct Ports {
@@ -37,6 +37,14 @@ impl Inbox {
         }
         let held = self.references.before(state.tick).map_or(state.foot_position, |r| r.position);
         (held, [0.0; 3])
+    }
+
+    /// What there is to answer a state with; `None` if something is missing.
+    fn known<'a>(&'a self, state: &'a State) -> Option<Known<'a>> {
+        let parameters = self.operator.as_ref()?.at(state.tick);
+        let command = self.commands.before(state.tick)?;
+        let (reference_position, reference_velocity) = self.setpoint(state);
+        Some(Known { state, reference_position, reference_velocity, parameters, carried: command.request.state })
     }
 }
 
@@ -70,7 +78,7 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), ControllerE
             break;
         }
         let mut published = 0;
-        match answer(&chain, &gravity, &state, &inbox, context.process) {
+        match inbox.known(&state).and_then(|known| answer(&chain, &gravity, &known, context.process)) {
             Some(request) => published = ports.request.send(&Request { stamp_ns: context.stamp(), ..request })?,
             None => context.refuse(),
         }
@@ -88,47 +96,6 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), ControllerE
         }
     }
     Ok(())
-}
-
-/// One tick of the control law: a pure function of what came in. `None` if that does not allow an answer.
-fn answer(chain: &Chain, gravity: &Vector3<f64>, state: &State, inbox: &Inbox, controller: Process) -> Option<Request> {
-    let n = chain.dof();
-    let parameters = inbox.operator.as_ref()?.at(state.tick);
-    let command = inbox.commands.before(state.tick)?;
-    if state.joints as usize != n {
-        return None;
-    }
-    let kin = chain.kinematics(&state.joint_position[..n]);
-    let jacobian = chain.jacobian(&kin);
-    let (reference_position, reference_velocity) = inbox.setpoint(state);
-    let measured = Measured {
-        position: kin.tip_position().into(),
-        velocity: jacobian.linear_mul(&state.joint_velocity[..n]).into(),
-        reference_position,
-        reference_velocity,
-        contact_force: state.foot_force,
-    };
-    let out = task_space::step(command.request.state, &measured, parameters, PERIOD_S).ok()?;
-    let mut torque = jacobian.linear_transpose_mul(&Vector3::from(out.force));
-    if parameters.gravity_compensation == 1 {
-        let hold = chain.gravity_torque(&kin, gravity);
-        for i in 0..MAX_JOINTS {
-            torque[i] += hold[i];
-        }
-    }
-    Some(Request {
-        stamp_ns: 0,
-        tick: state.tick,
-        state_tick: state.tick,
-        parameters_version: parameters.version,
-        controller: controller.code(),
-        joints: n as u32,
-        error: out.error,
-        error_rate: out.error_rate,
-        force: out.force,
-        torque,
-        state: out.state,
-    })
 }
 
 /// Takes what there is; in lockstep waits for reference(k) and command(k - 1). Says whether to go on.

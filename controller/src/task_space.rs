@@ -1,8 +1,10 @@
 //! Task-space FIC: haptic search, error and attractor on the three axes of the world frame (eqs. 1, 4, 5; Algorithm 1).
 
+use crate::anti_windup::{held_back, rescaled};
 use crate::attractor::Attractor;
 use crate::haptic::{HapticParameters, HapticSearch};
 use crate::profile::ForceProfile;
+use crate::stall::{Stall, StallInput};
 use hapfic_ipc::message::{ControllerState, Parameters, ResetPolicy, Saturation, Search};
 
 /// Why the law gives no force.
@@ -48,6 +50,10 @@ pub struct Policies {
     pub saturation: Saturation,
     /// The step of the haptic search.
     pub search: Search,
+    /// Whether dx is kept from winding up at F_max, and rescaled when K0 changes.
+    pub offset_anti_windup: bool,
+    /// Whether a convergence that has come to a standstill starts anew from there.
+    pub stall_release: bool,
 }
 
 /// Decodes the policies; `None` if a code means nothing.
@@ -110,16 +116,40 @@ pub fn step(state: ControllerState, input: &Input, p: &Parameters, period_s: f64
             position_bound: p.position_bound[axis],
             saturation: policies.saturation,
         };
-        let search = HapticSearch { offset_m: state.offset[axis] };
-        let search = search.step(p.desired_force[axis], input.contact_force[axis], &haptic);
-        let error = input.reference_position[axis] + search.offset_m - input.position[axis];
+        let error_at = |offset: f64| input.reference_position[axis] + offset - input.position[axis];
         let error_rate = input.reference_velocity[axis] - input.velocity[axis];
         let attractor = Attractor { x_max_m: state.x_max[axis], converging: state.converging[axis] != 0 };
-        let (attractor, force) = attractor.step(error, error_rate, &profile);
+        let search =
+            |offset_m| HapticSearch { offset_m }.step(p.desired_force[axis], input.contact_force[axis], &haptic).offset_m;
+        let offset = if policies.offset_anti_windup {
+            let before = rescaled(state.offset[axis], state.stiffness[axis], p.stiffness[axis], p.position_bound[axis]);
+            let (_, force) = attractor.step(error_at(before), error_rate, &profile);
+            held_back(before, search(before), force, p.max_force[axis])
+        } else {
+            search(state.offset[axis])
+        };
+        let error = error_at(offset);
+        let (mut attractor, mut force) = attractor.step(error, error_rate, &profile);
+        let mut stall = Stall::default();
+        if policies.stall_release {
+            let seen = StallInput {
+                error,
+                error_rate,
+                force,
+                contact_force: input.contact_force[axis],
+                force_resolution: p.force_resolution,
+                period_s,
+            };
+            let before = Stall { still_ticks: state.still_ticks[axis] };
+            (stall, attractor, force) = before.step(attractor, &seen, &profile);
+        }
 
-        output.state.offset[axis] = search.offset_m;
+        output.state.offset[axis] = offset;
         output.state.x_max[axis] = attractor.x_max_m;
+        // Always, so that a switch thrown later does not scale by a stiffness of long ago.
+        output.state.stiffness[axis] = p.stiffness[axis];
         output.state.converging[axis] = u32::from(attractor.converging);
+        output.state.still_ticks[axis] = stall.still_ticks;
         output.error[axis] = error;
         output.error_rate[axis] = error_rate;
         output.force[axis] = force;
@@ -138,7 +168,18 @@ fn decode(p: &Parameters) -> Result<Policies, TaskSpaceError> {
         saturation: Saturation::from_code(p.saturation)
             .ok_or_else(|| unknown("saturation", p.saturation, Saturation::ALL.len()))?,
         search: Search::from_code(p.search).ok_or_else(|| unknown("search", p.search, Search::ALL.len()))?,
+        offset_anti_windup: switch(p.offset_anti_windup).ok_or_else(|| unknown("offset_anti_windup", p.offset_anti_windup, 2))?,
+        stall_release: switch(p.stall_release).ok_or_else(|| unknown("stall_release", p.stall_release, 2))?,
     })
+}
+
+/// A switch's code; `None` if it means nothing.
+fn switch(code: u32) -> Option<bool> {
+    match code {
+        0 => Some(false),
+        1 => Some(true),
+        _ => None,
+    }
 }
 
 fn check(state: &ControllerState, input: &Input, p: &Parameters, period_s: f64) -> Result<(), TaskSpaceError> {
@@ -147,6 +188,7 @@ fn check(state: &ControllerState, input: &Input, p: &Parameters, period_s: f64) 
     }
     check_finite("state.offset", &state.offset)?;
     check_finite("state.x_max", &state.x_max)?;
+    check_finite("state.stiffness", &state.stiffness)?;
     check_finite("position", &input.position)?;
     check_finite("velocity", &input.velocity)?;
     check_finite("reference_position", &input.reference_position)?;

@@ -2,7 +2,9 @@
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use hapfic_controller::task_space::{self, Input, TaskSpaceError, policies};
-use hapfic_controller::{Attractor, ForceProfile, HapticParameters, HapticSearch, LowPass, limit};
+use hapfic_controller::{
+    Attractor, ForceProfile, HapticParameters, HapticSearch, LowPass, Stall, StallInput, held_back, limit, rescaled,
+};
 use hapfic_ipc::message::{ControllerState, MAX_JOINTS, Parameters, ResetPolicy, Saturation, Search};
 use proptest::prelude::*;
 
@@ -77,8 +79,10 @@ fn parameters() -> impl Strategy<Value = Parameters> {
     let magnitudes = || prop::array::uniform3(moderate().prop_map(f64::abs));
     let gains = (magnitudes(), magnitudes(), magnitudes(), prop::array::uniform3(moderate()));
     // Default and paper's policies, and every other combination.
-    (gains, 0_u32..3, 0_u32..2, 0_u32..2, 0.0_f64..1.0, 0.0_f64..0.1, 0.0_f64..0.1).prop_map(
-        |((stiffness, max_force, position_bound, desired_force), reset_policy, saturation, search, taper, scale, resolution)| {
+    let policies = (0_u32..3, 0_u32..2, 0_u32..2, 0_u32..2, 0_u32..2);
+    (gains, policies, 0.0_f64..1.0, 0.0_f64..0.1, 0.0_f64..0.1).prop_map(
+        |((stiffness, max_force, position_bound, desired_force), policies, taper, scale, resolution)| {
+            let (reset_policy, saturation, search, offset_anti_windup, stall_release) = policies;
             Parameters {
                 desired_force,
                 stiffness,
@@ -87,6 +91,8 @@ fn parameters() -> impl Strategy<Value = Parameters> {
                 reset_policy,
                 saturation,
                 search,
+                offset_anti_windup,
+                stall_release,
                 taper,
                 search_scale: scale,
                 force_resolution: resolution,
@@ -112,7 +118,7 @@ fn ordinary() -> Parameters {
 
 /// The n-th number that enters the task-space law; `None` behind the last.
 fn place<'a>(n: usize, state: &'a mut ControllerState, input: &'a mut Input, p: &'a mut Parameters) -> Option<&'a mut f64> {
-    let state = state.offset.iter_mut().chain(&mut state.x_max);
+    let state = state.offset.iter_mut().chain(&mut state.x_max).chain(&mut state.stiffness);
     let motion = input.position.iter_mut().chain(&mut input.velocity);
     let reference = input.reference_position.iter_mut().chain(&mut input.reference_velocity);
     let gains = p.stiffness.iter_mut().chain(&mut p.max_force).chain(&mut p.position_bound);
@@ -154,6 +160,36 @@ fn work(stretches: &[(f64, f64)], mut force: impl FnMut(f64, f64) -> f64) -> f64
         for i in 0..SAMPLES {
             let error = from + (f64::from(i) + 0.5) * sample;
             work -= force(error, sample / PERIOD_S) * sample;
+        }
+    }
+    work
+}
+
+/// One tick of an axis with release: the attractor's step, then the stall's. No contact, 0.01 N resolution.
+fn released(state: (Attractor, Stall), error: f64, error_rate: f64, profile: &ForceProfile) -> ((Attractor, Stall), f64) {
+    let (attractor, force) = state.0.step(error, error_rate, profile);
+    let seen = StallInput { error, error_rate, force, contact_force: 0.0, force_resolution: 0.01, period_s: PERIOD_S };
+    let (stall, attractor, force) = state.1.step(attractor, &seen, profile);
+    ((attractor, stall), force)
+}
+
+/// Ticks of standing still that are enough for a release.
+const PAUSE: u32 = 25;
+
+/// Work as [`work`] counts it of the law with release, along a path with a pause behind every stretch.
+fn work_with_pauses(stretches: &[(f64, f64)], profile: &ForceProfile) -> f64 {
+    let mut state = (Attractor::default(), Stall::default());
+    let mut work = 0.0;
+    for &(from, to) in stretches {
+        let sample = (to - from) / f64::from(SAMPLES);
+        for i in 0..SAMPLES {
+            let error = from + (f64::from(i) + 0.5) * sample;
+            let (next, force) = released(state, error, sample / PERIOD_S, profile);
+            state = next;
+            work -= force * sample;
+        }
+        for _ in 0..PAUSE {
+            state = released(state, to, 0.0, profile).0;
         }
     }
     work
@@ -282,6 +318,110 @@ proptest! {
     }
 
     #[test]
+    fn no_energy_is_gained_over_a_closed_cycle_with_releases(profile in softening(), knots in cycle()) {
+        let knots: Vec<f64> = knots.iter().map(|share| share * profile.position_bound).collect();
+        let stretches = stretches(&knots);
+        let gained = work_with_pauses(&stretches, &profile);
+        let allowed = sampling_error(&stretches, &profile);
+        prop_assert!(gained <= allowed, "gained {gained} J, sampling explains {allowed} J");
+    }
+
+    #[test]
+    fn a_release_offers_less_than_the_one_before(
+        profile in softening(),
+        farthest in prop_oneof![-2.0_f64..-0.1, 0.1_f64..2.0],
+        stops in prop::collection::vec(0.3_f64..0.99, 1..8),
+    ) {
+        let mut state = (Attractor::default(), Stall::default());
+        let mut error = farthest * profile.position_bound;
+        state = released(state, error, -error.signum() * 0.1, &profile).0;
+        for share in stops {
+            error *= share;
+            state = released(state, error, -error.signum() * 0.1, &profile).0;
+            let before = state.0;
+            let pull = released(state, error, 0.0, &profile).1 * error.signum();
+            let offered = |x_max: f64| profile.force(x_max.abs()) * x_max.abs() / 4.0;
+            let mut force = pull;
+            for _ in 0..PAUSE {
+                let (next, now) = released(state, error, 0.0, &profile);
+                (state, force) = (next, now * error.signum());
+            }
+            // Released if it pays, and then to no more than the profile and with no more to come than before.
+            if profile.force(error.abs()) - pull > 0.01 {
+                prop_assert_eq!(state.0, Attractor { x_max_m: error, converging: true });
+                prop_assert!(force > pull && force <= profile.force(error.abs()));
+                prop_assert!(error.abs() <= before.x_max_m.abs() && offered(error) <= offered(before.x_max_m));
+            } else {
+                prop_assert_eq!(state.0, before);
+            }
+        }
+    }
+
+    #[test]
+    fn both_improvements_keep_every_bound(
+        steps in prop::collection::vec((input(), parameters(), any::<u32>(), prop::array::uniform3(moderate())), 1..30),
+    ) {
+        let mut state = ControllerState::default();
+        for (input, p, still, offset) in steps {
+            let p = Parameters { offset_anti_windup: 1, stall_release: 1, ..p };
+            // As if from another controller: any state that passes the checks.
+            let from = ControllerState { still_ticks: [still, 0, u32::MAX], offset, ..state };
+            let output = task_space::step(from, &input, &p, PERIOD_S);
+            prop_assert!(output.is_ok(), "{output:?}");
+            let output = output.unwrap();
+            for axis in 0..3 {
+                prop_assert!(output.force[axis].abs() <= p.max_force[axis], "{output:?} with {p:?}");
+                prop_assert!(output.state.offset[axis].abs() <= p.position_bound[axis], "{output:?} with {p:?}");
+                prop_assert_eq!(output.state.stiffness[axis], p.stiffness[axis]);
+            }
+            state = output.state;
+        }
+    }
+
+    #[test]
+    fn a_saturated_offset_moves_only_out_of_saturation_or_towards_zero(
+        before in -0.02_f64..0.02,
+        wanted in -0.02_f64..0.02,
+        force in -1.0_f64..1.0,
+        max_force in 0.1_f64..2.0,
+    ) {
+        let force = force.clamp(-max_force, max_force);
+        let taken = held_back(before, wanted, force, max_force);
+        prop_assert!(taken == before || taken == wanted);
+        let deeper = (taken - before) * force > 0.0 && taken.abs() > before.abs();
+        prop_assert!(!(deeper && force.abs() >= 0.999 * max_force), "{before} -> {taken} at {force} of {max_force} N");
+        if force.abs() < 0.999 * max_force || (wanted - before) * force <= 0.0 || wanted.abs() <= before.abs() {
+            prop_assert_eq!(taken, wanted);
+        }
+    }
+
+    #[test]
+    fn a_rescaled_offset_stays_within_its_bound(
+        offset in finite(),
+        older in finite(),
+        newer in finite(),
+        bound in parameter(),
+    ) {
+        let scaled = rescaled(offset, older, newer, bound);
+        prop_assert!(scaled.abs() <= bound.max(0.0), "{scaled}");
+    }
+
+    #[test]
+    fn a_rescaled_offset_stands_for_the_same_force_or_less(
+        offset in -0.1_f64..0.1,
+        older in 1.0_f64..1e6,
+        newer in 1.0_f64..1e6,
+        bound in 0.0_f64..1.0,
+    ) {
+        let scaled = rescaled(offset, older, newer, bound);
+        let (force, before) = (scaled * newer, offset * older);
+        prop_assert!(force.abs() <= before.abs() * (1.0 + 1e-12) && force * before >= 0.0, "{force} N instead of {before} N");
+        if scaled.abs() < bound {
+            prop_assert!((force - before).abs() <= 1e-12 * before.abs(), "{force} N instead of {before} N");
+        }
+    }
+
+    #[test]
     fn the_way_back_gives_back_nothing(
         profile in softening(),
         hardening in 0.1_f64..20.0,
@@ -329,7 +469,7 @@ fn a_number_that_is_not_finite_is_refused_wherever_it_comes_in() {
         for bad in NOT_FINITE {
             let (mut state, mut input, mut p) = (ControllerState::default(), Input::default(), ordinary());
             let Some(number) = place(places, &mut state, &mut input, &mut p) else {
-                assert_eq!(places, 36);
+                assert_eq!(places, 39);
                 return;
             };
             *number = bad;
@@ -359,6 +499,12 @@ fn unknown_policies_and_periods_are_refused() {
     assert_eq!(policies(&p), None);
     let p = Parameters { search: 7, ..ordinary() };
     assert_eq!(step(&p, PERIOD_S), unknown("search", 1));
+    assert_eq!(policies(&p), None);
+    let p = Parameters { offset_anti_windup: 7, ..ordinary() };
+    assert_eq!(step(&p, PERIOD_S), unknown("offset_anti_windup", 1));
+    assert_eq!(policies(&p), None);
+    let p = Parameters { stall_release: 7, ..ordinary() };
+    assert_eq!(step(&p, PERIOD_S), unknown("stall_release", 1));
     assert_eq!(policies(&p), None);
     for period_s in [0.0, -PERIOD_S, f64::NAN, f64::INFINITY] {
         assert!(matches!(step(&ordinary(), period_s), Err(TaskSpaceError::Period { .. })));

@@ -75,7 +75,7 @@ pub enum Wait {
 /// A process's, or a thread's, access to the topics. Not shared between threads: each opens its own.
 #[derive(Debug)]
 pub struct Bus {
-    node: Node<Service>,
+    pub(crate) node: Node<Service>,
 }
 
 impl Bus {
@@ -96,6 +96,12 @@ impl Bus {
             .create::<Service>()
             .map_err(|e| IpcError::messaging("create node", name, e))?;
         Ok(Self { node })
+    }
+
+    /// Removes what killed processes have left in the domain: milliseconds, and not for real-time threads.
+    pub fn sweep_dead(&self) {
+        // What cannot be removed now is removed with the whole domain at the end of the run.
+        let _ = self.node.try_cleanup_dead_nodes();
     }
 
     fn service<T: Copy + core::fmt::Debug + ZeroCopySend + 'static>(
@@ -208,7 +214,7 @@ impl Bus {
     }
 }
 
-fn service_name(name: &str) -> Result<ServiceName, IpcError> {
+pub(crate) fn service_name(name: &str) -> Result<ServiceName, IpcError> {
     name.try_into().map_err(|e| IpcError::Name { what: "a topic's name", value: name.to_owned(), cause: format!("{e:?}") })
 }
 

@@ -45,6 +45,12 @@ pub enum Defect {
         /// What it may be.
         expected: &'static str,
     },
+    /// Text that is none.
+    #[error("'{field}' is not UTF-8 text")]
+    Text {
+        /// Which field.
+        field: &'static str,
+    },
     /// Another tick than the one waited for.
     #[error("'{field}' is {found}, expected {expected}")]
     Tick {
@@ -129,6 +135,7 @@ impl Check for ControllerState {
     fn check(&self) -> Result<(), Defect> {
         finite("offset", &self.offset)?;
         finite("x_max", &self.x_max)?;
+        finite("stiffness", &self.stiffness)?;
         match self.converging.iter().find(|c| **c > 1) {
             Some(&found) => Err(Defect::Code { field: "converging", found }),
             None => Ok(()),
@@ -165,6 +172,8 @@ impl Check for Parameters {
         code("saturation", self.saturation, Saturation::from_code(self.saturation))?;
         code("search", self.search, Search::from_code(self.search))?;
         at_most("gravity_compensation", self.gravity_compensation, 1)?;
+        at_most("offset_anti_windup", self.offset_anti_windup, 1)?;
+        at_most("stall_release", self.stall_release, 1)?;
         finite("target_position", &self.target_position)?;
         finite("desired_force", &self.desired_force)?;
         positive("stiffness", &self.stiffness)?;

@@ -33,6 +33,7 @@ pub mod message;
 pub mod realtime;
 mod recent;
 mod run;
+pub mod service;
 pub mod topic;
 mod wire_enum;
 

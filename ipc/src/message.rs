@@ -40,11 +40,11 @@ pub struct ContactState {
     pub body: u32,
     /// Index of the second body, which feels the opposite force.
     pub against: u32,
-    /// Where, m.
+    /// Where, m: the mean over the tick, weighted by the force.
     pub point: [f64; 3],
     /// Mean force on the first body over the tick, N.
     pub force: [f64; 3],
-    /// Penetration at the start of the last sub-step in which they touched, m.
+    /// Deepest penetration at the start of the last sub-step in which they touched, m.
     pub depth: f64,
 }
 
@@ -58,12 +58,15 @@ pub struct Physics {
     pub newton_iterations: u32,
     /// Contact sub-steps of this tick that ended above the tolerance.
     pub unconverged: u32,
-    /// Not used; zero.
-    pub reserved: u32,
-    /// Kinetic and potential energy, J.
+    /// Sub-steps of this tick that were solved implicitly, in reach of a contact or a joint's stop.
+    pub contact_substeps: u32,
+    /// Kinetic and potential energy of robot and objects, J.
     pub energy_j: f64,
-    /// Work done by the contacts (joint stops apart) since the start, J: falls, but for what a compressed contact gives back.
+    /// Work done by the contacts (joint stops apart) on the bodies since the start, J: falls, but for what a compressed contact
+    /// gives back.
     pub contact_work_j: f64,
+    /// Elastic energy in the contacts now, J: with `contact_work_j` it may only fall; any rise is made by the integration.
+    pub contact_stored_j: f64,
 }
 
 /// What the plant measured at `tick`, and what it did in the tick before.
@@ -173,10 +176,12 @@ pub struct ControllerState {
     pub offset: [f64; 3],
     /// Error latched at the start of the last convergence, m (eq. 1).
     pub x_max: [f64; 3],
+    /// K0 under which `offset` was found, N/m; 0 before the first tick.
+    pub stiffness: [f64; 3],
     /// 1 in convergence, 0 in divergence.
     pub converging: [u32; 3],
-    /// Not used; zero.
-    pub reserved: u32,
+    /// Ticks in a row in which the axis stood still in convergence, without contact.
+    pub still_ticks: [u32; 3],
 }
 
 /// What a controller asks for at `tick`.
@@ -261,6 +266,10 @@ pub struct Parameters {
     pub search: u32,
     /// 1: add g(q) to the torque.
     pub gravity_compensation: u32,
+    /// 1: dx does not wind up at F_max, and keeps its force when K0 changes.
+    pub offset_anti_windup: u32,
+    /// 1: a convergence that has come to a standstill starts anew from there.
+    pub stall_release: u32,
     /// Share of the force error that the tapered search works off in 1 ms, as if against K0.
     pub taper: f64,
     /// sigma as the scale of the search step, Algorithm 1.

@@ -66,6 +66,7 @@ pub fn request(request: &Request) -> proto::Request {
         converging: flags(&request.state.converging),
         force: request.force.to_vec(),
         torque: first(&request.torque, request.joints),
+        still_ticks: request.state.still_ticks.to_vec(),
     }
 }
 
@@ -91,6 +92,7 @@ pub fn command(command: &Command) -> proto::Command {
         source: Source::from_code(command.source).map_or(UNKNOWN, Source::name).to_owned(),
         severity: severity(command.severity).to_owned(),
         limited: command.limited,
+        still_ticks: request.state.still_ticks.to_vec(),
     }
 }
 
@@ -114,6 +116,8 @@ pub fn operator(parameters: &Parameters) -> proto::Operator {
         force_resolution: parameters.force_resolution,
         max_acceleration: parameters.max_acceleration,
         gravity_compensation: parameters.gravity_compensation != 0,
+        offset_anti_windup: parameters.offset_anti_windup != 0,
+        stall_release: parameters.stall_release != 0,
     }
 }
 
@@ -176,6 +180,8 @@ fn physics(physics: &Physics) -> proto::Physics {
         unconverged: physics.unconverged,
         energy_j: physics.energy_j,
         contact_work_j: physics.contact_work_j,
+        contact_stored_j: physics.contact_stored_j,
+        contact_substeps: physics.contact_substeps,
     }
 }
 

@@ -4,12 +4,26 @@
 //! put together first, in whatever order the topics came, as long as they are no more than [`WINDOW`] ticks apart.
 
 mod account;
+mod contacts;
+mod force;
+mod force_command;
+mod integration;
+mod label;
 mod latency;
+mod moments;
+mod objects;
+mod posture;
 mod sample;
+mod sum;
 mod summary;
+mod tracking;
 mod window;
 
-pub use summary::{ForceCommandSummary, ForceSummary, MetricsSummary, Quantiles, TickSummary, TimingSummary, TrackingSummary};
+pub use label::{Label, List};
+pub use moments::{AirSummary, IntegrationSummary, JointSummary, MAX_PAIRS, MomentsSummary, ObjectSummary, PairSummary};
+pub use summary::{
+    ForceCommandSummary, ForceSummary, MetricsSummary, OutsideSummary, Quantiles, TickSummary, TimingSummary, TrackingSummary,
+};
 pub use window::WINDOW;
 
 use crate::proto;
@@ -116,6 +130,8 @@ impl Metrics {
             tracking: account.tracking(),
             force: account.force(),
             force_command: account.force_command(),
+            moments: account.moments(),
+            integration: account.integration(),
             timing: TimingSummary {
                 latency_us: self.latency.quantiles_us(),
                 late_ticks: self.slipped,

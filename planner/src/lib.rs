@@ -24,7 +24,9 @@
 //! ```
 
 mod axis;
+mod plan;
 mod planner;
 pub mod process;
 
+pub use plan::Plan;
 pub use planner::{PEAK_TO_MEAN, PlannerParameters, Setpoint, hold, setpoint, step};

@@ -2,27 +2,17 @@
 //!
 //! While the drive is not under torque (before the first command, and braking) the reference is where the foot is.
 
-use crate::{PlannerParameters, hold, setpoint, step};
-use hapfic_config::{PERIOD_S, Settings};
-use hapfic_ipc::message::{Command, Mode, Operator, PlannerState, Reference, State};
+use crate::Plan;
+use hapfic_config::Settings;
+use hapfic_ipc::message::{Command, Mode, Operator, Reference, State};
 use hapfic_ipc::realtime::Wish;
 use hapfic_ipc::{Clock, Context, Input, IpcError, Output, Recent, Tick, Wait, clock, topic};
-
-/// Ticks by which a plan may lag behind and still be stepped through; beyond, the motion starts anew from where it is held.
-const CATCH_UP: i64 = 4;
 
 struct Ports {
     state: Input<State>,
     command: Input<Command>,
     operator: Input<Operator>,
     reference: Output<Reference>,
-}
-
-/// A plan and the tick it is for.
-#[derive(Clone, Copy, Debug)]
-struct Plan {
-    tick: i64,
-    state: PlannerState,
 }
 
 /// Runs the planner until its last tick or its end.
@@ -51,27 +41,20 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), IpcError> {
             break;
         }
         context.drain(&mut ports.operator, |new| operator = Some(new))?;
-        let Some(parameters) = operator.map(|o| *o.at(state.tick + 1)) else {
+        let Some(operator) = operator else {
             // Nobody has said what to do yet.
             context.refuse();
             continue;
         };
+        let parameters = operator.at(state.tick + 1);
         let active = commands.before(state.tick).is_some_and(|c| c.mode == Mode::Active.code());
         if state.tick == 0 {
             // Tick 0 has no tick before it in which its reference could have been made.
-            let first = Plan { tick: 0, state: hold(state.foot_position) };
+            let first = Plan::resting(0, state.foot_position);
             plan = Some(first);
             send(context, &mut ports, &first, parameters.version)?;
         }
-        let next = match plan {
-            Some(p) if active && state.tick + 1 - p.tick <= CATCH_UP => advance(p, state.tick + 1, operator),
-            Some(p) if active => {
-                // Long away: the controllers have held the last position since.
-                let held = Plan { tick: state.tick, state: hold(setpoint(&p.state, PERIOD_S).position_m) };
-                advance(held, state.tick + 1, operator)
-            }
-            _ => Plan { tick: state.tick + 1, state: hold(state.foot_position) },
-        };
+        let next = Plan::next(plan, &state, active, &operator);
         plan = Some(next);
         let mut published = 0;
         if next.tick <= last_tick {
@@ -94,26 +77,7 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), IpcError> {
 }
 
 fn send(context: &Context, ports: &mut Ports, plan: &Plan, parameters_version: u64) -> Result<u64, IpcError> {
-    let out = setpoint(&plan.state, PERIOD_S);
-    ports.reference.send(&Reference {
-        stamp_ns: context.stamp(),
-        tick: plan.tick,
-        parameters_version,
-        position: out.position_m,
-        velocity: out.velocity_m_per_s,
-        planner: plan.state,
-    })
-}
-
-/// Steps a plan up to a tick, each tick with the parameters in force at it.
-fn advance(mut plan: Plan, tick: i64, operator: Option<Operator>) -> Plan {
-    while let Some(operator) = operator.filter(|_| plan.tick < tick) {
-        let p = operator.at(plan.tick + 1);
-        let parameters = PlannerParameters { mean_speed_m_per_s: p.mean_speed, max_acceleration_m_per_s2: p.max_acceleration };
-        plan.state = step(plan.state, p.target_position, &parameters, PERIOD_S).0;
-        plan.tick += 1;
-    }
-    plan
+    ports.reference.send(&Reference { stamp_ns: context.stamp(), ..plan.reference(parameters_version) })
 }
 
 /// Takes the commands there are; in lockstep waits for the one of `tick`. Says whether to go on.

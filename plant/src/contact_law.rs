@@ -107,6 +107,15 @@ impl ContactLaw {
         if r <= 1.0 { self.friction_static * (2.0 - r) / self.critical_speed } else { self.friction(speed).value / speed }
     }
 
+    /// Elastic energy of a depth, J: the integral of s(x) k x from touch to there.
+    #[must_use]
+    pub fn stored(&self, depth: f64) -> f64 {
+        let (k, w) = (self.stiffness, self.transition_width);
+        let r = (depth / w).clamp(0.0, 1.0);
+        let inside = k * w * w * r.powi(4) * (0.75 - 0.4 * r);
+        if depth > w { inside + 0.5 * k * (depth * depth - w * w) } else { inside }
+    }
+
     /// Depth at which the law carries a steady normal force, m.
     #[must_use]
     pub fn depth_at(&self, force: f64) -> f64 {
@@ -156,6 +165,18 @@ mod tests {
             assert!((mu.slope - slope).abs() < 1e-3, "{v}: {} {slope}", mu.slope);
             assert!((LAW.friction_per_speed(v) * v - mu.value).abs() < 1e-12);
         }
+    }
+
+    #[test]
+    fn what_a_contact_stores_is_the_work_of_pressing_it() {
+        let (mut sum, step) = (0.0, 1e-7);
+        for i in 0..25_000 {
+            let depth = (f64::from(i) + 0.5) * step;
+            sum += LAW.normal(depth, 0.0).force * step;
+            let stored = LAW.stored(depth + 0.5 * step);
+            assert!((stored - sum).abs() <= 1e-4 * sum + 1e-12, "{depth}: {stored} against {sum}");
+        }
+        assert_eq!(LAW.stored(-1.0), 0.0);
     }
 
     #[test]

@@ -11,7 +11,7 @@ pub enum PlantError {
     Ipc(#[from] hapfic_ipc::IpcError),
     /// A tip link that cannot touch anything.
     #[error(
-        "link '{link}': found no collision shape, expected one (a sphere, cylinder or box): the tip link must be able to touch the floor"
+        "link '{link}': found no collision shape, expected a sphere: the tip link must be able to touch the floor and the objects"
     )]
     NoFoot {
         /// The tip link.
@@ -25,16 +25,26 @@ pub enum PlantError {
         /// Its shape.
         shape: hapfic_robot::Shape,
     },
+    /// Two bodies of one name.
+    #[error(
+        "world.object: found '{name}' as a name, expected one that neither a link nor another body has: contacts are told apart by it"
+    )]
+    Name {
+        /// The name.
+        name: String,
+    },
     /// A start inside of something.
     #[error(
-        "robot.start_position_rad: the foot starts {depth_m:.4} m deep in the {body}, expected at most {limit_m} m: raise the base, or change the posture"
+        "{body} starts {depth_m:.4} m deep in {against}, expected at most {limit_m:.4} m: move one of them (robot.base_position_m, robot.start_position_rad, world.object.position_m)"
     )]
     StartsInside {
         /// How deep.
         depth_m: f64,
-        /// In what.
+        /// What.
         body: String,
-        /// The contact's transition width.
+        /// In what.
+        against: String,
+        /// Transition width of the contact, and what the body sinks in by its own weight.
         limit_m: f64,
     },
     /// A start posture that does not fit the robot.
@@ -48,7 +58,9 @@ pub enum PlantError {
         expected: String,
     },
     /// The state left the numbers.
-    #[error("the simulation left the finite numbers at tick {tick}; joint position {position:?}, velocity {velocity:?}")]
+    #[error(
+        "the simulation left the finite numbers at tick {tick}; joint position {position:?}, velocity {velocity:?}, objects {objects:?}"
+    )]
     NotFinite {
         /// When.
         tick: i64,
@@ -56,5 +68,7 @@ pub enum PlantError {
         position: Vec<f64>,
         /// q'.
         velocity: Vec<f64>,
+        /// Where the objects are, m.
+        objects: Vec<[f64; 3]>,
     },
 }

@@ -3,18 +3,25 @@
 //! [`Plant`] is the whole of it without a clock; [`process::run`] is the process. The contact law is [`ContactLaw`], the
 //! integrator [`World`].
 
+mod account;
 mod contact_law;
 mod drive;
 mod error;
+mod flight;
 mod newton;
+mod object;
 #[allow(clippy::module_inception)]
 mod plant;
+mod press;
 pub mod process;
 mod scene;
+mod touch;
 mod world;
 
+pub use account::Advance;
 pub use contact_law::{ContactLaw, Normal, Sloped};
 pub use drive::DriveState;
 pub use error::PlantError;
+pub use object::FreeBody;
 pub use plant::Plant;
-pub use world::{Action, Advance, Substeps, World};
+pub use world::{Action, Substeps, World};

@@ -82,6 +82,15 @@ impl Newton {
         Self { n, matrix: [zero; MAX_SPEEDS], impulse: zero, v0: zero, hessian: [zero; MAX_SPEEDS], residual: zero, trial: zero }
     }
 
+    /// Empties matrix, impulse and velocities, for a problem of `n` velocities.
+    pub(crate) fn clear(&mut self) {
+        for row in &mut self.matrix[..self.n] {
+            row[..self.n].fill(0.0);
+        }
+        self.impulse[..self.n].fill(0.0);
+        self.v0[..self.n].fill(0.0);
+    }
+
     /// Velocities at the end of the sub-step, and the force of every point.
     pub(crate) fn solve(&mut self, h: f64, points: &[Point], v: &mut Row, forces: &mut [PointForce]) -> Solved {
         *v = self.v0;

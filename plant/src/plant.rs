@@ -1,13 +1,18 @@
 //! The simulated robot and its world, tick by tick.
 
+use crate::account::Advance;
 use crate::drive::DriveState;
 use crate::error::PlantError;
-use crate::scene::Scene;
-use crate::world::{Advance, Substeps, World};
+use crate::object::FreeBody;
+use crate::scene::{Carrier, Scene, Side};
+use crate::world::{Substeps, World};
 use hapfic_config::Settings;
 use hapfic_ipc::message::{Command, Drive, MAX_JOINTS, State};
 use hapfic_robot::Chain;
 use nalgebra::Vector3;
+
+// The messages have room for as many objects as a scenario may have.
+const _: () = assert!(hapfic_config::MAX_OBJECTS == hapfic_ipc::message::MAX_OBJECTS);
 
 /// Microseconds of a tick.
 const TICK_US: u32 = 1000;
@@ -22,6 +27,8 @@ pub struct Plant {
     brake_damping: f64,
     tick: i64,
     last: Advance,
+    /// Elastic energy in the contacts at the present tick, J.
+    stored: f64,
 }
 
 impl Plant {
@@ -38,17 +45,14 @@ impl Plant {
             effort[i] = joint.effort;
         }
         let substeps = Substeps { flight_us: settings.plant.flight_substep_us, contact_us: settings.plant.contact_substep_us };
-        let scene = Scene::new(settings, chain)?;
-        let kin = scene.chain.kinematics(&q);
-        if let Some((depth_m, body)) = scene.deepest(&kin)
-            && let Some(floor) = &settings.world.floor
-            && depth_m > floor.transition_width_m
-        {
-            return Err(PlantError::StartsInside { depth_m, body: body.to_owned(), limit_m: floor.transition_width_m });
-        }
+        let mut scene = Scene::new(settings, chain)?;
+        let objects: Vec<_> = settings.world.objects.iter().map(FreeBody::new).collect();
         let gravity = Vector3::from(settings.world.gravity_m_per_s2);
+        refuse_inside(&mut scene, &q, &objects, &gravity)?;
+        let mut world = World::new(scene, q, objects, gravity, damping, effort, substeps);
         Ok(Self {
-            world: World::new(scene, q, gravity, damping, effort, substeps),
+            stored: world.contact_stored(),
+            world,
             drive: DriveState::default(),
             acted: Drive::Held,
             command_timeout_ticks: settings.plant.command_timeout_ticks,
@@ -108,6 +112,11 @@ impl Plant {
         };
         state.physics.energy_j = world.energy();
         state.physics.contact_work_j = world.contact_work();
+        state.physics.contact_stored_j = self.stored;
+        state.object_count = world.objects.len() as u32;
+        for (place, body) in state.objects.iter_mut().zip(&world.objects) {
+            *place = body.state();
+        }
         state
     }
 
@@ -130,24 +139,46 @@ impl Plant {
         let (drive, action) = self.drive.act(self.tick, self.command_timeout_ticks, self.brake_damping);
         self.acted = drive;
         self.last = self.world.advance(action, TICK_US);
+        self.stored = self.world.contact_stored();
         let world = &self.world;
-        if !world.q.iter().chain(&world.qd).all(|v| v.is_finite()) {
+        if !world.is_finite() {
             let n = world.scene.chain.dof();
             return Err(PlantError::NotFinite {
                 tick: self.tick,
                 position: world.q[..n].to_vec(),
                 velocity: world.qd[..n].to_vec(),
+                objects: world.objects.iter().map(|body| body.position.into()).collect(),
             });
         }
         self.tick += 1;
         Ok(())
     }
+}
 
-    /// Moves rapier's bodies along: for geometric questions between ticks.
-    pub fn place_bodies(&mut self) {
-        let kin = self.world.kinematics();
-        self.world.scene.place(&kin);
+/// Refuses a start in which two bodies are deeper in each other than their transition width and what their weight presses them in.
+fn refuse_inside(scene: &mut Scene, q: &[f64], objects: &[FreeBody], gravity: &Vector3<f64>) -> Result<(), PlantError> {
+    let kin = scene.chain.kinematics(q);
+    let mut found = Vec::new();
+    scene.find(&kin, objects, |_, _| Some(0.0), &mut found);
+    for (index, touch) in found {
+        let pair = &scene.pairs[index];
+        let weight = |carrier| match carrier {
+            Carrier::Object(i) => objects[i].mass * gravity.norm(),
+            Carrier::World | Carrier::Link(_) => 0.0,
+        };
+        let load = weight(pair.body.carrier) + weight(pair.against.carrier);
+        let limit_m = pair.law.transition_width + pair.law.depth_at(load);
+        if touch.depth > limit_m {
+            let name = |side: &Side| scene.names[side.name].clone();
+            return Err(PlantError::StartsInside {
+                depth_m: touch.depth,
+                body: name(&pair.body),
+                against: name(&pair.against),
+                limit_m,
+            });
+        }
     }
+    Ok(())
 }
 
 fn start(wanted: &[f64], chain: &Chain) -> Result<[f64; MAX_JOINTS], PlantError> {

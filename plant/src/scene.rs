@@ -1,37 +1,43 @@
-//! The bodies of the world and their shapes, and which of them may touch.
-//!
-//! rapier's sets hold bodies and colliders; where two of them touch is parry's answer; how they push each other is ours
-//! ([`crate::ContactLaw`]).
+//! The bodies of the world, their shapes, and which of them may touch.
 
 use crate::contact_law::ContactLaw;
 use crate::error::PlantError;
-use hapfic_config::Settings;
-use hapfic_robot::{Chain, Kinematics, Shape};
+use crate::object::FreeBody;
+use crate::touch::{Finder, Form, Touch, Touches, pose};
+use hapfic_config::{Object, ObjectShape, Settings, Surface};
+use hapfic_robot::{Chain, Collision, Kinematics, Shape};
 use nalgebra::{Isometry3, Vector3};
-use rapier3d_f64::parry::query;
-use rapier3d_f64::prelude::{
-    Collider, ColliderBuilder, ColliderHandle, ColliderSet, Pose, RigidBodyBuilder, RigidBodyHandle, RigidBodySet, SharedShape,
-    Vector,
-};
+use parry3d_f64::math::{Pose, Vector};
+use parry3d_f64::shape::{Ball, Cuboid, HalfSpace};
 
-/// What a collider is fixed to.
+/// Contacts softer than this, N/m, let a body sink in so far that the lower leg touches with foot and shank at once: it is one
+/// contact then, of whichever is deeper.
+const SOFT: f64 = 1e5;
+/// Depths this near are the same, m: the end of the shank lies in the foot.
+const SAME: f64 = 1e-9;
+
+/// What a shape is fixed to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Carrier {
     /// The world.
     World,
     /// A moving body of the chain.
     Link(usize),
+    /// A free body.
+    Object(usize),
 }
 
-/// A collider with its carrier and its name's place in [`Scene::names`].
+/// A shape with its carrier and its name's place in [`Scene::names`].
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Side {
     pub(crate) carrier: Carrier,
-    pub(crate) collider: ColliderHandle,
+    pub(crate) form: Form,
+    /// In the frame of the carrier.
+    local: Pose,
     pub(crate) name: usize,
 }
 
-/// Two colliders that may touch. The force on `body` is the normal force along the normal; `against` feels the opposite.
+/// Two shapes that may touch. The force on `body` is the normal force along the normal; `against` feels the opposite.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Pair {
     pub(crate) body: Side,
@@ -39,202 +45,240 @@ pub(crate) struct Pair {
     pub(crate) law: ContactLaw,
     /// Whether the force sensor at the tip feels it.
     pub(crate) sensed: bool,
+    /// The foot's pair, if this is of the rest of the lower leg on something soft: only the deeper of the two counts.
+    pub(crate) rival: Option<usize>,
 }
 
-/// Where two colliders touch, or nearly do.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Touch {
-    /// World point midway between the two surfaces, m.
-    pub(crate) point: Vector3<f64>,
-    /// Unit normal, from `against` to `body`.
-    pub(crate) normal: Vector3<f64>,
-    /// Penetration, m; negative: the gap.
-    pub(crate) depth: f64,
+impl Pair {
+    /// Whether it depends on where the leg is.
+    pub(crate) fn has_link(&self) -> bool {
+        matches!(self.body.carrier, Carrier::Link(_))
+    }
+
+    /// Whether a free body takes part.
+    pub(crate) fn has_object(&self) -> bool {
+        [self.body, self.against].iter().any(|side| matches!(side.carrier, Carrier::Object(_)))
+    }
 }
 
 /// The world's bodies.
 pub(crate) struct Scene {
     pub(crate) chain: Chain,
-    bodies: RigidBodySet,
-    colliders: ColliderSet,
-    links: Vec<RigidBodyHandle>,
     pub(crate) names: Vec<String>,
     pub(crate) pairs: Vec<Pair>,
+    finder: Finder,
+    touches: Touches,
 }
 
-fn vector(v: &Vector3<f64>) -> Vector {
-    Vector::new(v.x, v.y, v.z)
+/// A contact point with its pair.
+pub(crate) type Found = Vec<(usize, Touch)>;
+
+/// URDF's cylinder as the largest capsule in it.
+fn inscribed(radius: f64, length: f64) -> Form {
+    let radius = radius.min(0.5 * length);
+    let half = 0.5 * length - radius;
+    if half > 0.0 { Form::capsule(-half, half, radius) } else { Form::Ball(Ball::new(radius)) }
 }
 
-fn pose(p: &Isometry3<f64>) -> Pose {
-    let q = p.rotation;
-    Pose::from_parts(vector(&p.translation.vector), rapier3d_f64::math::Rotation::from_xyzw(q.i, q.j, q.k, q.w))
-}
-
-fn shape(shape: &Shape) -> SharedShape {
+fn form(shape: &Shape) -> Form {
     match *shape {
-        Shape::Sphere { radius } => SharedShape::ball(radius),
-        // URDF's cylinders stand along z, parry's along y; `upright` turns them.
-        Shape::Cylinder { radius, length } => SharedShape::cylinder(0.5 * length, radius),
-        Shape::Capsule { radius, length } => SharedShape::capsule_z(0.5 * length, radius),
-        Shape::Box { size } => SharedShape::cuboid(0.5 * size[0], 0.5 * size[1], 0.5 * size[2]),
+        Shape::Sphere { radius } => Form::Ball(Ball::new(radius)),
+        Shape::Cylinder { radius, length } => inscribed(radius, length),
+        Shape::Capsule { radius, length } => Form::capsule(-0.5 * length, 0.5 * length, radius),
+        Shape::Box { size } => Form::Box(Cuboid::new(Vector::new(0.5 * size[0], 0.5 * size[1], 0.5 * size[2]))),
     }
 }
 
-fn upright(shape: &Shape) -> Isometry3<f64> {
-    match shape {
-        Shape::Cylinder { .. } => Isometry3::rotation(Vector3::new(std::f64::consts::FRAC_PI_2, 0.0, 0.0)),
-        _ => Isometry3::identity(),
+/// The same on a soft body: a cylinder's axis then goes from end to end, so that the shank's reaches into the foot.
+fn form_on_soft(shape: &Shape) -> Form {
+    match *shape {
+        Shape::Cylinder { radius, length } => Form::capsule(-0.5 * length, 0.5 * length, radius),
+        _ => form(shape),
     }
+}
+
+fn law(surface: &Surface) -> ContactLaw {
+    ContactLaw {
+        stiffness: surface.stiffness_n_per_m,
+        damping: surface.damping_n_s_per_m,
+        transition_width: surface.transition_width_m,
+        friction_static: surface.friction_static,
+        friction_dynamic: surface.friction_dynamic,
+        critical_speed: surface.critical_speed_m_per_s,
+    }
+}
+
+/// Where two surfaces meet: the softer gives, the more slippery slides.
+fn meet(a: &Surface, b: &Surface) -> ContactLaw {
+    let soft = law(if a.stiffness_n_per_m <= b.stiffness_n_per_m { a } else { b });
+    let slippery = if a.friction_static <= b.friction_static { a } else { b };
+    ContactLaw {
+        friction_static: slippery.friction_static,
+        friction_dynamic: slippery.friction_dynamic,
+        critical_speed: slippery.critical_speed_m_per_s,
+        ..soft
+    }
+}
+
+/// Something that is not the robot, and its surface.
+struct Thing<'a> {
+    side: Side,
+    surface: &'a Surface,
 }
 
 impl Scene {
     /// Builds the world of a scenario.
     pub(crate) fn new(settings: &Settings, chain: Chain) -> Result<Self, PlantError> {
-        let (mut bodies, mut colliders) = (RigidBodySet::new(), ColliderSet::new());
-        let mut names = Vec::new();
-        let mut pairs = Vec::new();
-        let links: Vec<_> = (0..chain.dof()).map(|_| bodies.insert(RigidBodyBuilder::kinematic_position_based())).collect();
-
-        let mut feet = Vec::new();
-        for collision in chain.collisions() {
-            let Some(body) = collision.body else { continue };
-            let local = collision.origin * upright(&collision.shape);
-            let collider = colliders.insert_with_parent(
-                ColliderBuilder::new(shape(&collision.shape)).position(pose(&local)),
-                links[body],
-                &mut bodies,
-            );
-            names.push(collision.link.clone());
-            if collision.link == chain.tip_link() {
-                // A flat foot stands on more points than one; that comes with the other bodies.
-                if !matches!(collision.shape, Shape::Sphere { .. }) {
-                    return Err(PlantError::FootShape { link: collision.link.clone(), shape: collision.shape });
-                }
-                feet.push(Side { carrier: Carrier::Link(body), collider, name: names.len() - 1 });
-            }
-        }
+        let mut scene = Self { chain, names: Vec::new(), pairs: Vec::new(), finder: Finder::default(), touches: Touches::new() };
+        let limbs = scene.limbs()?;
+        let mut things = Vec::new();
         if let Some(floor) = &settings.world.floor {
-            if feet.is_empty() {
-                return Err(PlantError::NoFoot { link: chain.tip_link().to_owned() });
-            }
-            let ground = bodies.insert(RigidBodyBuilder::fixed().translation(Vector::new(0.0, 0.0, floor.height_m)));
-            let collider =
-                colliders.insert_with_parent(ColliderBuilder::new(SharedShape::halfspace(Vector::Z)), ground, &mut bodies);
-            names.push("floor".to_owned());
-            let against = Side { carrier: Carrier::World, collider, name: names.len() - 1 };
-            let law = ContactLaw {
-                stiffness: floor.stiffness_n_per_m,
-                damping: floor.damping_n_s_per_m,
-                transition_width: floor.transition_width_m,
-                friction_static: floor.friction_static,
-                friction_dynamic: floor.friction_dynamic,
-                critical_speed: floor.critical_speed_m_per_s,
-            };
-            pairs.extend(feet.into_iter().map(|body| Pair { body, against, law, sensed: true }));
+            let local = pose(&Isometry3::translation(0.0, 0.0, floor.height_m));
+            let form = Form::HalfSpace(HalfSpace::new(Vector::Z));
+            things.push(Thing { side: scene.side(Carrier::World, form, local, "floor")?, surface: &floor.surface });
         }
-        Ok(Self { chain, bodies, colliders, links, names, pairs })
+        for (index, object) in settings.world.objects.iter().enumerate() {
+            things.push(scene.object(index, object)?);
+        }
+        if !things.is_empty() && !limbs.iter().any(|(_, collision)| scene.is_foot(collision)) {
+            return Err(PlantError::NoFoot { link: scene.chain.tip_link().to_owned() });
+        }
+        for thing in &things {
+            scene.pair_with_limbs(&limbs, thing);
+        }
+        for (i, against) in things.iter().enumerate() {
+            for body in &things[i + 1..] {
+                let law = meet(body.surface, against.surface);
+                scene.pairs.push(Pair { body: body.side, against: against.side, law, sensed: false, rival: None });
+            }
+        }
+        Ok(scene)
     }
 
-    fn collider(&self, side: Side) -> &Collider {
-        // Handles are made in `new` and nothing is ever removed.
-        &self.colliders[side.collider]
+    fn is_foot(&self, collision: &Collision) -> bool {
+        collision.link == self.chain.tip_link()
     }
 
-    fn pose_of(&self, side: Side, kin: &Kinematics) -> Pose {
-        let collider = self.collider(side);
+    fn side(&mut self, carrier: Carrier, form: Form, local: Pose, name: &str) -> Result<Side, PlantError> {
+        if !matches!(carrier, Carrier::Link(_)) && self.names.iter().any(|n| n == name) {
+            return Err(PlantError::Name { name: name.to_owned() });
+        }
+        // A link may have several shapes, and one name.
+        let index = self.names.iter().position(|n| n == name).unwrap_or_else(|| {
+            self.names.push(name.to_owned());
+            self.names.len() - 1
+        });
+        Ok(Side { carrier, form, local, name: index })
+    }
+
+    /// The moving shapes of the robot, feet first.
+    fn limbs(&mut self) -> Result<Vec<(Side, Collision)>, PlantError> {
+        let mut collisions: Vec<Collision> = self.chain.collisions().to_vec();
+        collisions.sort_by_key(|c| !self.is_foot(c));
+        let mut limbs = Vec::new();
+        for collision in collisions {
+            let Some(body) = collision.body else { continue };
+            // A flat foot would need a rule of its own for where foot and shank meet.
+            if self.is_foot(&collision) && !matches!(collision.shape, Shape::Sphere { .. }) {
+                return Err(PlantError::FootShape { link: collision.link.clone(), shape: collision.shape });
+            }
+            let side = self.side(Carrier::Link(body), form(&collision.shape), pose(&collision.origin), &collision.link)?;
+            limbs.push((side, collision));
+        }
+        Ok(limbs)
+    }
+
+    fn object<'a>(&mut self, index: usize, object: &'a Object) -> Result<Thing<'a>, PlantError> {
+        let form = match object.shape {
+            ObjectShape::Box { size_m } => form(&Shape::Box { size: size_m }),
+            ObjectShape::Ball { radius_m } => Form::Ball(Ball::new(radius_m)),
+        };
+        let side = self.side(Carrier::Object(index), form, Pose::identity(), &object.name)?;
+        Ok(Thing { side, surface: &object.surface })
+    }
+
+    fn pair_with_limbs(&mut self, limbs: &[(Side, Collision)], thing: &Thing) {
+        let law = law(thing.surface);
+        let mut foot = None;
+        for (side, collision) in limbs {
+            let sensed = self.is_foot(collision);
+            let mut body = *side;
+            let mut rival = None;
+            if law.stiffness < SOFT && !sensed {
+                // Only the link that carries the foot reaches into it.
+                rival = foot.filter(|(_, carrier)| *carrier == side.carrier).map(|(pair, _)| pair);
+                if rival.is_some() {
+                    body.form = form_on_soft(&collision.shape);
+                }
+            }
+            if sensed {
+                foot = Some((self.pairs.len(), side.carrier));
+            }
+            self.pairs.push(Pair { body, against: thing.side, law, sensed, rival });
+        }
+    }
+
+    fn pose_of(side: &Side, kin: &Kinematics, objects: &[FreeBody]) -> Pose {
         match side.carrier {
-            Carrier::World => *collider.position(),
-            Carrier::Link(i) => {
-                let local = collider.position_wrt_parent().copied().unwrap_or_else(Pose::identity);
-                pose(&kin.body_pose(i)) * local
-            }
+            Carrier::World => side.local,
+            Carrier::Link(i) => pose(&kin.body_pose(i)) * side.local,
+            Carrier::Object(i) => pose(&objects[i].pose()) * side.local,
         }
     }
 
-    /// Where the two sides of a pair touch, if their gap is below `reach`, m.
-    pub(crate) fn touch(&self, pair: &Pair, kin: &Kinematics, reach: f64) -> Option<Touch> {
-        let (body, against) = (self.pose_of(pair.body, kin), self.pose_of(pair.against, kin));
-        // The half-space has to come first: parry 0.31.1 returns a wrong depth the other way round.
-        let contact =
-            query::contact(&against, self.collider(pair.against).shape(), &body, self.collider(pair.body).shape(), reach)
-                .ok()
-                .flatten()?;
-        let middle = 0.5 * (contact.point1 + contact.point2);
-        Some(Touch {
-            point: Vector3::new(middle.x, middle.y, middle.z),
-            normal: Vector3::new(contact.normal1.x, contact.normal1.y, contact.normal1.z),
-            depth: -contact.dist,
-        })
+    /// Where the sides of a pair touch, if their gap is below `reach`, m: nowhere, or at some points.
+    pub(crate) fn touch(&mut self, index: usize, kin: &Kinematics, objects: &[FreeBody], reach: f64) -> &[Touch] {
+        let pair = &self.pairs[index];
+        let (body, against) = (Self::pose_of(&pair.body, kin, objects), Self::pose_of(&pair.against, kin, objects));
+        self.finder.touches((&pair.body.form, &body), (&pair.against.form, &against), reach, &mut self.touches);
+        &self.touches
+    }
+
+    /// All contact points of the pairs that `choose` wants, as far as their gap is below what it returns, m.
+    pub(crate) fn find(
+        &mut self,
+        kin: &Kinematics,
+        objects: &[FreeBody],
+        choose: impl Fn(&Self, &Pair) -> Option<f64>,
+        found: &mut Found,
+    ) {
+        found.clear();
+        for index in 0..self.pairs.len() {
+            let Some(reach) = choose(self, &self.pairs[index]) else { continue };
+            let rival = self.pairs[index].rival;
+            for touch in self.touch(index, kin, objects, reach) {
+                let standing = found.iter().position(|(pair, _)| Some(*pair) == rival);
+                match standing {
+                    Some(place) if touch.depth > found[place].1.depth + SAME => found[place] = (index, *touch),
+                    Some(_) => {}
+                    None => found.push((index, *touch)),
+                }
+            }
+        }
     }
 
     /// An upper bound of how fast the two sides can come closer, m/s, at joint velocities `qd`.
-    pub(crate) fn closing_speed(&self, pair: &Pair, kin: &Kinematics, qd: &[f64]) -> f64 {
-        [pair.body, pair.against]
+    pub(crate) fn closing_speed(&self, pair: &Pair, kin: &Kinematics, qd: &[f64], objects: &[FreeBody]) -> f64 {
+        [&pair.body, &pair.against]
             .into_iter()
-            .map(|side| match side.carrier {
-                Carrier::World => 0.0,
-                Carrier::Link(i) => {
-                    let center = self.pose_of(side, kin).translation;
-                    let radius = self.collider(side).shape().compute_local_bounding_sphere().radius();
-                    let jacobian = kin.point_jacobian(i, &Vector3::new(center.x, center.y, center.z));
-                    jacobian.linear_mul(qd).norm() + jacobian.angular_mul(qd).norm() * radius
+            .map(|side| {
+                let reach = side.form.reach().unwrap_or(0.0);
+                match side.carrier {
+                    Carrier::World => 0.0,
+                    Carrier::Link(i) => {
+                        let center = Self::pose_of(side, kin, objects).translation;
+                        let jacobian = kin.point_jacobian(i, &Vector3::new(center.x, center.y, center.z));
+                        jacobian.linear_mul(qd).norm() + jacobian.angular_mul(qd).norm() * reach
+                    }
+                    Carrier::Object(i) => objects[i].velocity.norm() + objects[i].angular_velocity.norm() * reach,
                 }
             })
             .sum()
-    }
-
-    /// How deep the tip stands in something, m, and in what.
-    pub(crate) fn deepest(&self, kin: &Kinematics) -> Option<(f64, &str)> {
-        let depths =
-            self.pairs.iter().filter_map(|p| Some((self.touch(p, kin, 0.0)?.depth, self.names[p.against.name].as_str())));
-        depths.max_by(|a, b| a.0.total_cmp(&b.0))
-    }
-
-    /// Moves rapier's bodies to where the chain is.
-    pub(crate) fn place(&mut self, kin: &Kinematics) {
-        for (i, handle) in self.links.iter().enumerate() {
-            self.bodies[*handle].set_position(pose(&kin.body_pose(i)), false);
-        }
     }
 }
 
 impl core::fmt::Debug for Scene {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.debug_struct("Scene").field("names", &self.names).field("pairs", &self.pairs.len()).finish_non_exhaustive()
-    }
-}
-
-#[cfg(test)]
-#[allow(clippy::unwrap_used)]
-mod tests {
-    use super::*;
-
-    fn floor_scene() -> Scene {
-        let settings = Settings::load("floor", &[]).unwrap();
-        let chain = hapfic_robot::Chain::from_urdf(&settings.robot.urdf.text, "leg.urdf", "base", "foot")
-            .unwrap()
-            .with_base([0.0, 0.0, 0.5], [0.0; 3]);
-        Scene::new(&settings, chain).unwrap()
-    }
-
-    #[test]
-    fn the_foot_starts_twelve_centimetres_over_the_floor() {
-        let scene = floor_scene();
-        let kin = scene.chain.kinematics(&[0.0, 0.9, -1.8]);
-        let touch = scene.touch(&scene.pairs[0], &kin, 1.0).unwrap();
-        assert!((touch.depth + (kin.tip_position().z - 0.02)).abs() < 1e-12, "{touch:?}");
-        assert!((-touch.depth - 0.12).abs() < 0.005, "{touch:?}");
-        assert!((touch.normal - Vector3::z()).norm() < 1e-12);
-        assert_eq!(scene.touch(&scene.pairs[0], &kin, 0.05), None);
-    }
-
-    #[test]
-    fn depth_grows_as_the_foot_sinks() {
-        let scene = floor_scene();
-        let kin = scene.chain.kinematics(&[0.0, 0.0, 0.0]);
-        let touch = scene.touch(&scene.pairs[0], &kin, 0.001).unwrap();
-        assert!((touch.depth - (0.02 - kin.tip_position().z)).abs() < 1e-12, "{touch:?}");
-        assert!((touch.normal - Vector3::z()).norm() < 1e-12);
     }
 }

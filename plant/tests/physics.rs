@@ -122,7 +122,7 @@ fn a_slider_falls_lands_and_stops_as_it_should() {
 fn a_start_inside_the_floor_is_refused() {
     let settings = Settings::load("floor", &["world.floor.height_m=0.3".to_owned()]).unwrap();
     let error = Plant::new(&settings).unwrap_err().to_string();
-    assert!(error.contains("deep in the floor") && error.contains("0.17"), "{error}");
+    assert!(error.contains("deep in floor") && error.contains("0.17"), "{error}");
 }
 
 /// A torque that presses the foot down with a force and carries the leg's weight, computed from the plant's own model.

@@ -33,6 +33,48 @@ pub enum Command {
     },
     /// Print the JSON Schema of scenario files, for editors.
     Schema,
+    /// Change parameters of a running stack: all of one command take effect together, at one tick on all processes.
+    Set {
+        /// The run, as `status` names it; not needed while only one is running.
+        #[arg(long)]
+        run: Option<String>,
+        /// What to change, as in an operator's entry: `desired_force=[0,0,80]`, `stiffness.z=9000`.
+        #[arg(required = true, value_name = "KEY=VALUE")]
+        changes: Vec<String>,
+    },
+    /// Show how a running stack is doing.
+    Status {
+        /// The run; not needed while only one is running.
+        #[arg(long)]
+        run: Option<String>,
+        /// One JSON object, for scripts.
+        #[arg(long)]
+        json: bool,
+        /// Print once instead of following the run.
+        #[arg(long)]
+        once: bool,
+    },
+    /// End a running stack; its log is closed as after Ctrl-C.
+    Stop {
+        /// The run; not needed while only one is running.
+        #[arg(long)]
+        run: Option<String>,
+    },
+    /// Print what the operator did in a log as entries of a scenario, to replay it.
+    Timeline {
+        /// A log of `hapfic run`.
+        log: PathBuf,
+    },
+    /// Draw the figures of a log and sum it up.
+    Report(ReportArgs),
+    /// Make a log that was cut off or damaged readable again; the original is kept.
+    Recover {
+        /// The damaged log.
+        log: PathBuf,
+        /// Where to write the recovered one; `NAME.recovered.mcap` beside it if not given.
+        #[arg(long, value_name = "FILE")]
+        output: Option<PathBuf>,
+    },
     /// One process of a running stack; started by the supervisor.
     #[command(hide = true)]
     Process {
@@ -81,6 +123,22 @@ pub struct RunArgs {
     /// Whether to ask for real-time privileges: take what can be had, refuse to start without all, or ask for none.
     #[arg(long, value_enum, default_value_t = RealtimeName::Auto)]
     pub realtime: RealtimeName,
+}
+
+/// What to make of a log.
+#[derive(Args, Debug)]
+pub struct ReportArgs {
+    /// A log of `hapfic run`.
+    pub log: PathBuf,
+    /// One self-contained interactive page; `LOG` with the ending `.html` if nothing is asked for.
+    #[arg(long, value_name = "FILE")]
+    pub html: Option<PathBuf>,
+    /// A folder for the figures as PNG, for print.
+    #[arg(long, value_name = "DIR")]
+    pub png: Option<PathBuf>,
+    /// The figures' numbers as JSON.
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
 }
 
 impl Default for RunArgs {

@@ -5,6 +5,7 @@ use crate::gate::core::Limits;
 use crate::gate::timeline::Timeline;
 use crate::gate::{Gateway, Start as GateStart};
 use crate::live::Live;
+use crate::operator::{self, Served};
 use crate::privileges;
 use crate::recorder::{self, Recorder};
 use crate::registry::Place;
@@ -128,14 +129,32 @@ impl Prepared {
             flush_every: Duration::from_millis(settings.recorder.flush_ms.into()),
             live: Arc::clone(&live),
         })?;
+        let here = plant.sample().foot_position;
+        let (desk, hatch) = operator::exchange::exchange();
+        // Before the gate, so that its failure leaves nobody behind.
+        let _served = Served::start(operator::Start {
+            domain: domain.clone(),
+            run: place.prefix().trim_end_matches('_').to_owned(),
+            scenario: request.scenario.clone(),
+            clock: request.clock,
+            log: request.log.clone(),
+            ticks: settings.duration_ticks as i64,
+            initial: hapfic_config::Parameters {
+                target_position: settings.initial.target_position.or(Some(here)),
+                ..settings.initial
+            },
+            desk,
+            live: Arc::clone(&live),
+        })?;
         let gate = start_gate(GateStart {
             domain,
             clock: request.clock,
             limits: limits(settings, &plant),
-            timeline: Timeline::new(settings, plant.sample().foot_position),
+            timeline: Timeline::new(settings, here),
             ticks: settings.duration_ticks as i64,
             deadline: Duration::from_micros(settings.supervisor.deadline_us.into()),
             wish: realtime.then(|| GateStart::wish(settings, core)),
+            hatch,
             live: Arc::clone(&live),
         })?;
 
@@ -182,10 +201,12 @@ fn hold_all(bus: &Bus) -> Result<Vec<Box<dyn std::any::Any>>> {
         bus.hold(&topic::EVENT)?,
         bus.hold(&topic::TIMING)?,
         bus.hold(&topic::CREDIT)?,
+        hapfic_ipc::service::hold(bus)?,
     ])
 }
 
-fn limits(settings: &Settings, plant: &Plant) -> Limits {
+/// What the gate enforces in a scenario.
+pub(crate) fn limits(settings: &Settings, plant: &Plant) -> Limits {
     let joints = plant.chain().joints();
     let mut peak = [0.0; MAX_JOINTS];
     for (i, joint) in joints.iter().enumerate() {
@@ -204,7 +225,7 @@ fn open_log(request: &Request, plant: &Plant, start_unix_ns: u64) -> Result<Writ
     let names = Names {
         joints: plant.chain().joints().iter().map(|j| j.name.clone()).collect(),
         bodies: plant.body_names().to_vec(),
-        objects: Vec::new(),
+        objects: request.settings.world.objects.iter().map(|object| object.name.clone()).collect(),
     };
     let pairs = [
         ("version", env!("CARGO_PKG_VERSION").to_owned()),

@@ -9,11 +9,14 @@ mod commands;
 pub mod gate;
 mod launch;
 mod live;
+mod operator;
 mod privileges;
 mod progress;
 mod recorder;
 mod registry;
 mod scene;
+pub mod simulation;
+pub mod stability;
 mod summary;
 mod watch;
 
@@ -39,6 +42,12 @@ pub fn main() -> ExitCode {
             print(&hapfic_config::json_schema());
             Ok(Outcome::Done)
         }
+        cli::Command::Set { run, changes } => commands::set::set(run.as_deref(), &changes),
+        cli::Command::Status { run, json, once } => commands::status::status(run.as_deref(), json, once),
+        cli::Command::Stop { run } => commands::stop::stop(run.as_deref()),
+        cli::Command::Timeline { log } => commands::timeline::timeline(&log),
+        cli::Command::Report(args) => commands::report::report(&args),
+        cli::Command::Recover { log, output } => commands::recover::recover(&log, output.as_deref()),
         cli::Command::Process { name } => commands::process::process(name),
     };
     match outcome {

@@ -16,6 +16,8 @@ pub struct Pulse {
     realtime: AtomicU32,
     /// Messages it has refused.
     refused: AtomicU32,
+    /// Its last tick.
+    tick: AtomicI64,
 }
 
 impl Pulse {
@@ -28,6 +30,18 @@ impl Pulse {
     /// When it was last heard of.
     fn heard_ns(&self) -> Option<u64> {
         Some(self.heard_ns.load(Ordering::Relaxed)).filter(|heard| *heard > 0)
+    }
+
+    /// The tick it told of last.
+    #[must_use]
+    pub fn tick(&self) -> i64 {
+        self.tick.load(Ordering::Relaxed)
+    }
+
+    /// How long ago it was heard of, ns.
+    #[must_use]
+    pub fn age_ns(&self) -> Option<u64> {
+        self.heard_ns().map(|heard| clock::now_ns().saturating_sub(heard))
     }
 
     /// Messages it has refused since it started.
@@ -43,7 +57,41 @@ impl Pulse {
     }
 }
 
-/// The picture for the progress line.
+/// Latencies that count as recent: one a tick, for a second.
+const RECENT: usize = 1000;
+
+/// The last latencies from state to command, us.
+#[derive(Debug)]
+pub struct Latencies {
+    us: [AtomicU32; RECENT],
+    count: AtomicU64,
+}
+
+impl Default for Latencies {
+    fn default() -> Self {
+        Self { us: [const { AtomicU32::new(0) }; RECENT], count: AtomicU64::new(0) }
+    }
+}
+
+impl Latencies {
+    /// By one thread only.
+    fn push(&self, ns: u64) {
+        let count = self.count.load(Ordering::Relaxed);
+        self.us[count as usize % RECENT].store(u32::try_from(ns / 1000).unwrap_or(u32::MAX), Ordering::Relaxed);
+        self.count.store(count + 1, Ordering::Release);
+    }
+
+    /// Those there are, in ascending order.
+    #[must_use]
+    pub fn sorted(&self) -> Vec<u32> {
+        let count = usize::try_from(self.count.load(Ordering::Acquire)).unwrap_or(RECENT).min(RECENT);
+        let mut all: Vec<u32> = self.us[..count].iter().map(|us| us.load(Ordering::Relaxed)).collect();
+        all.sort_unstable();
+        all
+    }
+}
+
+/// The picture for the progress line and for `hapfic status`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Glance {
     /// Simulated time, s.
@@ -58,6 +106,16 @@ pub struct Glance {
     pub missed: u64,
     /// Periods the plant's timer came late so far.
     pub late: u64,
+    /// Ticks at which the drive braked after it had been active.
+    pub braked: u64,
+    /// Code of the mode.
+    pub mode: u32,
+    /// x - x_d, m.
+    pub tracking: [f64; 3],
+    /// x_b, m.
+    pub bound: [f64; 3],
+    /// Version of the parameters in force.
+    pub version: u64,
 }
 
 /// State shared by the supervisor's threads.
@@ -78,8 +136,16 @@ pub struct Live {
     pub gated: AtomicI64,
     /// Code of the severity.
     pub severity: AtomicU32,
+    /// Version of the parameters announced last.
+    pub announced: AtomicU64,
+    /// An operator has asked for the end of the run.
+    pub asked_to_stop: AtomicBool,
+    /// Requests of operators that could not be read.
+    pub requests_refused: AtomicU64,
     /// For the terminal; no real-time thread touches it.
     pub glance: Mutex<Glance>,
+    /// From state to command.
+    pub latencies: Latencies,
     pulses: [Pulse; Process::ALL.len()],
 }
 
@@ -122,6 +188,10 @@ impl Live {
         pulse.heard_ns.store(clock::now_ns(), Ordering::Relaxed);
         pulse.realtime.store(timing.realtime, Ordering::Relaxed);
         pulse.refused.store(timing.refused, Ordering::Relaxed);
+        pulse.tick.store(timing.tick, Ordering::Relaxed);
+        if timing.process == Process::Supervisor.code() && timing.latency_ns > 0 {
+            self.latencies.push(timing.latency_ns);
+        }
         pulse.phase.store(timing.phase + 1, Ordering::Release);
     }
 }

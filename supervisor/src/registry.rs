@@ -4,6 +4,7 @@
 //! whose remains are then removed.
 
 use anyhow::{Context, Result};
+use hapfic_ipc::Domain;
 use rustix::fs::{FlockOperation, flock};
 use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
 use serde::{Deserialize, Serialize};
@@ -24,8 +25,62 @@ pub struct Registration {
     pub pid: u32,
     /// Name of the scenario.
     pub scenario: String,
-    /// The log it writes.
+    /// The log it writes, from the root.
     pub log: PathBuf,
+}
+
+impl Registration {
+    /// The run's corner of the machine.
+    ///
+    /// # Errors
+    /// If its name is none that a run can have.
+    pub fn domain(&self) -> Result<Domain> {
+        Ok(Domain::new(&format!("{}_", self.run), &format!("{SHM}/{}", self.run))?)
+    }
+}
+
+/// All runs of this user that are alive, by name.
+///
+/// # Errors
+/// If the place where they are registered, or a registration, cannot be read.
+pub fn running() -> Result<Vec<Registration>> {
+    let folder = folder_path();
+    if !folder.is_dir() {
+        return Ok(Vec::new());
+    }
+    let _turn = Turn::take(&folder)?;
+    let entries =
+        fs::read_dir(&folder).with_context(|| format!("cannot read {}, where runs are registered", folder.display()))?;
+    let mut runs = Vec::new();
+    for path in entries.flatten().map(|e| e.path()) {
+        if !is_alive(&path) {
+            continue;
+        }
+        let problem =
+            || format!("cannot read {}, the registration of a run; is it of another version of hapfic?", path.display());
+        let text = fs::read_to_string(&path).with_context(problem)?;
+        runs.push(serde_json::from_str::<Registration>(&text).with_context(problem)?);
+    }
+    runs.sort_by(|a, b| a.run.cmp(&b.run));
+    Ok(runs)
+}
+
+/// Does something while a run cannot end, so that nothing made meanwhile in its corner outlives it; `None` if it has ended.
+///
+/// # Errors
+/// If the place where runs are registered cannot be locked.
+pub fn while_alive<T>(run: &str, act: impl FnOnce() -> T) -> Result<Option<T>> {
+    let folder = folder_path();
+    if !folder.is_dir() {
+        return Ok(None);
+    }
+    let _turn = Turn::take(&folder)?;
+    Ok(is_alive(&folder.join(format!("{run}.json"))).then(act))
+}
+
+/// Whether a registration's supervisor lives: it holds the lock. To be called in turn.
+fn is_alive(path: &Path) -> bool {
+    File::open(path).is_ok_and(|file| flock(&file, FlockOperation::NonBlockingLockExclusive).is_err())
 }
 
 /// A run's place; removed with everything in it when dropped.
@@ -63,8 +118,13 @@ impl Place {
                 Err(e) => return Err(e).with_context(|| format!("cannot register the run in {}", file.display())),
             };
             flock(&registration, FlockOperation::NonBlockingLockExclusive).context("cannot lock the run's registration")?;
-            let content =
-                Registration { run: run.clone(), pid: std::process::id(), scenario: scenario.to_owned(), log: log.to_owned() };
+            let content = Registration {
+                run: run.clone(),
+                pid: std::process::id(),
+                scenario: scenario.to_owned(),
+                // Whoever asks may be elsewhere.
+                log: std::path::absolute(log).unwrap_or_else(|_| log.to_owned()),
+            };
             let place = Self { run, file, others, _registration: registration };
             serde_json::to_writer_pretty(&place._registration, &content).context("cannot write the run's registration")?;
             DirBuilder::new()
@@ -96,10 +156,11 @@ impl Place {
 
 impl Drop for Place {
     fn drop(&mut self) {
-        remove_remains(&self.run);
         let Some(folder) = self.file.parent() else { return };
-        // Without its turn it can still remove its own file, but not the folder that others may be about to use.
+        // In turn: whoever is about to ask this run something must not make anything here after it has been removed. Without its
+        // turn it can still remove its own, but not the folder that others may be about to use.
         let turn = Turn::take(folder);
+        remove_remains(&self.run);
         // Last: as long as it is there, the next start knows that something may be left.
         let _ = fs::remove_file(&self.file);
         if turn.is_ok() {
@@ -138,13 +199,18 @@ impl Turn {
     }
 }
 
-/// The user's run-time directory for runs; made if it is not there.
-fn runtime_folder() -> Result<PathBuf> {
-    let folder = match std::env::var_os("XDG_RUNTIME_DIR") {
+/// Where the user's run-time directory for runs is.
+fn folder_path() -> PathBuf {
+    match std::env::var_os("XDG_RUNTIME_DIR") {
         // Set, but not there: as after `su`.
         Some(dir) if Path::new(&dir).is_dir() => PathBuf::from(dir).join("hapfic"),
         _ => std::env::temp_dir().join(format!("hapfic-{}", rustix::process::getuid().as_raw())),
-    };
+    }
+}
+
+/// The user's run-time directory for runs; made if it is not there.
+fn runtime_folder() -> Result<PathBuf> {
+    let folder = folder_path();
     match DirBuilder::new().mode(0o700).create(&folder) {
         Ok(()) => Ok(folder),
         Err(e) if e.kind() == std::io::ErrorKind::AlreadyExists && folder.is_dir() => {

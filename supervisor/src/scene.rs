@@ -1,6 +1,6 @@
-//! What a viewer draws of a scenario: the robot's links and the floor.
+//! What a viewer draws of a scenario: the robot's links, the objects and the floor.
 
-use hapfic_config::Settings;
+use hapfic_config::{ObjectShape, Settings};
 use hapfic_ipc::message::State;
 use hapfic_log::viewer::{Scene, SceneBody, SceneShape, Shape};
 use hapfic_robot::{Chain, Shape as RobotShape};
@@ -8,6 +8,7 @@ use hapfic_robot::{Chain, Shape as RobotShape};
 const LINK_COLOR: [f64; 4] = [0.55, 0.6, 0.68, 1.0];
 const TIP_COLOR: [f64; 4] = [0.95, 0.6, 0.15, 1.0];
 const BASE_COLOR: [f64; 4] = [0.35, 0.35, 0.4, 1.0];
+const OBJECT_COLOR: [f64; 4] = [0.3, 0.55, 0.8, 0.9];
 const FLOOR_COLOR: [f64; 4] = [0.82, 0.82, 0.78, 0.8];
 const FLOOR_SIZE_M: f64 = 2.0;
 const WORLD: &str = "world";
@@ -34,6 +35,14 @@ pub fn scene(settings: &Settings, chain: &Chain) -> Scene {
         fixed.shapes.push(shape(&RobotShape::Sphere { radius: 0.03 }, &base, BASE_COLOR));
     }
     bodies.push(fixed);
+    for object in &settings.world.objects {
+        let form = match object.shape {
+            ObjectShape::Box { size_m } => Shape::Box { size: size_m },
+            ObjectShape::Ball { radius_m } => Shape::Sphere { radius: radius_m },
+        };
+        let whole = SceneShape { position: [0.0; 3], orientation: [0.0, 0.0, 0.0, 1.0], shape: form, color: OBJECT_COLOR };
+        bodies.push(SceneBody { name: object.name.clone(), frame: object.name.clone(), shapes: vec![whole] });
+    }
     if let Some(floor) = &settings.world.floor {
         bodies.push(SceneBody {
             name: "floor".to_owned(),
@@ -74,5 +83,7 @@ fn pose(p: &nalgebra::Isometry3<f64>) -> Pose {
 pub fn poses(chain: &Chain, state: &State) -> Vec<Pose> {
     let n = chain.dof();
     let kin = chain.kinematics(&state.joint_position[..n]);
-    (0..n).map(|i| pose(&kin.body_pose(i))).collect()
+    let links = (0..n).map(|i| pose(&kin.body_pose(i)));
+    let objects = state.objects.iter().take(state.object_count as usize).map(|o| (o.position, o.orientation));
+    links.chain(objects).collect()
 }

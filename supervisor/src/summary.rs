@@ -1,7 +1,9 @@
 //! The summary of a run: for people and, with the same content, for programs.
 
 use hapfic_log::MetricsSummary;
-use hapfic_log::metrics::{ForceCommandSummary, ForceSummary, Quantiles, TickSummary, TrackingSummary};
+use hapfic_log::metrics::{
+    ForceCommandSummary, ForceSummary, IntegrationSummary, MomentsSummary, PairSummary, Quantiles, TickSummary, TrackingSummary,
+};
 use serde::Serialize;
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -29,6 +31,10 @@ pub struct Summary {
     pub force: ForceSummary,
     /// F_c.
     pub force_command: ForceCommandSummary,
+    /// What happened in the scene.
+    pub moments: MomentsSummary,
+    /// What the plant's integrator had to do.
+    pub integration: IntegrationSummary,
     /// By the wall clock.
     pub timing: Timing,
     /// The log.
@@ -101,6 +107,8 @@ impl Summary {
             tracking: metrics.tracking,
             force: metrics.force,
             force_command: metrics.force_command,
+            moments: metrics.moments,
+            integration: metrics.integration,
             timing: Timing {
                 latency_us: metrics.timing.latency_us.filter(|_| realtime),
                 late_ticks: metrics.timing.late_ticks,
@@ -159,6 +167,7 @@ impl Summary {
         row(out, "settled rms", f.settled_rms_n.map(|v| some(v, "N")))?;
         row(out, "  of F_d", f.settled_rms_percent.map(|v| some(v, "%")))?;
         row(out, "sliding rms", f.sliding_rms_percent.map(|v| some(v, "%")))?;
+        self.write_scene(out)?;
         let timing = &self.timing;
         let quantiles = |q: &Option<Quantiles>| {
             q.map_or("none in lockstep".to_owned(), |q| {
@@ -181,6 +190,41 @@ impl Summary {
             self.log.display()
         )?;
         self.write_faults(out)
+    }
+
+    /// What happened in the scene, where anything did.
+    fn write_scene(&self, out: &mut String) -> std::fmt::Result {
+        let outside = &self.tracking.outside;
+        for (axis, name) in ["x", "y", "z"].iter().enumerate().filter(|&(axis, _)| outside.ticks[axis] > 0) {
+            let seconds = |ticks: [u64; 3]| ticks[axis] as f64 * hapfic_config::PERIOD_S;
+            writeln!(
+                out,
+                "  outside x_b        {name} {:.3} s, of which {:.3} s with F_c at F_max, {:.3} s unexplained",
+                seconds(outside.ticks),
+                seconds(outside.force_limited_ticks),
+                seconds(outside.unexplained_ticks)
+            )?;
+        }
+        for object in self.moments.objects.iter() {
+            write!(out, "  {:<18} turned {:.1} deg", object.name, object.max_turn_deg)?;
+            write!(out, "{}", if object.tipped_at_rest { ", at rest on another face" } else { "" })?;
+            write!(out, ", moved {:.0} mm", object.max_displacement_m * 1e3)?;
+            let struck = |pair: &&PairSummary| pair.against == object.name && pair.foot_free_ticks > 0;
+            for pair in self.moments.contacts.iter().filter(struck) {
+                write!(out, "; {} on it {} ticks with the foot free", pair.body, pair.foot_free_ticks)?;
+            }
+            writeln!(out)?;
+        }
+        let i = &self.integration;
+        if let (true, Some(newton)) = (i.contact_ticks > 0, i.newton_per_contact_substep) {
+            writeln!(
+                out,
+                "  physics            {newton:.2} Newton iterations a sub-step, {} unconverged, {:.3} mJ created by contacts",
+                i.unconverged,
+                i.contact_energy_created_j * 1e3
+            )?;
+        }
+        Ok(())
     }
 
     fn write_faults(&self, out: &mut String) -> std::fmt::Result {

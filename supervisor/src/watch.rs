@@ -155,6 +155,10 @@ impl Watch<'_> {
 
     /// Looks at everyone. `false` if the run has to end.
     fn all_well(&mut self) -> Result<bool> {
+        if self.live.asked_to_stop.load(Ordering::Relaxed) {
+            self.fault("supervisor", "was asked to end by the operator".to_owned(), "operator");
+            return Ok(false);
+        }
         if self.stop.load(Ordering::Relaxed) {
             self.fault("supervisor", "was asked to end by a signal".to_owned(), "signal");
             return Ok(false);

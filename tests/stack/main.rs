@@ -9,5 +9,7 @@ mod command_line;
 mod ending;
 mod lockstep;
 mod log_file;
+mod online;
 mod readme;
 mod realtime;
+mod recover;

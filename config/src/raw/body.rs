@@ -1,6 +1,7 @@
 //! Robot, world and plant as written.
 
 use super::PerJoint;
+use crate::policy::ShapeKind;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -51,11 +52,15 @@ pub(crate) struct RawWorld {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(with = "RawFloor")]
     pub(crate) floor: Option<RawFloor>,
+
+    /// What moves freely, at most 4 of them.
+    #[serde(rename = "object", skip_serializing_if = "Vec::is_empty")]
+    pub(crate) objects: Vec<RawObject>,
 }
 
 impl Default for RawWorld {
     fn default() -> Self {
-        Self { gravity_m_per_s2: [0.0, 0.0, -9.81], floor: None }
+        Self { gravity_m_per_s2: [0.0, 0.0, -9.81], floor: None, objects: Vec::new() }
     }
 }
 
@@ -97,6 +102,82 @@ impl Default for RawFloor {
             critical_speed_m_per_s: 1e-3,
         }
     }
+}
+
+/// A body that moves freely: a box or a ball of even density. Where two surfaces meet, the softer one's stiffness, damping and
+/// transition width count, and the friction of the more slippery one; the robot's links take over what they touch.
+#[derive(Clone, Debug, Deserialize, JsonSchema, Serialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RawObject {
+    /// Its name in messages and in the log; unlike any other object, link or the floor.
+    pub(crate) name: String,
+
+    /// "box" or "ball".
+    pub(crate) shape: ShapeKind,
+
+    /// Edges of a box along its x, y and z, m, each in [1e-3, 10].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "[f64; 3]")]
+    pub(crate) size_m: Option<[f64; 3]>,
+
+    /// Radius of a ball, m, in [1e-3, 10].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "f64")]
+    pub(crate) radius_m: Option<f64>,
+
+    /// Its mass, kg, in [1e-3, 1e4]. Raising it makes it harder to push and to tip.
+    pub(crate) mass_kg: f64,
+
+    /// Where its centre is at the start, m, world frame, each in [-100, 100].
+    pub(crate) position_m: [f64; 3],
+
+    /// How it is turned at the start: roll, pitch, yaw, rad, each in [-10, 10].
+    #[serde(default)]
+    pub(crate) orientation_rpy_rad: [f64; 3],
+
+    /// k, N/m, in (0, 1e9]. Raising it makes contacts shallower and impacts harder.
+    #[serde(default = "stiffness")]
+    pub(crate) stiffness_n_per_m: f64,
+
+    /// b, N s/m, in [0, 1e7]. Raising it takes the bounce out of impacts.
+    #[serde(default = "damping")]
+    pub(crate) damping_n_s_per_m: f64,
+
+    /// w, depth over which stiffness and damping come in, m, in (0, 0.1]. Raising it makes the touch softer.
+    #[serde(default = "transition_width")]
+    pub(crate) transition_width_m: f64,
+
+    /// mu_s, largest ratio of friction to normal force, in [0, 10]. Raising it lets more side force hold without slip.
+    #[serde(default = "friction_static")]
+    pub(crate) friction_static: f64,
+
+    /// mu_d, the ratio while sliding, in [0, 10], at most mu_s. Raising it brakes sliding harder.
+    #[serde(default = "friction_dynamic")]
+    pub(crate) friction_dynamic: f64,
+
+    /// v_c, slip at which friction reaches mu_s, m/s, in (0, 1]. Raising it lets loaded contacts creep faster.
+    #[serde(default = "critical_speed")]
+    pub(crate) critical_speed_m_per_s: f64,
+}
+
+// The paper's rigid bodies with friction.
+fn stiffness() -> f64 {
+    1e6
+}
+fn damping() -> f64 {
+    1e4
+}
+fn transition_width() -> f64 {
+    1e-3
+}
+fn friction_static() -> f64 {
+    0.5
+}
+fn friction_dynamic() -> f64 {
+    0.3
+}
+fn critical_speed() -> f64 {
+    1e-3
 }
 
 /// The simulated plant: integration, and what the drive does without commands.

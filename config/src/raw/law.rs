@@ -33,7 +33,20 @@ pub(crate) struct RawController {
     #[schemars(extend("default" = "continuous"))]
     pub(crate) saturation: Option<Saturation>,
 
-    /// "paper" sets search, reset_policy and saturation as the paper prints them; they must not be given beside it.
+    /// Keeps the searched offset from moving further while F_max holds the force, and rescales it when K0 changes, so that
+    /// the force it stands for stays. Without it the offset winds up at F_max and has to be searched back.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("default" = true))]
+    pub(crate) offset_anti_windup: Option<bool>,
+
+    /// Starts the convergence anew from where the limb has come to a standstill without contact. Without it a strongly damped
+    /// limb stays near half of its way.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("default" = true))]
+    pub(crate) stall_release: Option<bool>,
+
+    /// "paper" sets search, reset_policy and saturation as the paper prints them, and switches offset_anti_windup and
+    /// stall_release off; none of these may be given beside it.
     pub(crate) fidelity: Fidelity,
 
     /// Share of the force error that the tapered search works off in 1 ms, in (0, 1]. Raising it settles faster; 0.8
@@ -61,6 +74,8 @@ impl Default for RawController {
             search: None,
             reset_policy: None,
             saturation: None,
+            offset_anti_windup: None,
+            stall_release: None,
             fidelity: Fidelity::Hapfic,
             taper: 0.2,
             search_scale: 0.01,
@@ -143,6 +158,14 @@ pub(crate) struct RawOperator {
     /// As in `controller`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) gravity_compensation: Option<bool>,
+
+    /// As in `controller`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) offset_anti_windup: Option<bool>,
+
+    /// As in `controller`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) stall_release: Option<bool>,
 
     /// m/s, in (0, 10]. As in `planner`; counts for the next target.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -5,7 +5,7 @@ mod law;
 mod per_joint;
 mod stack;
 
-pub(crate) use body::{RawPlant, RawRobot, RawWorld};
+pub(crate) use body::{RawObject, RawPlant, RawRobot, RawWorld};
 pub(crate) use law::{RawController, RawOperator, RawPlanner};
 pub(crate) use per_joint::PerJoint;
 pub(crate) use stack::{RawProcesses, RawRealtime, RawRecorder, RawSupervisor};

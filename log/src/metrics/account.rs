@@ -1,13 +1,17 @@
 //! Sums over ticks, which come in order.
 
-use super::sample::{CommandSample, ParameterSample, ReferenceSample, StateSample};
+use super::contacts::Contacts;
+use super::force::Force;
+use super::force_command::ForceCommand;
+use super::integration::Integration;
+use super::moments::{IntegrationSummary, MomentsSummary};
+use super::objects::Objects;
+use super::posture::{Air, Joints};
+use super::sample::{CommandSample, ParameterSample, StateSample};
 use super::summary::{ForceCommandSummary, ForceSummary, TickSummary, TrackingSummary};
+use super::tracking::Tracking;
 use super::window::Slot;
 
-/// How long nothing must have changed before the force counts as settled, ticks.
-const SETTLING: u64 = 500;
-/// F_d counts as reached within this share of it.
-const REACHED: f64 = 0.01;
 /// Most parameter sets kept; the operator announces one at a time.
 const MOST_SETS: usize = 64;
 
@@ -16,11 +20,14 @@ const MOST_SETS: usize = 64;
 pub(super) struct Account {
     /// The set in force and those to come, by effective tick and version.
     sets: Vec<ParameterSample>,
-    axes: [Axis; 3],
-    outside: u64,
-    above_limit: u64,
-    /// Tick since which the reference has been at rest on all axes.
-    rest_since: Option<i64>,
+    tracking: Tracking,
+    force: Force,
+    force_command: ForceCommand,
+    objects: Objects,
+    contacts: Contacts,
+    joints: Joints,
+    air: Air,
+    integration: Integration,
     was_active: bool,
     missed: u64,
     braked: u64,
@@ -30,50 +37,6 @@ pub(super) struct Account {
     /// Commands since the first state, and the last of them.
     commands: u64,
     last_command: Option<i64>,
-}
-
-/// Sums of one axis.
-#[derive(Clone, Copy, Debug, Default)]
-struct Axis {
-    error: Sum,
-    bound: f64,
-    wish: Option<Wish>,
-    desired: Option<f64>,
-    settled: Sum,
-    settled_relative: Sum,
-    sliding_relative: Sum,
-    command: f64,
-    limit: f64,
-    ratio: f64,
-}
-
-/// F_d on one axis.
-#[derive(Clone, Copy, Debug)]
-struct Wish {
-    force: f64,
-    since: i64,
-    reached: bool,
-}
-
-/// Sum of squares.
-#[derive(Clone, Copy, Debug, Default)]
-struct Sum {
-    squares: f64,
-    largest: f64,
-    count: u64,
-}
-
-impl Sum {
-    fn add(&mut self, value: f64) {
-        self.squares += value * value;
-        self.largest = self.largest.max(value.abs());
-        self.count += 1;
-    }
-
-    /// Root of the mean square.
-    fn rms(&self) -> Option<f64> {
-        (self.count > 0).then(|| (self.squares / self.count as f64).sqrt())
-    }
 }
 
 impl Account {
@@ -91,17 +54,18 @@ impl Account {
     pub(super) fn tick(&mut self, slot: &Slot) {
         let set = self.in_force(slot.tick);
         if let Some(reference) = &slot.reference {
-            self.rest_since = if reference.at_rest { self.rest_since.or(Some(slot.tick)) } else { None };
+            self.force.reference(slot.tick, reference);
         }
-        if slot.state.is_some() {
+        if let Some(state) = &slot.state {
             self.states += 1;
             self.first.get_or_insert(slot.tick);
             self.last = Some(slot.tick);
+            self.see(state, slot.command.as_ref(), set.as_ref());
         }
         if let (Some(state), Some(reference)) = (&slot.state, &slot.reference) {
-            self.track(state, reference, set.as_ref());
+            self.tracking.tick(state, reference, slot.command.as_ref(), set.as_ref());
             if let Some(set) = &set {
-                self.feel(slot.tick, state, reference, set);
+                self.force.tick(slot.tick, state, reference, set);
             }
         }
         if let Some(command) = &slot.command {
@@ -115,43 +79,16 @@ impl Account {
         self.sets.first().filter(|_| begun > 0).copied()
     }
 
-    fn track(&mut self, state: &StateSample, reference: &ReferenceSample, set: Option<&ParameterSample>) {
-        let mut outside = false;
-        for (i, axis) in self.axes.iter_mut().enumerate() {
-            let error = state.position[i] - reference.position[i];
-            axis.error.add(error);
-            if let Some(set) = set {
-                axis.bound = axis.bound.max(set.position_bound[i]);
-                outside |= error.abs() > set.position_bound[i];
-            }
-        }
-        self.outside += u64::from(outside);
-    }
-
-    fn feel(&mut self, tick: i64, state: &StateSample, reference: &ReferenceSample, set: &ParameterSample) {
-        let rest_since = self.rest_since;
-        for (i, axis) in self.axes.iter_mut().enumerate() {
-            let force = set.desired_force[i];
-            let error = state.force[i] - force;
-            let new = Wish { force, since: tick, reached: false };
-            let wish = axis.wish.get_or_insert(new);
-            if wish.force != force {
-                *wish = new;
-            }
-            if force == 0.0 {
-                continue;
-            }
-            axis.desired = Some(force);
-            wish.reached |= error.abs() <= (REACHED * force.abs()).max(set.force_resolution);
-            if !wish.reached || tick.abs_diff(wish.since) < SETTLING {
-                continue;
-            }
-            if !reference.at_rest {
-                axis.sliding_relative.add(error / force);
-            } else if rest_since.is_some_and(|since| tick.abs_diff(since) >= SETTLING) {
-                axis.settled.add(error);
-                axis.settled_relative.add(error / force);
-            }
+    /// What happened in the scene.
+    fn see(&mut self, state: &StateSample, command: Option<&CommandSample>, set: Option<&ParameterSample>) {
+        let resolution = set.map_or(0.0, |set| set.force_resolution);
+        let foot_free = state.force.iter().all(|force| force.abs() <= resolution);
+        self.objects.tick(&state.objects);
+        self.contacts.tick(&state.contacts, foot_free);
+        self.joints.tick(&state.joints);
+        self.integration.tick(state.physics.as_ref(), !state.contacts.is_empty());
+        if let (true, Some(command), Some(set)) = (foot_free, command.filter(|command| command.active), set) {
+            self.air.tick(command, set);
         }
     }
 
@@ -164,56 +101,37 @@ impl Account {
         self.missed += u64::from(self.was_active && command.missed);
         self.braked += u64::from(self.was_active && !command.active);
         if !command.active {
-            // No force is asked for: what was reached has to be reached anew.
-            self.rest_since = None;
-            for wish in self.axes.iter_mut().filter_map(|axis| axis.wish.as_mut()) {
-                *wish = Wish { since: tick, reached: false, ..*wish };
-            }
+            self.force.inactive(tick);
         }
         // In the other modes the content is that of an older request, and no force stands behind it.
-        let (true, Some(set)) = (command.active, set) else { return };
-        let mut above = false;
-        for (i, axis) in self.axes.iter_mut().enumerate() {
-            let force = command.force[i].abs();
-            let limit = set.max_force[i];
-            axis.command = axis.command.max(force);
-            axis.limit = axis.limit.max(limit);
-            above |= force > limit;
-            if limit > 0.0 {
-                axis.ratio = axis.ratio.max(force / limit);
-            }
+        if let (true, Some(set)) = (command.active, set) {
+            self.force_command.tick(command, set);
         }
-        self.above_limit += u64::from(above);
     }
 
     pub(super) fn tracking(&self) -> TrackingSummary {
-        TrackingSummary {
-            max_m: self.axes.map(|axis| axis.error.largest),
-            rms_m: self.axes.map(|axis| axis.error.rms().unwrap_or(0.0)),
-            bound_m: self.axes.map(|axis| axis.bound),
-            outside_ticks: self.outside,
-        }
+        self.tracking.summary()
     }
 
     pub(super) fn force(&self) -> ForceSummary {
-        let percent = |sum: Sum| sum.rms().map(|share| 100.0 * share);
-        ForceSummary {
-            desired_n: self.axes.map(|axis| axis.desired),
-            settled_rms_n: self.axes.map(|axis| axis.settled.rms()),
-            settled_rms_percent: self.axes.map(|axis| percent(axis.settled_relative)),
-            settled_ticks: self.axes.map(|axis| axis.settled.count),
-            sliding_rms_percent: self.axes.map(|axis| percent(axis.sliding_relative)),
-            sliding_ticks: self.axes.map(|axis| axis.sliding_relative.count),
-        }
+        self.force.summary()
     }
 
     pub(super) fn force_command(&self) -> ForceCommandSummary {
-        ForceCommandSummary {
-            max_n: self.axes.map(|axis| axis.command),
-            limit_n: self.axes.map(|axis| axis.limit),
-            max_ratio: self.axes.map(|axis| axis.ratio),
-            above_limit_ticks: self.above_limit,
+        self.force_command.summary()
+    }
+
+    pub(super) fn moments(&self) -> MomentsSummary {
+        MomentsSummary {
+            objects: self.objects.summary(),
+            contacts: self.contacts.summary(),
+            joints: self.joints.summary(),
+            air: self.air.summary(),
         }
+    }
+
+    pub(super) fn integration(&self) -> IntegrationSummary {
+        self.integration.summary()
     }
 
     pub(super) fn missed(&self) -> u64 {

@@ -1,22 +1,102 @@
 //! What the metrics keep of a message, checked.
 
+use super::label::{Label, List};
 use crate::proto;
-use hapfic_ipc::message::{Mode, Source};
+use hapfic_ipc::message::{MAX_CONTACTS, MAX_JOINTS, MAX_OBJECTS, Mode, Source};
 
 /// A damaged or foreign log may hold anything; no length, speed or force of a run comes near.
 const LARGEST: f64 = 1e12;
+/// A quaternion shorter than this points nowhere.
+const SHORTEST: f64 = 1e-6;
 
 /// Of a state.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct StateSample {
     pub(super) position: [f64; 3],
     pub(super) force: [f64; 3],
+    pub(super) joints: List<f64, MAX_JOINTS>,
+    pub(super) objects: List<ObjectSample, MAX_OBJECTS>,
+    pub(super) contacts: List<ContactSample, MAX_CONTACTS>,
+    pub(super) physics: Option<PhysicsSample>,
 }
 
 impl StateSample {
-    /// `None` if a vector has not 3 finite elements; so for all samples.
+    /// `None` if a vector has not 3 finite elements; so for all samples. Lists are cut to what a state of a run may hold.
     pub(super) fn new(message: &proto::State) -> Option<Self> {
-        Some(Self { position: vector(&message.foot_position)?, force: vector(&message.foot_force)? })
+        let joints = message.joint_position.iter().take(MAX_JOINTS);
+        Some(Self {
+            position: vector(&message.foot_position)?,
+            force: vector(&message.foot_force)?,
+            joints: joints.map(|&q| believable(q).then_some(q)).collect::<Option<_>>()?,
+            objects: message.objects.iter().take(MAX_OBJECTS).map(ObjectSample::new).collect::<Option<_>>()?,
+            contacts: message.contacts.iter().take(MAX_CONTACTS).map(ContactSample::new).collect::<Option<_>>()?,
+            physics: match &message.physics {
+                Some(physics) => Some(PhysicsSample::new(physics)?),
+                None => None,
+            },
+        })
+    }
+}
+
+/// Of a free body.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct ObjectSample {
+    pub(super) name: Label,
+    pub(super) position: [f64; 3],
+    /// Of unit length, x y z w.
+    pub(super) orientation: [f64; 4],
+    pub(super) linear_velocity: [f64; 3],
+    pub(super) angular_velocity: [f64; 3],
+}
+
+impl ObjectSample {
+    fn new(message: &proto::Object) -> Option<Self> {
+        Some(Self {
+            name: Label::new(&message.name),
+            position: vector(&message.position)?,
+            orientation: unit(vector(&message.orientation)?)?,
+            linear_velocity: vector(&message.linear_velocity)?,
+            angular_velocity: vector(&message.angular_velocity)?,
+        })
+    }
+}
+
+/// Of a contact.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct ContactSample {
+    pub(super) body: Label,
+    pub(super) against: Label,
+    pub(super) force: [f64; 3],
+}
+
+impl ContactSample {
+    fn new(message: &proto::Contact) -> Option<Self> {
+        let (body, against) = (Label::new(&message.body), Label::new(&message.against));
+        Some(Self { body, against, force: vector(&message.force)? })
+    }
+}
+
+/// Of the integrator's account.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct PhysicsSample {
+    pub(super) substeps: u64,
+    pub(super) contact_substeps: u64,
+    pub(super) newton_iterations: u64,
+    pub(super) unconverged: u64,
+    /// Work done by the contacts since the start, and the elastic energy stored in them now, J: only falls.
+    pub(super) contact_account_j: f64,
+}
+
+impl PhysicsSample {
+    fn new(message: &proto::Physics) -> Option<Self> {
+        let account = message.contact_work_j + message.contact_stored_j;
+        Some(Self {
+            substeps: message.substeps.into(),
+            contact_substeps: message.contact_substeps.into(),
+            newton_iterations: message.newton_iterations.into(),
+            unconverged: message.unconverged.into(),
+            contact_account_j: believable(account).then_some(account)?,
+        })
     }
 }
 
@@ -29,7 +109,7 @@ pub(super) struct ReferenceSample {
 
 impl ReferenceSample {
     pub(super) fn new(message: &proto::Reference) -> Option<Self> {
-        let velocity = vector(&message.velocity)?;
+        let velocity: [f64; 3] = vector(&message.velocity)?;
         // Exactly: the planner's arcs end at rest in closed form.
         Some(Self { position: vector(&message.position)?, at_rest: velocity.iter().all(|v| *v == 0.0) })
     }
@@ -42,6 +122,11 @@ pub(super) struct CommandSample {
     pub(super) active: bool,
     /// No valid request of its tick stands behind it.
     pub(super) missed: bool,
+    /// The peak cut the torque of a joint.
+    pub(super) limited: bool,
+    /// dx; `None` in a log that has none, and so for the error.
+    pub(super) offset: Option<[f64; 3]>,
+    pub(super) error: Option<[f64; 3]>,
 }
 
 impl CommandSample {
@@ -50,6 +135,9 @@ impl CommandSample {
             force: vector(&message.force)?,
             active: message.mode == Mode::Active.name(),
             missed: ![Source::Fresh, Source::Withheld].iter().any(|s| message.source == s.name()),
+            limited: message.limited != 0,
+            offset: vector_if_any(&message.offset)?,
+            error: vector_if_any(&message.error)?,
         })
     }
 }
@@ -60,6 +148,7 @@ pub(super) struct ParameterSample {
     pub(super) version: u64,
     pub(super) effective_tick: i64,
     pub(super) desired_force: [f64; 3],
+    pub(super) stiffness: [f64; 3],
     pub(super) max_force: [f64; 3],
     pub(super) position_bound: [f64; 3],
     pub(super) force_resolution: f64,
@@ -71,6 +160,7 @@ impl ParameterSample {
             version: message.version,
             effective_tick: message.effective_tick,
             desired_force: vector(&message.desired_force)?,
+            stiffness: vector_if_any(&message.stiffness)?.unwrap_or_default(),
             max_force: vector(&message.max_force)?,
             position_bound: vector(&message.position_bound)?,
             force_resolution: believable(message.force_resolution).then_some(message.force_resolution)?,
@@ -78,9 +168,19 @@ impl ParameterSample {
     }
 }
 
-fn vector(values: &[f64]) -> Option<[f64; 3]> {
-    let vector: [f64; 3] = values.try_into().ok()?;
+fn vector<const N: usize>(values: &[f64]) -> Option<[f64; N]> {
+    let vector: [f64; N] = values.try_into().ok()?;
     vector.into_iter().all(believable).then_some(vector)
+}
+
+/// A vector that may be left out: `Some(None)` if it is, `None` if it is there and not valid.
+fn vector_if_any(values: &[f64]) -> Option<Option<[f64; 3]>> {
+    if values.is_empty() { Some(None) } else { vector(values).map(Some) }
+}
+
+fn unit(quaternion: [f64; 4]) -> Option<[f64; 4]> {
+    let length = quaternion.iter().map(|part| part * part).sum::<f64>().sqrt();
+    (length >= SHORTEST).then(|| quaternion.map(|part| part / length))
 }
 
 fn believable(value: f64) -> bool {

@@ -1,5 +1,7 @@
 //! Metrics of made-up runs whose figures are known.
 
+mod moments;
+
 use hapfic_log::{Metrics, MetricsSummary, proto};
 
 const Z: usize = 2;
@@ -122,6 +124,10 @@ fn tracking_is_compared_with_the_bound_in_force() {
     assert_close(Some(tracking.rms_m[0]), 5e-6_f64.sqrt());
     assert_eq!(tracking.bound_m, [0.002, 0.025, 0.025]);
     assert_eq!(tracking.outside_ticks, 50);
+    assert_eq!(tracking.max_ratio, [0.003 / 0.002, 0.0, 0.01 / 0.025]);
+    assert_close(Some(tracking.rms_ratio[2]), 0.4);
+    assert_eq!(tracking.outside.ticks, [50, 0, 0]);
+    assert_eq!(tracking.outside.inactive_ticks, [50, 0, 0], "there were no commands");
 }
 
 #[test]
@@ -139,6 +145,7 @@ fn forces_above_their_limit_are_counted_while_they_act() {
     assert_eq!(force.max_n, [75.0, 150.0, 360.0]);
     assert_eq!(force.limit_n, [150.0, 150.0, 300.0]);
     assert_eq!(force.max_ratio, [0.5, 1.0, 1.2]);
+    assert_eq!((force.active_ticks, force.at_limit_ticks), (2, [0, 1, 1]));
     assert_eq!(force.above_limit_ticks, 1);
 }
 

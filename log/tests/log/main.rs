@@ -4,6 +4,7 @@
 mod damage;
 mod figures;
 mod full_disk;
+mod recover;
 mod round_trip;
 mod samples;
 mod schema;

@@ -60,9 +60,10 @@ pub(crate) fn state(tick: i64) -> State {
             substeps: 50,
             newton_iterations: 60,
             unconverged: 1,
-            reserved: 0,
+            contact_substeps: 40,
             energy_j: 12.5,
             contact_work_j: -0.5,
+            contact_stored_j: 0.25,
         },
         ..State::default()
     };
@@ -103,7 +104,13 @@ pub(crate) fn request(tick: i64) -> Request {
         error_rate: numbers(tick, 14.0),
         force: numbers(tick, 15.0),
         torque: numbers(tick, 16.0),
-        state: ControllerState { offset: numbers(tick, 17.0), x_max: numbers(tick, 18.0), converging: [0, 1, 0], reserved: 0 },
+        state: ControllerState {
+            offset: numbers(tick, 17.0),
+            x_max: numbers(tick, 18.0),
+            stiffness: [6000.0, 6000.0, 12000.0],
+            converging: [0, 1, 0],
+            still_ticks: [0, 7, 0],
+        },
     }
 }
 
@@ -135,6 +142,8 @@ pub(crate) fn parameters(effective_tick: i64) -> Parameters {
         saturation: Saturation::AsPrinted.code(),
         search: Search::Sign.code(),
         gravity_compensation: 1,
+        offset_anti_windup: 1,
+        stall_release: 1,
         taper: 0.2,
         search_scale: 0.01,
         force_resolution: 0.02,

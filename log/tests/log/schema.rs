@@ -37,19 +37,23 @@ fn fields_keep_their_names() {
         ),
         ("hapfic.Object", "name position orientation linear_velocity angular_velocity"),
         ("hapfic.Contact", "body against point force depth"),
-        ("hapfic.Physics", "substeps newton_iterations unconverged energy_j contact_work_j"),
+        ("hapfic.Physics", "substeps newton_iterations unconverged energy_j contact_work_j contact_stored_j contact_substeps"),
         ("hapfic.Reference", "tick position velocity parameters_version planner"),
         ("hapfic.PlannerState", "ticks axes"),
-        ("hapfic.Request", "tick state_tick controller parameters_version error error_rate offset x_max converging force torque"),
+        (
+            "hapfic.Request",
+            "tick state_tick controller parameters_version error error_rate offset x_max converging force torque still_ticks",
+        ),
         (
             "hapfic.Command",
             "tick torque_raw torque controller mode state_tick parameters_version error error_rate offset x_max converging \
-             force source severity limited",
+             force source severity limited still_ticks",
         ),
         (
             "hapfic.Operator",
             "version effective_tick target_position desired_force stiffness max_force position_bound reset_policy \
-             saturation search taper mean_speed search_scale force_resolution max_acceleration gravity_compensation",
+             saturation search taper mean_speed search_scale force_resolution max_acceleration gravity_compensation \
+             offset_anti_windup stall_release",
         ),
         ("hapfic.Event", "tick process kind severity detector text"),
         (

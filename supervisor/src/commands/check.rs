@@ -2,12 +2,12 @@
 
 use crate::children::find_program;
 use crate::watch::STARTED;
-use crate::{Outcome, print};
+use crate::{Outcome, print, say, stability};
 use anyhow::Result;
 use hapfic_config::Settings;
 use hapfic_plant::Plant;
 
-/// Checks a scenario and says what it would run.
+/// Checks a scenario and says what it would run, and which of its gains would oscillate.
 pub fn check(scenario: &str, set: &[String]) -> Result<Outcome> {
     let settings = match Settings::load(scenario, set) {
         Ok(settings) => settings,
@@ -32,5 +32,8 @@ pub fn check(scenario: &str, set: &[String]) -> Result<Outcome> {
         settings.robot.urdf.name,
         joints.join(" "),
     ));
+    for unstable in stability::unstable_sets(&settings)? {
+        say(&unstable.warning());
+    }
     Ok(Outcome::Done)
 }

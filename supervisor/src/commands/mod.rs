@@ -2,5 +2,11 @@
 
 pub mod check;
 pub mod process;
+pub mod recover;
+pub mod report;
 pub mod run;
 pub mod scenarios;
+pub mod set;
+pub mod status;
+pub mod stop;
+pub mod timeline;

@@ -3,6 +3,7 @@
 use super::core::{Gate, Limits};
 use super::timeline::Timeline;
 use crate::live::Live;
+use crate::operator::exchange::{Answer, Hatch, Verdict};
 use hapfic_config::Settings;
 use hapfic_ipc::message::{
     Command, Detector, Event, EventKind, Operator, Phase, Process, Request, Severity, Source, State, Timing,
@@ -25,7 +26,7 @@ const PERIOD_NS: u64 = 1_000_000;
 const CONTROLLERS: usize = 2;
 
 /// What the gate starts with.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub struct Start {
     /// The run's domain.
     pub domain: Domain,
@@ -41,6 +42,8 @@ pub struct Start {
     pub deadline: Duration,
     /// Priority and core; `None`: no real time.
     pub wish: Option<Wish>,
+    /// Where changes of the operator come in while the stack runs.
+    pub hatch: Hatch,
     /// Shared with the rest of the supervisor.
     pub live: Arc<Live>,
 }
@@ -134,6 +137,7 @@ impl Gateway {
         }
         self.faults_at_start = realtime::page_faults();
         self.operator.send(self.start.timeline.operator())?;
+        self.start.live.announced.store(self.start.timeline.operator().next.version, Ordering::Relaxed);
         let announced = self.announce(-1)?;
         self.command.send(self.gate.last())?;
         if let Some((version, from)) = announced {
@@ -340,6 +344,7 @@ impl Gateway {
         let Some(operator) = self.start.timeline.announce(tick) else { return Ok(None) };
         let operator = *operator;
         self.operator.send(&operator)?;
+        self.start.live.announced.store(operator.next.version, Ordering::Relaxed);
         Ok(Some((operator.next.version, operator.next.effective_tick)))
     }
 
@@ -410,6 +415,25 @@ impl Gateway {
         self.operator.prepare();
         self.event.prepare();
         self.timing.prepare();
+        self.take_change();
+    }
+
+    /// Takes a change that the operator offers, at most one a call: no lock, no waiting, no allocation.
+    fn take_change(&mut self) {
+        let Some(offer) = self.start.hatch.take() else { return };
+        let tick = self.gate.tick();
+        let slot = self.start.timeline.slot(tick);
+        let verdict = if offer.made_on.is_some_and(|version| version + 1 != slot.version) {
+            Verdict::Stale
+        } else if slot.effective_tick >= self.start.ticks {
+            Verdict::TooLate
+        } else if self.start.timeline.insert(&offer.change, tick).is_none() {
+            Verdict::Full
+        } else {
+            Verdict::Placed
+        };
+        let answer = Answer::new(&offer, verdict, slot.version, slot.effective_tick, tick, slot.before);
+        self.start.hatch.answer(answer);
     }
 }
 

@@ -131,6 +131,7 @@ impl Recorder {
                     metrics: Metrics::new(),
                     shown: Shown::default(),
                     missed: 0,
+                    braked: 0,
                     active: false,
                     timing_at: 0,
                 }

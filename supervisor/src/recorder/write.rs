@@ -21,6 +21,7 @@ pub(super) struct Write {
     pub(super) metrics: Metrics,
     pub(super) shown: Shown,
     pub(super) missed: u64,
+    pub(super) braked: u64,
     pub(super) active: bool,
     pub(super) timing_at: u64,
 }
@@ -93,8 +94,9 @@ impl Write {
                 self.metrics.push_command(&command);
                 self.active |= m.mode == Mode::Active.code();
                 self.missed += u64::from(self.active && m.source != Source::Fresh.code());
+                self.braked += u64::from(self.active && m.mode >= Mode::Brake.code());
                 if self.viewer.due(m.tick) {
-                    self.show(m.tick, write)?;
+                    self.show(m.tick, m.mode, write)?;
                 }
             }
             Record::Operator(m) => self.operator(m, write)?,
@@ -130,7 +132,7 @@ impl Write {
         Ok(())
     }
 
-    fn show(&mut self, tick: i64, write: bool) -> Result<(), LogError> {
+    fn show(&mut self, tick: i64, mode: u32, write: bool) -> Result<(), LogError> {
         let Some(picture) = self.shown.take(tick) else { return Ok(()) };
         let (m, parameters) = (&picture.state, picture.parameters);
         if write {
@@ -148,6 +150,11 @@ impl Write {
                 desired_force: parameters.map_or([0.0; 3], |p| p.desired_force),
                 missed: self.missed,
                 late: m.slipped,
+                braked: self.braked,
+                mode,
+                tracking: picture.reference.map_or([0.0; 3], |x_d| std::array::from_fn(|i| m.foot_position[i] - x_d[i])),
+                bound: parameters.map_or([0.0; 3], |p| p.position_bound),
+                version: parameters.map_or(0, |p| p.version),
             };
         }
         Ok(())

@@ -1,0 +1,278 @@
+//! A change of a running stack, from `key=value` pairs: the keys of an operator's entry, checked as such an entry is.
+
+use crate::check;
+use crate::error::{ConfigError, Place};
+use crate::overrides::{complain, parse};
+use crate::ranges;
+use crate::raw::RawOperator;
+use crate::read;
+use crate::settings::{OperatorChange, Parameters};
+use crate::tree::{Node, Value};
+use crate::{alias, tree};
+use serde::Deserialize;
+use std::collections::BTreeMap;
+
+const AXES: [&str; 3] = ["x", "y", "z"];
+/// Where the one entry stands in the tree that is checked.
+const ENTRY: &str = "operator[0]";
+
+/// A change as somebody asked for it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Asked {
+    /// What changes; its tick is not set.
+    pub change: OperatorChange,
+    /// Whether single axes were named, so that the others come from the set it was made on.
+    pub relative: bool,
+}
+
+/// A value before and after a change, in the notation of a scenario.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Difference {
+    /// Its key in an operator's entry.
+    pub key: String,
+    /// What it was.
+    pub before: String,
+    /// What it is.
+    pub after: String,
+}
+
+/// A scenario's operator and nothing else.
+#[derive(Deserialize)]
+struct RawChange {
+    operator: Vec<RawOperator>,
+}
+
+impl OperatorChange {
+    /// Reads pairs such as `desired_force=[0, 0, 80]`, `taper=0.1` or, for one axis, `desired_force.z=80`; axes that are not named
+    /// are those of `base`.
+    ///
+    /// # Errors
+    /// The first thing that is wrong, with the pair it is in.
+    pub fn from_pairs(pairs: &[&str], base: &Parameters) -> Result<Asked, ConfigError> {
+        let place = Place::Change(pairs.join(" ").into());
+        let known = table(base)?;
+        let mut entry = Entry { known: &known, keys: BTreeMap::new(), axes: Vec::new() };
+        pairs.iter().try_for_each(|pair| entry.add(pair))?;
+        if entry.keys.is_empty() {
+            let help = "name what to change, for example desired_force.z=80";
+            return Err(complain(&place, "", "no change", "at least one KEY=VALUE", help));
+        }
+        let relative = !entry.axes.is_empty();
+        entry.keys.insert("at_s".to_owned(), Node { place: place.clone(), value: Value::Float(0.0) });
+        let entry = Node { place: place.clone(), value: Value::Table(entry.keys) };
+        let list = Node { place: place.clone(), value: Value::List(vec![entry]) };
+        let root = Node { place: place.clone(), value: Value::Table(BTreeMap::from([("operator".to_owned(), list)])) };
+        let change = read_one(&root).map_err(plain_keys)?;
+        match change {
+            Some(change) => Ok(Asked { change, relative }),
+            None => Err(complain(&place, "", "no change", "at least one KEY=VALUE", "name what to change")),
+        }
+    }
+}
+
+fn read_one(root: &Node) -> Result<Option<OperatorChange>, ConfigError> {
+    ranges::check(root)?;
+    let raw: RawChange = read::read(root)?;
+    Ok(check::changes(&raw.operator, root)?.first().copied())
+}
+
+/// Keys as the user wrote them: there is only one entry, and it is no list's.
+fn plain_keys(mut error: ConfigError) -> ConfigError {
+    let complaint = error.complaint_mut();
+    if let Some(rest) = complaint.key.strip_prefix(ENTRY) {
+        complaint.key = rest.trim_start_matches('.').to_owned();
+    }
+    error
+}
+
+/// An operator's entry in the making.
+struct Entry<'a> {
+    /// The set that single axes start from.
+    known: &'a BTreeMap<String, Node>,
+    keys: BTreeMap<String, Node>,
+    /// Axes that were named.
+    axes: Vec<(String, usize)>,
+}
+
+impl Entry<'_> {
+    fn add(&mut self, pair: &str) -> Result<(), ConfigError> {
+        let place = Place::Change(pair.into());
+        let Some((path, text)) = pair.split_once('=') else {
+            return Err(complain(&place, "", "no =", "KEY=VALUE", "write for example desired_force.z=80"));
+        };
+        let path = path.trim();
+        let (key, axis) = match path.split_once('.') {
+            Some((key, axis)) => (key.trim(), Some(axis.trim())),
+            None => (path, None),
+        };
+        let name = alias::canonical("operator", key);
+        if name == "at_s" {
+            let help = "leave it out; a change takes effect a few ticks after it is asked for";
+            return Err(complain(&place, path, "a time", "a key that can change while the stack runs", help));
+        }
+        if name.is_empty() {
+            return Err(complain(&place, path, "an empty key", "KEY=VALUE", "write for example desired_force.z=80"));
+        }
+        let value = parse(text.trim(), path, &place)?;
+        match axis {
+            None if self.keys.contains_key(name) => Err(twice(&place, path)),
+            None => {
+                self.keys.insert(name.to_owned(), value);
+                Ok(())
+            }
+            Some(axis) => self.add_axis(name, axis, path, value, &place),
+        }
+    }
+
+    fn add_axis(&mut self, name: &str, axis: &str, path: &str, value: Node, place: &Place) -> Result<(), ConfigError> {
+        let Some(Node { value: Value::List(known), .. }) = self.known.get(name) else {
+            if self.known.contains_key(name) {
+                let help = "set the key itself, without an axis";
+                return Err(complain(place, path, &format!("axis {axis:?}"), "no axis: the value is a single one", help));
+            }
+            // The reader knows which keys there are, and says so.
+            self.keys.insert(name.to_owned(), value);
+            return Ok(());
+        };
+        let Some(index) = AXES.iter().position(|a| *a == axis) else {
+            let help = "axes are those of the world frame, z up";
+            return Err(complain(place, path, &format!("axis {axis:?}"), "one of x, y, z", help));
+        };
+        let named = (name.to_owned(), index);
+        let begun = self.axes.iter().any(|(n, _)| n == name);
+        if self.axes.contains(&named) || (self.keys.contains_key(name) && !begun) {
+            return Err(twice(place, path));
+        }
+        let node =
+            self.keys.entry(name.to_owned()).or_insert_with(|| Node { place: place.clone(), value: Value::List(known.clone()) });
+        if let Value::List(items) = &mut node.value
+            && let Some(item) = items.get_mut(index)
+        {
+            *item = value;
+        }
+        self.axes.push(named);
+        Ok(())
+    }
+}
+
+fn twice(place: &Place, path: &str) -> ConfigError {
+    complain(place, path, "a key that another pair gives, too", "each value once", "remove one of the two")
+}
+
+/// What a change has done to a set: every value that differs, by key.
+///
+/// # Errors
+/// [`ConfigError::Override`] if a set cannot be written as TOML, which no checked one does.
+pub fn differences(before: &Parameters, after: &Parameters) -> Result<Vec<Difference>, ConfigError> {
+    let (before, after) = (table(before)?, table(after)?);
+    let text = |node: Option<&Node>| node.map_or_else(|| "none".to_owned(), Node::describe);
+    Ok(after
+        .iter()
+        .map(|(key, node)| Difference { key: key.clone(), before: text(before.get(key)), after: text(Some(node)) })
+        .filter(|d| d.before != d.after)
+        .collect())
+}
+
+/// A set by the keys of an operator's entry.
+fn table(set: &Parameters) -> Result<BTreeMap<String, Node>, ConfigError> {
+    const ORIGIN: &str = "parameters in force";
+    let text = toml::to_string(set).map_err(|error| {
+        complain(&Place::whole(ORIGIN), "", &error.to_string(), "parameters that TOML can hold", "report this")
+    })?;
+    match tree::Node::parse(&text, ORIGIN)?.value {
+        Value::Table(table) => {
+            Ok(table.into_iter().map(|(key, node)| (alias::canonical("operator", &key).to_owned(), node)).collect())
+        }
+        _ => Ok(BTreeMap::new()),
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::{Search, Settings};
+
+    fn base() -> Parameters {
+        let initial = Settings::load("floor", &[]).unwrap().initial;
+        Parameters { target_position: Some([0.1, 0.2, 0.3]), desired_force: [1.0, 2.0, 50.0], ..initial }
+    }
+
+    fn change(pairs: &[&str]) -> Asked {
+        OperatorChange::from_pairs(pairs, &base()).unwrap()
+    }
+
+    fn complaint(pairs: &[&str]) -> String {
+        OperatorChange::from_pairs(pairs, &base()).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn all_pairs_make_one_change_whichever_spelling() {
+        let asked = change(&["desired_force=[0, 0, 80]", "stiffness_n_per_m = [1, 2, 3]", "search=sign", "taper=0.1"]);
+        let expected = OperatorChange {
+            desired_force: Some([0.0, 0.0, 80.0]),
+            stiffness: Some([1.0, 2.0, 3.0]),
+            search: Some(Search::Sign),
+            taper: Some(0.1),
+            ..OperatorChange::default()
+        };
+        assert_eq!(asked, Asked { change: expected, relative: false });
+    }
+
+    #[test]
+    fn an_axis_keeps_the_others() {
+        let asked = change(&["desired_force.z=80", "desired_force.x=-1", "target_position_m.y=0.5"]);
+        assert_eq!(asked.change.desired_force, Some([-1.0, 2.0, 80.0]));
+        assert_eq!(asked.change.target_position, Some([0.1, 0.5, 0.3]));
+        assert!(asked.relative);
+    }
+
+    #[test]
+    fn every_value_of_a_set_can_be_asked_for_by_its_key() {
+        // A parameter that is added to the set and not to the entry, or under another name, is found here.
+        let all = table(&base()).unwrap();
+        let pairs: Vec<String> = all.iter().map(|(key, node)| format!("{key}={}", node.describe())).collect();
+        let pairs: Vec<&str> = pairs.iter().map(String::as_str).collect();
+        let asked = change(&pairs);
+        assert_eq!(Parameters { target_position: None, ..base() }.with(&asked.change), base());
+    }
+
+    #[test]
+    fn what_is_no_good_is_told_with_its_pair() {
+        for (pairs, words) in [
+            (vec![], vec!["no change", "KEY=VALUE"]),
+            (vec!["taper"], vec!["set taper", "no =", "KEY=VALUE"]),
+            (vec!["=3"], vec!["empty key"]),
+            (vec!["taper="], vec!["taper", "nothing after ="]),
+            (vec!["taper=2"], vec!["set taper=2: taper:", "(0, 1]"]),
+            (vec!["taper=nan"], vec!["taper", "finite"]),
+            (vec!["tapr=0.1"], vec!["tapr", "did you mean taper"]),
+            (vec!["desird_force.z=80"], vec!["desird_force", "did you mean desired_force"]),
+            (vec!["desired_force.w=80"], vec!["\"w\"", "x, y, z"]),
+            (vec!["taper.z=0.1"], vec!["taper.z", "single"]),
+            (vec!["stiffness.z=-1"], vec!["stiffness_n_per_m[2]", "(0, 1000000]"]),
+            (vec!["desired_force=[0, 80]"], vec!["desired_force_n", "3 numbers"]),
+            (vec!["desired_force=[9e3, 9e3, 0]"], vec!["desired_force_n", "no longer than 10000"]),
+            (vec!["search=sgn"], vec!["search", "sign"]),
+            (vec!["at_s=3", "taper=0.1"], vec!["at_s", "a time"]),
+            (vec!["taper=0.1", "taper=0.2"], vec!["taper", "each value once"]),
+            (vec!["stiffness=[1, 2, 3]", "stiffness_n_per_m.z=4"], vec!["each value once"]),
+            (vec!["stiffness.z=4", "stiffness.z=5"], vec!["each value once"]),
+            (vec!["gravity_compensation=maybe"], vec!["gravity_compensation", "maybe"]),
+        ] {
+            let text = complaint(&pairs);
+            for word in words {
+                assert!(text.contains(word), "{pairs:?}: '{word}' is not in: {text}");
+            }
+            assert!(!text.contains(ENTRY), "{text}");
+        }
+    }
+
+    #[test]
+    fn differences_name_what_changed_and_nothing_else() {
+        let after = base().with(&change(&["desired_force.z=80", "taper=0.2"]).change);
+        let expected =
+            Difference { key: "desired_force_n".to_owned(), before: "[1, 2, 50]".to_owned(), after: "[1, 2, 80]".to_owned() };
+        assert_eq!(differences(&base(), &after).unwrap(), [expected]);
+    }
+}

@@ -1,0 +1,167 @@
+//! The improvements over the printed law, each against the trouble it is there for.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+use hapfic_controller::task_space::{self, Input};
+use hapfic_controller::{Attractor, ForceProfile, Stall, StallInput};
+use hapfic_ipc::message::{ControllerState, Parameters, ResetPolicy, Saturation, Search};
+
+const PERIOD_S: f64 = 1e-3;
+
+/// Both improvements, as an operator would give them.
+fn improved() -> Parameters {
+    Parameters {
+        stiffness: [6000.0; 3],
+        max_force: [150.0; 3],
+        position_bound: [0.025; 3],
+        reset_policy: ResetPolicy::ContactLoss.code(),
+        saturation: Saturation::Continuous.code(),
+        search: Search::Tapered.code(),
+        offset_anti_windup: 1,
+        stall_release: 1,
+        taper: 0.2,
+        search_scale: 0.01,
+        force_resolution: 0.01,
+        ..Parameters::default()
+    }
+}
+
+/// As the paper has it.
+fn printed(p: Parameters) -> Parameters {
+    Parameters { offset_anti_windup: 0, stall_release: 0, ..p }
+}
+
+/// Errors, m, over `ticks` of a mass of 2 kg with a damper, N s/m, that starts 0.2 m off its reference.
+fn way_back(p: &Parameters, damper: f64, ticks: usize) -> Vec<f64> {
+    const MASS_KG: f64 = 2.0;
+    const SUBSTEPS: u32 = 10;
+    let h = PERIOD_S / f64::from(SUBSTEPS);
+    let (mut position, mut velocity) = (-0.2, 0.0);
+    let mut state = ControllerState::default();
+    let mut errors = Vec::with_capacity(ticks);
+    for _ in 0..ticks {
+        let input = Input { position: [position, 0.0, 0.0], velocity: [velocity, 0.0, 0.0], ..Input::default() };
+        let output = task_space::step(state, &input, p, PERIOD_S).unwrap();
+        state = output.state;
+        errors.push(output.error[0]);
+        for _ in 0..SUBSTEPS {
+            velocity = (velocity + h * output.force[0] / MASS_KG) / (1.0 + h * damper / MASS_KG);
+            position += h * velocity;
+        }
+    }
+    errors
+}
+
+#[test]
+fn a_strongly_damped_mass_stands_half_way_and_arrives_when_released() {
+    // Critical is 2 sqrt(2 F_max m / x_max) = 110 N s/m.
+    let stands = way_back(&printed(improved()), 130.0, 1500);
+    assert!(stands[800..].iter().all(|e| (e - 0.1).abs() < 1e-3), "stands at {} m", stands[1499]);
+    let arrives = way_back(&improved(), 130.0, 1500);
+    assert!(arrives[1400..].iter().all(|e| e.abs() < 1e-5), "is at {} m", arrives[1499]);
+    // Weakly damped, it arrives without.
+    let free = way_back(&printed(improved()), 100.0, 1500);
+    assert!(free[1400..].iter().all(|e| e.abs() < 1e-5), "is at {} m", free[1499]);
+}
+
+#[test]
+fn stops_at_every_half_way_give_back_a_third_of_the_energy() {
+    // K0 M^2 / 4 (1 + 1/4 + 1/16 + ...) = K0 M^2 / 3 of the K0 M^2 / 2 that were stored.
+    let profile = ForceProfile { stiffness: 1000.0, max_force: 1e3, position_bound: 1.0, saturation: Saturation::Continuous };
+    let (mut attractor, mut stall) = (Attractor::default(), Stall::default());
+    let mut tick = |error: f64, error_rate: f64| {
+        let (next, force) = attractor.step(error, error_rate, &profile);
+        let seen = StallInput { error, error_rate, force, contact_force: 0.0, force_resolution: 0.01, period_s: PERIOD_S };
+        let (after, released, force) = stall.step(next, &seen, &profile);
+        (stall, attractor) = (after, released);
+        force
+    };
+    let (mut from, mut returned) = (0.5, 0.0);
+    for _ in 0..8 {
+        let way = from / 2.0;
+        for i in 0..1000 {
+            let error = from - way * (f64::from(i) + 0.5) / 1000.0;
+            returned += tick(error, -0.1) * way / 1000.0;
+        }
+        from -= way;
+        for _ in 0..25 {
+            tick(from, 0.0);
+        }
+    }
+    let third = 1000.0 * 0.5 * 0.5 / 3.0;
+    assert!((returned - third).abs() < 0.01 * third, "{returned} J instead of {third} J");
+}
+
+#[test]
+fn only_standing_still_in_convergence_without_contact_counts() {
+    let profile = ForceProfile { stiffness: 1000.0, max_force: 40.0, position_bound: 0.05, saturation: Saturation::Continuous };
+    let stalled = Attractor { x_max_m: 0.2, converging: true };
+    let seen =
+        StallInput { error: 0.1, error_rate: 0.0, force: 0.0, contact_force: 0.0, force_resolution: 0.01, period_s: PERIOD_S };
+    let nearly = Stall { still_ticks: 19 };
+    let (after, attractor, force) = nearly.step(stalled, &seen, &profile);
+    assert_eq!((after, attractor.x_max_m, force), (Stall::default(), 0.1, profile.force(0.1)));
+    let (after, attractor, force) = Stall { still_ticks: 18 }.step(stalled, &seen, &profile);
+    assert_eq!((after, attractor, force), (nearly, stalled, 0.0));
+    let diverging = Attractor { converging: false, ..stalled };
+    for (attractor, input) in [
+        (diverging, seen),
+        (stalled, StallInput { error_rate: -1e-3, ..seen }),
+        (stalled, StallInput { contact_force: -0.02, ..seen }),
+        (stalled, StallInput { error_rate: f64::NAN, ..seen }),
+        (stalled, StallInput { contact_force: f64::NAN, ..seen }),
+    ] {
+        assert_eq!(nearly.step(attractor, &input, &profile), (Stall::default(), attractor, 0.0), "{input:?}");
+    }
+    // A force that has nothing to gain: it goes on standing, and counting.
+    let held = StallInput { force: profile.force(0.1) - 0.005, ..seen };
+    assert_eq!(nearly.step(stalled, &held, &profile), (Stall { still_ticks: 20 }, stalled, held.force));
+}
+
+/// An operator who first wants more than F_max allows from a rigid wall, then 10 N: the offset at the end of the first part, m,
+/// and the ticks that the second needs.
+fn beyond_the_limit(p: &Parameters) -> (f64, usize) {
+    let (mut state, mut measured) = (ControllerState::default(), 0.0);
+    let mut tick = |desired: f64| {
+        let p = Parameters { desired_force: [0.0, 0.0, desired], ..*p };
+        let input = Input { reference_position: [0.0, 0.0, -0.001], contact_force: [0.0, 0.0, measured], ..Input::default() };
+        let output = task_space::step(state, &input, &p, PERIOD_S).unwrap();
+        state = output.state;
+        measured = -output.force[2];
+        (measured, state.offset[2])
+    };
+    for _ in 0..499 {
+        tick(200.0);
+    }
+    let (reached, offset) = tick(200.0);
+    assert!((reached - 20.0).abs() < 0.05, "{reached} N");
+    let ticks = (1..5000).find(|_| (tick(10.0).0 - 10.0).abs() < 0.1).expect("10 N within 5 s");
+    (offset, ticks)
+}
+
+#[test]
+fn the_offset_does_not_wind_up_at_f_max() {
+    let p = Parameters { stiffness: [2000.0; 3], max_force: [20.0; 3], position_bound: [0.05; 3], ..improved() };
+    let (offset, ticks) = beyond_the_limit(&printed(p));
+    assert!(offset <= -0.05 && ticks > 800, "{offset} m, {ticks} ticks");
+    let (offset, ticks) = beyond_the_limit(&p);
+    assert!((-0.0101..-0.008).contains(&offset) && ticks < 200, "{offset} m, {ticks} ticks");
+}
+
+#[test]
+fn a_change_of_stiffness_keeps_the_offsets_force() {
+    // In contact, with the wished force matched: the search itself rests.
+    let input = Input { contact_force: [8.0; 3], ..Input::default() };
+    let with = |stiffness: f64, p: Parameters| Parameters { stiffness: [stiffness; 3], desired_force: [8.0; 3], ..p };
+    let found = ControllerState { offset: [-0.004; 3], stiffness: [2000.0; 3], ..ControllerState::default() };
+    let offset_under =
+        |from: ControllerState, p: &Parameters| task_space::step(from, &input, p, PERIOD_S).unwrap().state.offset[0];
+
+    assert_eq!(offset_under(found, &with(6000.0, printed(improved()))), -0.004);
+    assert!((offset_under(found, &with(6000.0, improved())) - -0.004 / 3.0).abs() < 1e-15);
+    assert_eq!(offset_under(found, &with(100.0, improved())), -0.025, "x_b bounds it");
+    assert_eq!(offset_under(ControllerState { stiffness: [0.0; 3], ..found }, &with(6000.0, improved())), -0.004);
+    // The next tick knows the new stiffness and leaves the offset alone.
+    let p = with(6000.0, improved());
+    let next = task_space::step(found, &input, &p, PERIOD_S).unwrap().state;
+    assert_eq!(offset_under(next, &p), next.offset[0]);
+}

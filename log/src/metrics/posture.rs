@@ -1,0 +1,58 @@
+//! Joints near zero, and wished forces in the air.
+
+use super::label::List;
+use super::moments::{AirSummary, JointSummary};
+use super::sample::{CommandSample, ParameterSample};
+use hapfic_ipc::message::MAX_JOINTS;
+
+/// A joint so near zero is straight, rad: one degree.
+const STRAIGHT_RAD: f64 = std::f64::consts::PI / 180.0;
+
+/// The joints, from the base to the tip.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Joints {
+    smallest: [Option<f64>; MAX_JOINTS],
+    straight: [u64; MAX_JOINTS],
+}
+
+impl Joints {
+    pub(super) fn tick(&mut self, positions: &[f64]) {
+        for ((position, smallest), straight) in positions.iter().zip(&mut self.smallest).zip(&mut self.straight) {
+            let size = position.abs();
+            *smallest = Some(smallest.map_or(size, |least| least.min(size)));
+            *straight += u64::from(size <= STRAIGHT_RAD);
+        }
+    }
+
+    pub(super) fn summary(&self) -> List<JointSummary, MAX_JOINTS> {
+        let joints = self.smallest.iter().zip(self.straight);
+        joints
+            .filter_map(|(smallest, straight_ticks)| {
+                smallest.map(|rad| JointSummary { smallest_deg: rad.to_degrees(), straight_ticks })
+            })
+            .collect()
+    }
+}
+
+/// The axes on which a force is wished while the foot touches nothing.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Air {
+    summary: AirSummary,
+}
+
+impl Air {
+    /// A tick with an active command, the foot in the air.
+    pub(super) fn tick(&mut self, command: &CommandSample, set: &ParameterSample) {
+        let (Some(offset), Some(error)) = (command.offset, command.error) else { return };
+        let sum = &mut self.summary;
+        for i in (0..3).filter(|&i| set.desired_force[i] != 0.0) {
+            sum.ticks[i] += 1;
+            sum.max_offset_m[i] = sum.max_offset_m[i].max(offset[i].abs());
+            sum.max_error_m[i] = sum.max_error_m[i].max(error[i].abs());
+        }
+    }
+
+    pub(super) fn summary(&self) -> AirSummary {
+        self.summary
+    }
+}

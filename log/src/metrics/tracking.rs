@@ -1,0 +1,94 @@
+//! x - x_d, and why it was large.
+
+use super::sample::{CommandSample, ParameterSample, ReferenceSample, StateSample};
+use super::sum::Sum;
+use super::summary::{OutsideSummary, TrackingSummary};
+
+/// F_c counts as at its limit from this share of F_max on: the profile comes near it, but for a small step at the end.
+pub(super) const AT_LIMIT: f64 = 0.999;
+
+/// Sums over the ticks that have a state and a reference.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Tracking {
+    axes: [Axis; 3],
+    outside: u64,
+}
+
+/// Sums of one axis.
+#[derive(Clone, Copy, Debug, Default)]
+struct Axis {
+    error: Sum,
+    ratio: Sum,
+    bound: f64,
+    outside: u64,
+    force_limited: u64,
+    torque_limited: u64,
+    force_held: u64,
+    inactive: u64,
+    unexplained: u64,
+}
+
+impl Tracking {
+    pub(super) fn tick(
+        &mut self,
+        state: &StateSample,
+        reference: &ReferenceSample,
+        command: Option<&CommandSample>,
+        set: Option<&ParameterSample>,
+    ) {
+        let mut outside = false;
+        for (i, axis) in self.axes.iter_mut().enumerate() {
+            let error = state.position[i] - reference.position[i];
+            axis.error.add(error);
+            let Some(set) = set else { continue };
+            let bound = set.position_bound[i];
+            axis.bound = axis.bound.max(bound);
+            if bound > 0.0 {
+                axis.ratio.add(error / bound);
+            }
+            if error.abs() > bound {
+                outside = true;
+                axis.outside += 1;
+                *axis.cause(i, state, command, set) += 1;
+            }
+        }
+        self.outside += u64::from(outside);
+    }
+
+    pub(super) fn summary(&self) -> TrackingSummary {
+        TrackingSummary {
+            max_m: self.axes.map(|axis| axis.error.largest),
+            rms_m: self.axes.map(|axis| axis.error.rms().unwrap_or(0.0)),
+            bound_m: self.axes.map(|axis| axis.bound),
+            max_ratio: self.axes.map(|axis| axis.ratio.largest),
+            rms_ratio: self.axes.map(|axis| axis.ratio.rms().unwrap_or(0.0)),
+            outside_ticks: self.outside,
+            outside: OutsideSummary {
+                ticks: self.axes.map(|axis| axis.outside),
+                force_limited_ticks: self.axes.map(|axis| axis.force_limited),
+                torque_limited_ticks: self.axes.map(|axis| axis.torque_limited),
+                force_held_ticks: self.axes.map(|axis| axis.force_held),
+                inactive_ticks: self.axes.map(|axis| axis.inactive),
+                unexplained_ticks: self.axes.map(|axis| axis.unexplained),
+            },
+        }
+    }
+}
+
+impl Axis {
+    /// The count of what explains an error beyond x_b: the first that applies.
+    fn cause(&mut self, i: usize, state: &StateSample, command: Option<&CommandSample>, set: &ParameterSample) -> &mut u64 {
+        let Some(command) = command.filter(|command| command.active) else { return &mut self.inactive };
+        if command.force[i].abs() >= AT_LIMIT * set.max_force[i] {
+            &mut self.force_limited
+        } else if command.limited {
+            &mut self.torque_limited
+        } else if set.desired_force[i] != 0.0 && state.force[i].abs() > set.force_resolution {
+            // The offset makes up for the distance: here the law holds a force, not a position. A contact without a wished
+            // force is no cause: against it F_c has F_max to spend.
+            &mut self.force_held
+        } else {
+            &mut self.unexplained
+        }
+    }
+}

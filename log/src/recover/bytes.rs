@@ -1,0 +1,135 @@
+//! The damaged file, at any byte, and the fields of what was read.
+
+use super::RecoverError;
+use crate::error::LogError;
+use std::fs::{File, TryLockError};
+use std::io;
+use std::os::unix::fs::FileExt;
+use std::path::{Path, PathBuf};
+
+/// Opcode and length of a record.
+pub(super) const HEAD: u64 = 9;
+
+/// A file that is read at any byte, and never written. Holds a lock, so that no run starts to write it.
+pub(super) struct Source {
+    file: File,
+    path: PathBuf,
+    length: u64,
+}
+
+impl Source {
+    pub(super) fn open(path: &Path) -> Result<Self, RecoverError> {
+        let failed = |cause| LogError::Open { path: path.to_owned(), cause };
+        let file = File::open(path).map_err(failed)?;
+        let metadata = file.metadata().map_err(failed)?;
+        if !metadata.is_file() {
+            return Err(failed(io::Error::new(io::ErrorKind::InvalidInput, "it is not a regular file")).into());
+        }
+        match file.try_lock_shared() {
+            Ok(()) => {}
+            Err(TryLockError::WouldBlock) => return Err(RecoverError::StillWritten { path: path.to_owned() }),
+            Err(TryLockError::Error(cause)) => return Err(failed(cause).into()),
+        }
+        // Only now: before, a run may have written on.
+        let length = file.metadata().map_err(failed)?.len();
+        Ok(Self { file, path: path.to_owned(), length })
+    }
+
+    pub(super) fn file(&self) -> &File {
+        &self.file
+    }
+
+    pub(super) fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Length of the file, bytes.
+    pub(super) fn length(&self) -> u64 {
+        self.length
+    }
+
+    /// Reads `length` bytes from `at` on, or as many as there are.
+    pub(super) fn read(&self, at: u64, length: u64, out: &mut Vec<u8>) -> Result<(), LogError> {
+        out.clear();
+        out.resize(length.min(self.length.saturating_sub(at)) as usize, 0);
+        let mut done = 0;
+        while done < out.len() {
+            let byte = at + done as u64;
+            match self.file.read_at(&mut out[done..], byte) {
+                Ok(0) => break,
+                Ok(read) => done += read,
+                Err(cause) if cause.kind() == io::ErrorKind::Interrupted => {}
+                Err(cause) => return Err(LogError::Read { path: self.path.clone(), byte, cause }),
+            }
+        }
+        out.truncate(done);
+        Ok(())
+    }
+}
+
+/// Takes one field after the other; `None` where the bytes end first.
+#[derive(Clone, Copy)]
+pub(super) struct Fields<'a>(&'a [u8]);
+
+impl<'a> Fields<'a> {
+    pub(super) fn new(bytes: &'a [u8]) -> Self {
+        Self(bytes)
+    }
+
+    /// What has not been taken yet.
+    pub(super) fn rest(&self) -> &'a [u8] {
+        self.0
+    }
+
+    pub(super) fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    pub(super) fn take(&mut self, length: usize) -> Option<&'a [u8]> {
+        let (head, rest) = self.0.split_at_checked(length)?;
+        self.0 = rest;
+        Some(head)
+    }
+
+    /// As many bytes as there are, at most `length`.
+    pub(super) fn take_up_to(&mut self, length: usize) -> &'a [u8] {
+        let (head, rest) = self.0.split_at(length.min(self.0.len()));
+        self.0 = rest;
+        head
+    }
+
+    fn array<const N: usize>(&mut self) -> Option<[u8; N]> {
+        let (head, rest) = self.0.split_first_chunk::<N>()?;
+        self.0 = rest;
+        Some(*head)
+    }
+
+    pub(super) fn u8(&mut self) -> Option<u8> {
+        self.array::<1>().map(|[byte]| byte)
+    }
+
+    pub(super) fn u16(&mut self) -> Option<u16> {
+        self.array().map(u16::from_le_bytes)
+    }
+
+    pub(super) fn u32(&mut self) -> Option<u32> {
+        self.array().map(u32::from_le_bytes)
+    }
+
+    pub(super) fn u64(&mut self) -> Option<u64> {
+        self.array().map(u64::from_le_bytes)
+    }
+
+    /// A text with its length before it.
+    pub(super) fn text(&mut self) -> Option<&'a str> {
+        let length = self.u32()? as usize;
+        std::str::from_utf8(self.take(length)?).ok()
+    }
+
+    /// A record: its opcode and what it holds.
+    pub(super) fn record(&mut self) -> Option<(u8, &'a [u8])> {
+        let opcode = self.u8()?;
+        let length = usize::try_from(self.u64()?).ok()?;
+        Some((opcode, self.take(length)?))
+    }
+}

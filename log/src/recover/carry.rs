@@ -1,0 +1,212 @@
+//! Carrying records over from the original to the new log.
+
+use super::RecoverError;
+use super::bytes::Fields;
+use super::found::Recovery;
+use super::judge::{Judge, Verdict};
+use super::output::Output;
+use super::records::Message;
+use crate::topic::Topic;
+use mcap::records::{self, MessageHeader, Metadata, op};
+use std::collections::BTreeMap;
+
+/// How the writer encodes messages and schemas.
+const PROTOBUF: &str = "protobuf";
+
+/// Takes records and writes what is to be kept.
+pub(super) struct Carry {
+    /// Nothing is written if the original is whole.
+    output: Option<Output>,
+    schemas: BTreeMap<u16, Schema>,
+    channels: BTreeMap<u16, Channel>,
+    judge: Judge,
+    /// What was found so far.
+    pub(super) found: Recovery,
+}
+
+struct Schema {
+    name: String,
+    encoding: String,
+    data: Vec<u8>,
+}
+
+struct Channel {
+    name: String,
+    /// `None` if it is not one of ours.
+    topic: Option<Topic>,
+    /// Its number in the new log.
+    number: u16,
+    /// Whether it is from a chunk with a right checksum.
+    checked: bool,
+}
+
+/// What was taken of a chunk.
+pub(super) struct Taken {
+    /// Messages kept.
+    pub(super) messages: u64,
+    /// First and last number of those messages: their ticks, cut to 32 bits.
+    pub(super) ticks: Option<(u32, u32)>,
+    /// What stopped it before its end.
+    pub(super) stopped: Option<String>,
+}
+
+impl Carry {
+    pub(super) fn new(output: Option<Output>) -> Self {
+        Self { output, schemas: BTreeMap::new(), channels: BTreeMap::new(), judge: Judge::default(), found: Recovery::default() }
+    }
+
+    pub(super) fn into_parts(self) -> (Option<Output>, Recovery) {
+        (self.output, self.found)
+    }
+
+    pub(super) fn attachment(&mut self, attachment: &mcap::Attachment<'_>) -> Result<(), RecoverError> {
+        if let Some(output) = &mut self.output {
+            output.attach(attachment)?;
+        }
+        self.found.attachments.push(attachment.name.clone());
+        Ok(())
+    }
+
+    pub(super) fn metadata(&mut self, metadata: &Metadata) -> Result<(), RecoverError> {
+        if let Some(output) = &mut self.output {
+            output.metadata(metadata)?;
+        }
+        self.found.metadata.push(metadata.name.clone());
+        Ok(())
+    }
+
+    /// Takes the records of a chunk, uncompressed; `checked` if its checksum is right.
+    pub(super) fn chunk(&mut self, records: &[u8], checked: bool) -> Result<Taken, RecoverError> {
+        self.judge.begin();
+        let mut taken = Taken { messages: 0, ticks: None, stopped: None };
+        let mut fields = Fields::new(records);
+        while !fields.is_empty() {
+            let record = fields.record();
+            let stopped = match record {
+                None => Err("a record runs over the end of what can be read".to_owned()),
+                Some((op::SCHEMA, body)) if checked => self.schema(body),
+                Some((op::CHANNEL, body)) if checked => self.channel(body)?,
+                // Not to be trusted: the writer's numbers are known.
+                Some((op::SCHEMA | op::CHANNEL, _)) => Ok(()),
+                Some((op::MESSAGE, body)) => match self.message(body, checked)? {
+                    Ok(None) => Ok(()),
+                    Ok(Some(sequence)) => {
+                        taken.messages += 1;
+                        taken.ticks = Some((taken.ticks.map_or(sequence, |(first, _)| first), sequence));
+                        Ok(())
+                    }
+                    Err(what) => Err(what),
+                },
+                // Extensions of other tools.
+                Some(_) if checked => Ok(()),
+                Some((opcode, _)) => Err(format!("found opcode {opcode:#04x}, expected a message")),
+            };
+            match stopped {
+                Ok(()) => {}
+                // A record that the checksum vouches for says where the next one begins.
+                Err(what) if checked && record.is_some() => taken.stopped = Some(what),
+                Err(what) => {
+                    taken.stopped = Some(what);
+                    break;
+                }
+            }
+        }
+        if !checked {
+            self.found.unchecked += taken.messages;
+        }
+        Ok(taken)
+    }
+
+    fn schema(&mut self, body: &[u8]) -> Result<(), String> {
+        match mcap::parse_record(op::SCHEMA, body) {
+            Ok(records::Record::Schema { header, data }) => {
+                let schema = Schema { name: header.name, encoding: header.encoding, data: data.into_owned() };
+                self.schemas.insert(header.id, schema);
+                Ok(())
+            }
+            _ => Err("a schema cannot be read".to_owned()),
+        }
+    }
+
+    /// Takes a channel of a chunk whose checksum is right.
+    fn channel(&mut self, body: &[u8]) -> Result<Result<(), String>, RecoverError> {
+        let Ok(records::Record::Channel(channel)) = mcap::parse_record(op::CHANNEL, body) else {
+            return Ok(Err("a channel cannot be read".to_owned()));
+        };
+        let ours = Topic::ALL.into_iter().find(|topic| topic.name() == channel.topic);
+        let Some(schema) = self.schemas.get(&channel.schema_id) else {
+            // Its schema is lost.
+            if let Some(topic) = ours {
+                self.rebuild(channel.id, topic)?;
+                return Ok(Ok(()));
+            }
+            return Ok(Err(format!("topic {:?} is none of ours, and its schema is lost", channel.topic)));
+        };
+        let number = match &mut self.output {
+            None => 0,
+            Some(output) => {
+                let schema = (schema.name.as_str(), schema.encoding.as_str(), schema.data.as_slice());
+                output.channel(&channel.topic, &channel.message_encoding, &channel.metadata, Some(schema))?
+            }
+        };
+        let topic = ours.filter(|topic| topic.schema_name() == schema.name && channel.message_encoding == PROTOBUF);
+        self.channels.insert(channel.id, Channel { name: channel.topic, topic, number, checked: true });
+        Ok(Ok(()))
+    }
+
+    /// Gives a channel the schema of this program.
+    fn rebuild(&mut self, id: u16, topic: Topic) -> Result<(), RecoverError> {
+        let number = match &mut self.output {
+            None => 0,
+            Some(output) => {
+                let data = topic.schema();
+                output.channel(topic.name(), PROTOBUF, &BTreeMap::new(), Some((topic.schema_name(), PROTOBUF, &*data)))?
+            }
+        };
+        self.found.rebuilt.insert(topic.name().to_owned());
+        let channel = Channel { name: topic.name().to_owned(), topic: Some(topic), number, checked: false };
+        self.channels.insert(id, channel);
+        Ok(())
+    }
+
+    /// Takes a message; says its number, nothing if it has been taken before, or why it is not taken.
+    fn message(&mut self, body: &[u8], checked: bool) -> Result<Result<Option<u32>, String>, RecoverError> {
+        let Some(message) = Message::parse(body) else { return Ok(Err("a message is too short".to_owned())) };
+        let id = message.channel;
+        if !self.channels.contains_key(&id) {
+            // The writer numbers its topics from 1 on, and always in this order.
+            let topic = id.checked_sub(1).and_then(|index| Topic::ALL.get(usize::from(index)).copied());
+            let Some(topic) = topic else { return Ok(Err(format!("a message has channel {id}, which is lost"))) };
+            if self.judge.judge(topic, &message, checked) != Verdict::Good {
+                return Ok(Err(format!("a message of channel {id}, which is lost, is none of {}", topic.name())));
+            }
+            self.rebuild(id, topic)?;
+        } else if let Some(channel) = self.channels.get(&id) {
+            // That a channel is where it is supposed to be is known from a checksum alone.
+            if !(checked && channel.checked) {
+                let verdict = channel.topic.map_or(Verdict::Bad, |topic| self.judge.judge(topic, &message, checked));
+                match verdict {
+                    Verdict::Good => {}
+                    Verdict::Repeated if checked => {}
+                    Verdict::Repeated => return Ok(Ok(None)),
+                    Verdict::Bad => return Ok(Err(format!("a message of {} makes no sense", channel.name))),
+                }
+            }
+        }
+        let Some(channel) = self.channels.get(&id) else { return Ok(Ok(None)) };
+        if checked {
+            self.judge.learn(channel.topic, &message);
+        }
+        let Message { sequence, log_time, publish_time, data, .. } = message;
+        if let Some(output) = &mut self.output {
+            output.message(&MessageHeader { channel_id: channel.number, sequence, log_time, publish_time }, data)?;
+        }
+        self.found.count(&channel.name);
+        match channel.topic {
+            Some(Topic::State) => self.found.states.note(sequence),
+            Some(Topic::Command) => self.found.commands.note(sequence),
+            _ => {}
+        }
+        Ok(Ok(Some(sequence)))
+    }
+}

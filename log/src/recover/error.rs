@@ -1,0 +1,54 @@
+//! What can go wrong with a recovery.
+
+use crate::error::LogError;
+use std::io;
+use std::path::PathBuf;
+
+/// What can go wrong with a recovery. Whatever it is, the original is as it was and no new log was left.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum RecoverError {
+    /// The log cannot be read, or the new one not created.
+    #[error(transparent)]
+    Log(#[from] LogError),
+    /// A run has the log open.
+    #[error("{}: still being written, expected the log of a run that has ended. Wait for its end, or stop it", .path.display())]
+    StillWritten {
+        /// The log.
+        path: PathBuf,
+    },
+    /// The new log would take the place of a file.
+    #[error("{}: this file exists already, expected a name that is free. Remove it, or give another with --output", .path.display())]
+    Exists {
+        /// The new log.
+        path: PathBuf,
+    },
+    /// The new log would take the place of the original.
+    #[error("{}: the output is the log itself, expected another file: the original is never changed. Give another with --output", .path.display())]
+    SameFile {
+        /// The log.
+        path: PathBuf,
+    },
+    /// There is not a single record to be kept.
+    #[error("{}: nothing to recover: found no message, attachment or metadata in it, expected at least one. Its run ended before anything was written", .path.display())]
+    Nothing {
+        /// The log.
+        path: PathBuf,
+    },
+    /// The new log cannot be written.
+    #[error("{}: cannot write the recovered log: {cause}. Nothing was left of it and the original is untouched; check the space on the disk, or give another place with --output", .path.display())]
+    Write {
+        /// The new log.
+        path: PathBuf,
+        /// What the operating system or the encoder said.
+        cause: io::Error,
+    },
+}
+
+impl RecoverError {
+    /// Whether what was asked for is no good, as opposed to a failure on the way.
+    #[must_use]
+    pub const fn is_refusal(&self) -> bool {
+        !matches!(self, Self::Write { .. } | Self::Log(LogError::Read { .. } | LogError::Write { .. }))
+    }
+}

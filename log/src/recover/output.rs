@@ -1,0 +1,134 @@
+//! The new log: under another name until it is complete.
+
+use super::RecoverError;
+use super::found::Recovery;
+use crate::error::LogError;
+use crate::writer::WriterOptions;
+use mcap::McapError;
+use mcap::records::{MessageHeader, Metadata};
+use mcap::write::NoSeek;
+use std::collections::BTreeMap;
+use std::ffi::OsString;
+use std::fs::{self, File};
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+/// The name of the metadata record that says what was lost.
+const RECOVERY: &str = "recovery";
+
+/// Writes the new log.
+pub(super) struct Output {
+    mcap: mcap::Writer<NoSeek<BufWriter<File>>>,
+    target: PathBuf,
+    /// Declared last, so that it is removed after the writer has let go of it.
+    temporary: Temporary,
+}
+
+/// A file that goes away again unless it is kept.
+struct Temporary {
+    path: PathBuf,
+    kept: bool,
+}
+
+impl Drop for Temporary {
+    fn drop(&mut self) {
+        if !self.kept {
+            // What else could be done about it has failed by now.
+            let _ = fs::remove_file(&self.path);
+        }
+    }
+}
+
+impl Output {
+    /// Creates the file, in the folder of `target`.
+    pub(super) fn create(original: &Path, target: &Path) -> Result<Self, RecoverError> {
+        if let (Ok(original), Ok(there)) = (original.canonicalize(), target.canonicalize())
+            && original == there
+        {
+            return Err(RecoverError::SameFile { path: target.to_owned() });
+        }
+        refuse_existing(target)?;
+        let failed = |cause| RecoverError::from(LogError::Create { path: target.to_owned(), cause });
+        let Some(name) = target.file_name() else {
+            return Err(failed(io::Error::new(io::ErrorKind::InvalidInput, "it has no file name")));
+        };
+        let mut hidden = OsString::from(".");
+        hidden.push(name);
+        hidden.push(format!(".part-{}", std::process::id()));
+        let path = target.with_file_name(hidden);
+        let file = File::options().write(true).create_new(true).open(&path).map_err(failed)?;
+        let temporary = Temporary { path, kept: false };
+        let mcap = mcap::WriteOptions::new()
+            .compression(Some(mcap::Compression::Lz4))
+            .profile("")
+            .library(concat!("hapfic ", env!("CARGO_PKG_VERSION"), " recover"))
+            .chunk_size(Some(WriterOptions::default().chunk_bytes))
+            .disable_seeking(true)
+            .create(NoSeek::new(BufWriter::with_capacity(64 * 1024, file)))
+            .map_err(|error| failed_write(target, error))?;
+        Ok(Self { mcap, target: target.to_owned(), temporary })
+    }
+
+    /// Adds a channel with its schema, or finds it; returns its number.
+    pub(super) fn channel(
+        &mut self,
+        topic: &str,
+        encoding: &str,
+        metadata: &BTreeMap<String, String>,
+        schema: Option<(&str, &str, &[u8])>,
+    ) -> Result<u16, RecoverError> {
+        let failed = |error| failed_write(&self.target, error);
+        let schema = match schema {
+            Some((name, encoding, data)) => self.mcap.add_schema(name, encoding, data).map_err(failed)?,
+            None => 0,
+        };
+        self.mcap.add_channel(schema, topic, encoding, metadata).map_err(failed)
+    }
+
+    pub(super) fn message(&mut self, header: &MessageHeader, data: &[u8]) -> Result<(), RecoverError> {
+        self.mcap.write_to_known_channel(header, data).map_err(|error| failed_write(&self.target, error))
+    }
+
+    pub(super) fn attach(&mut self, attachment: &mcap::Attachment<'_>) -> Result<(), RecoverError> {
+        self.mcap.attach(attachment).map_err(|error| failed_write(&self.target, error))
+    }
+
+    pub(super) fn metadata(&mut self, metadata: &Metadata) -> Result<(), RecoverError> {
+        self.mcap.write_metadata(metadata).map_err(|error| failed_write(&self.target, error))
+    }
+
+    /// Writes what was lost, summary and index, and gives the file its name when all of it is on the disk.
+    pub(super) fn finish(mut self, found: &Recovery) -> Result<(), RecoverError> {
+        self.metadata(&Metadata { name: RECOVERY.to_owned(), metadata: found.to_metadata() })?;
+        let Self { mut mcap, target, mut temporary } = self;
+        mcap.finish().map_err(|error| failed_write(&target, error))?;
+        let failed = |cause| RecoverError::Write { path: target.clone(), cause };
+        let mut buffer = mcap.into_inner().into_inner();
+        buffer.flush().map_err(failed)?;
+        buffer.get_ref().sync_all().map_err(failed)?;
+        // Somebody may have made it in the meantime.
+        refuse_existing(&target)?;
+        fs::rename(&temporary.path, &target).map_err(failed)?;
+        temporary.kept = true;
+        // The name, too, shall survive a loss of power; not every file system has this.
+        let folder = target.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let _ = File::open(folder).and_then(|folder| folder.sync_all());
+        Ok(())
+    }
+}
+
+fn refuse_existing(target: &Path) -> Result<(), RecoverError> {
+    match fs::symlink_metadata(target) {
+        Ok(_) => Err(RecoverError::Exists { path: target.to_owned() }),
+        Err(_) => Ok(()),
+    }
+}
+
+/// A failure to write, as the MCAP encoder reports it.
+fn failed_write(target: &Path, error: McapError) -> RecoverError {
+    let cause = match error {
+        McapError::Io(cause) => cause,
+        other => io::Error::other(other.to_string()),
+    };
+    RecoverError::Write { path: target.to_owned(), cause }
+}

@@ -1,0 +1,129 @@
+//! The records that a recovery looks for, and how they are told from other bytes: by lengths that agree with each other.
+
+use super::bytes::{Fields, HEAD};
+use super::lz4;
+use crate::frames::LONGEST_RECORD;
+use mcap::records::{Metadata, Record, op};
+
+/// What stands before the data of a chunk.
+pub(super) struct ChunkHead<'a> {
+    pub(super) uncompressed_size: u64,
+    pub(super) checksum: u32,
+    pub(super) compression: &'a str,
+    pub(super) compressed_size: u64,
+    /// Its own length, bytes.
+    pub(super) length: usize,
+}
+
+impl<'a> ChunkHead<'a> {
+    /// Of a chunk's record without opcode and length, or its beginning.
+    pub(super) fn parse(body: &'a [u8]) -> Option<Self> {
+        let mut fields = Fields::new(body);
+        fields.take(16)?;
+        let uncompressed_size = fields.u64()?;
+        let checksum = fields.u32()?;
+        let compression = fields.text()?;
+        let compressed_size = fields.u64()?;
+        Some(Self { uncompressed_size, checksum, compression, compressed_size, length: body.len() - fields.rest().len() })
+    }
+
+    /// Whether it is that of a chunk whose record says that it has `length` bytes, of which `body` are the first.
+    pub(super) fn fits(&self, length: u64, body: &[u8]) -> bool {
+        let data = body.get(self.length..).unwrap_or_default();
+        let starts = match self.compression {
+            "" => true,
+            "lz4" => lz4::MAGIC.to_le_bytes().iter().zip(data).all(|(expected, found)| expected == found),
+            _ => false,
+        };
+        starts
+            && self.uncompressed_size <= LONGEST_RECORD
+            && (self.length as u64).checked_add(self.compressed_size) == Some(length)
+    }
+}
+
+/// A message as a chunk holds it.
+#[derive(Clone, Copy)]
+pub(super) struct Message<'a> {
+    pub(super) channel: u16,
+    pub(super) sequence: u32,
+    pub(super) log_time: u64,
+    pub(super) publish_time: u64,
+    pub(super) data: &'a [u8],
+}
+
+impl<'a> Message<'a> {
+    pub(super) fn parse(body: &'a [u8]) -> Option<Self> {
+        let mut fields = Fields::new(body);
+        Some(Self {
+            channel: fields.u16()?,
+            sequence: fields.u32()?,
+            log_time: fields.u64()?,
+            publish_time: fields.u64()?,
+            data: fields.rest(),
+        })
+    }
+}
+
+/// Whether two texts fill a header record.
+pub(super) fn is_header(body: &[u8]) -> bool {
+    let mut fields = Fields::new(body);
+    fields.text().and_then(|_| fields.text()).is_some() && fields.is_empty()
+}
+
+/// Whether entries of 16 bytes fill a message index.
+pub(super) fn is_message_index(body: &[u8]) -> bool {
+    let mut fields = Fields::new(body);
+    let length = fields.u16().and_then(|_| fields.u32());
+    length.is_some_and(|length| length as usize == fields.rest().len() && length.is_multiple_of(16))
+}
+
+/// The metadata record, if pairs of texts fill it.
+pub(super) fn metadata(body: &[u8]) -> Option<Metadata> {
+    let mut fields = Fields::new(body);
+    let name = fields.text()?;
+    let length = fields.u32()? as usize;
+    if name.is_empty() || length != fields.rest().len() {
+        return None;
+    }
+    let mut metadata = std::collections::BTreeMap::new();
+    while !fields.is_empty() {
+        let key = fields.text()?;
+        metadata.insert(key.to_owned(), fields.text()?.to_owned());
+    }
+    Some(Metadata { name: name.to_owned(), metadata })
+}
+
+/// Whether `start` is how an attachment begins whose record has `length` bytes.
+pub(super) fn is_attachment(start: &[u8], length: u64) -> bool {
+    const CHECKSUM: u64 = 4;
+    let mut fields = Fields::new(start);
+    let data = fields.take(16).and_then(|_| fields.text()).and_then(|_| fields.text()).and_then(|_| fields.u64());
+    let before = (start.len() - fields.rest().len()) as u64;
+    data.and_then(|data| data.checked_add(before + CHECKSUM)) == Some(length)
+}
+
+/// The attachment, if its checksum is right.
+pub(super) fn attachment(body: &[u8]) -> Option<mcap::Attachment<'_>> {
+    // `mcap` takes the lengths for granted.
+    if !is_attachment(body, body.len() as u64) {
+        return None;
+    }
+    match mcap::parse_record(op::ATTACHMENT, body).ok()? {
+        // Without a checksum nobody knows.
+        Record::Attachment { header, data, crc } if crc != 0 => Some(mcap::Attachment {
+            log_time: header.log_time,
+            create_time: header.create_time,
+            name: header.name,
+            media_type: header.media_type,
+            data,
+        }),
+        _ => None,
+    }
+}
+
+/// Opcode and length of a record that is believed for now.
+pub(super) fn head(bytes: &[u8]) -> Option<(u8, u64)> {
+    let mut fields = Fields::new(bytes.get(..HEAD as usize)?);
+    let (opcode, length) = (fields.u8()?, fields.u64()?);
+    ((op::HEADER..=op::DATA_END).contains(&opcode) && length <= LONGEST_RECORD).then_some((opcode, length))
+}

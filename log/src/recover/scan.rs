@@ -1,0 +1,257 @@
+//! Walking through a damaged log: record by record where it is sound, looking for the next record where it is not.
+
+use super::RecoverError;
+use super::bytes::{HEAD, Source};
+use super::carry::Carry;
+use super::lz4;
+use super::records::{self, ChunkHead};
+use crate::chunk::Chunks;
+use crate::frames::LONGEST_RECORD;
+use mcap::MAGIC;
+use mcap::records::op;
+
+/// Bytes searched at once.
+const WINDOW: u64 = 256 * 1024;
+/// Bytes of a chunk or attachment that hold all that stands before its data.
+const START: u64 = 4096;
+/// Longest metadata record that is believed where nothing before it is sound.
+const LONGEST_METADATA: u64 = 1 << 20;
+/// Length of a footer and of the record before the summary, bytes.
+const FOOTER: u64 = 20;
+const DATA_END: u64 = 4;
+
+struct Scan<'a> {
+    source: &'a Source,
+    carry: &'a mut Carry,
+    chunks: Chunks,
+    body: Vec<u8>,
+    record: Vec<u8>,
+    /// The records of a chunk, uncompressed.
+    records: Vec<u8>,
+    /// Whether the end of the data was met.
+    ended: bool,
+    /// Whether the footer was.
+    closed: bool,
+}
+
+/// Takes everything that can be kept from `source` to `carry`.
+pub(super) fn scan(source: &Source, carry: &mut Carry) -> Result<(), RecoverError> {
+    let mut scan = Scan {
+        source,
+        carry,
+        chunks: Chunks::new(),
+        body: Vec::new(),
+        record: Vec::new(),
+        records: Vec::new(),
+        ended: false,
+        closed: false,
+    };
+    let magic = MAGIC.len() as u64;
+    let mut at = if scan.is_magic(0)? { magic } else { scan.lose(0, "found other bytes, expected the MCAP magic".to_owned())? };
+    while at < source.length() {
+        at = scan.step(at)?;
+    }
+    if !(scan.ended && scan.closed) {
+        let what = "the log ends without its summary: it was cut off, or its writer was killed";
+        scan.carry.found.lose(source.length(), 0, 0, what.to_owned());
+    }
+    Ok(())
+}
+
+impl Scan<'_> {
+    /// Takes what begins at `at`; returns where to go on.
+    fn step(&mut self, at: u64) -> Result<u64, RecoverError> {
+        self.source.read(at, HEAD, &mut self.body)?;
+        let Some((opcode, length)) = records::head(&self.body) else {
+            // Its opcode alone may be wrong.
+            let length = self.body.get(1..HEAD as usize).map(|bytes| super::bytes::Fields::new(bytes).u64().unwrap_or(u64::MAX));
+            return match length {
+                Some(length) if self.is_chunk(at, length)? => self.chunk(at, length),
+                _ => self.lose(at, "found no record".to_owned()),
+            };
+        };
+        let next = at + HEAD + length;
+        match opcode {
+            op::CHUNK => return self.chunk(at, length),
+            op::METADATA => {
+                self.source.read(at + HEAD, length, &mut self.body)?;
+                if let Some(metadata) = records::metadata(&self.body).filter(|_| self.body.len() as u64 == length) {
+                    self.carry.metadata(&metadata)?;
+                    return Ok(next);
+                }
+            }
+            op::ATTACHMENT => {
+                self.source.read(at + HEAD, length, &mut self.body)?;
+                if self.body.len() as u64 == length
+                    && let Some(attachment) = records::attachment(&self.body)
+                {
+                    self.carry.attachment(&attachment)?;
+                    return Ok(next);
+                }
+            }
+            op::HEADER if at == MAGIC.len() as u64 => {
+                self.source.read(at + HEAD, length, &mut self.body)?;
+                if records::is_header(&self.body) && self.body.len() as u64 == length {
+                    return Ok(next);
+                }
+            }
+            op::MESSAGE_INDEX => {
+                self.source.read(at + HEAD, length, &mut self.body)?;
+                if records::is_message_index(&self.body) && self.body.len() as u64 == length {
+                    return Ok(next);
+                }
+            }
+            op::DATA_END if length == DATA_END && next <= self.source.length() => {
+                self.ended = true;
+                return Ok(next);
+            }
+            op::FOOTER if length == FOOTER && self.is_magic(next)? => {
+                self.closed = true;
+                return Ok(next + MAGIC.len() as u64);
+            }
+            // The summary is made anew.
+            op::SCHEMA..=op::SUMMARY_OFFSET if self.ended && next <= self.source.length() => return Ok(next),
+            _ => {}
+        }
+        if self.is_chunk(at, length)? {
+            return self.chunk(at, length);
+        }
+        self.lose(at, format!("a record with opcode {opcode:#04x} is damaged, cut off or out of place"))
+    }
+
+    /// Takes the chunk at `at`, whole or as far as it goes.
+    fn chunk(&mut self, at: u64, length: u64) -> Result<u64, RecoverError> {
+        self.source.read(at + HEAD, length, &mut self.body)?;
+        let body = std::mem::take(&mut self.body);
+        let result = self.chunk_of(at, length, &body);
+        self.body = body;
+        result
+    }
+
+    fn chunk_of(&mut self, at: u64, length: u64, body: &[u8]) -> Result<u64, RecoverError> {
+        let next = at + HEAD + length;
+        let Some(head) = ChunkHead::parse(body) else { return self.lose(at, "the header of a chunk is damaged".to_owned()) };
+        let complete = body.len() as u64 == length;
+        let fits = head.fits(length, body);
+        // A checksum of zero means that there is none.
+        if complete && fits && head.checksum != 0 && self.decompress(body) {
+            let taken = self.carry.chunk(&self.records, true)?;
+            if let Some(what) = taken.stopped {
+                self.carry.found.lose(at, next - at, 0, format!("not all of a chunk could be used: {what}"));
+            }
+            return Ok(next);
+        }
+        let data = body.get(head.length..).unwrap_or_default();
+        let most = LONGEST_RECORD as usize;
+        if head.compression.is_empty() {
+            self.records.clear();
+            self.records.extend_from_slice(data);
+        } else {
+            // Whatever it says: a frame that is none gives nothing.
+            lz4::decode(data, most, &mut self.records);
+        }
+        let taken = self.carry.chunk(&self.records, false)?;
+        let end = if complete && fits && self.is_head(next)? { next } else { self.find(at + HEAD + head.length as u64)? };
+        let state = if complete { "damaged" } else { "cut off" };
+        let mut what = format!("a chunk is {state}; {} of its messages rescued without a checksum", taken.messages);
+        if let Some((first, last)) = taken.ticks {
+            what += &format!(", of ticks {} to {}", first as i32, last as i32);
+        }
+        if let Some(stopped) = taken.stopped {
+            what += &format!("; then {stopped}");
+        }
+        self.carry.found.lose(at, end - at, taken.messages, what);
+        Ok(end)
+    }
+
+    /// Decompresses a chunk into `records`; whether all of it is there and its checksum right.
+    fn decompress(&mut self, body: &[u8]) -> bool {
+        self.records.clear();
+        let whole = self.chunks.open(body).and_then(|()| {
+            while let Some(opcode) = self.chunks.read_record(&mut self.record)? {
+                self.records.push(opcode);
+                self.records.extend_from_slice(&(self.record.len() as u64).to_le_bytes());
+                self.records.extend_from_slice(&self.record);
+            }
+            Ok(())
+        });
+        if whole.is_err() {
+            // It stands in the middle of the damaged one.
+            self.chunks = Chunks::new();
+        }
+        whole.is_ok()
+    }
+
+    /// Passes over damage that begins at `at`.
+    fn lose(&mut self, at: u64, what: String) -> Result<u64, RecoverError> {
+        let next = self.find(at + 1)?;
+        self.carry.found.lose(at, next - at, 0, what);
+        Ok(next)
+    }
+
+    /// The next byte from `from` on at which a chunk, metadata or attachment begins; the end of the file if there is none.
+    fn find(&self, from: u64) -> Result<u64, RecoverError> {
+        let end = self.source.length();
+        let mut window = Vec::new();
+        let mut start = from.min(end);
+        loop {
+            self.source.read(start, WINDOW, &mut window)?;
+            for (place, bytes) in window.windows(HEAD as usize).enumerate() {
+                if !matches!(bytes[0], op::CHUNK | op::METADATA | op::ATTACHMENT) {
+                    continue;
+                }
+                let at = start + place as u64;
+                if let Some((opcode, length)) = records::head(bytes)
+                    && self.is_record(at, opcode, length)?
+                {
+                    return Ok(at);
+                }
+            }
+            // The last bytes once more, with those behind them.
+            let searched = (window.len() as u64).saturating_sub(HEAD - 1);
+            if searched == 0 {
+                return Ok(end);
+            }
+            start += searched;
+        }
+    }
+
+    fn is_record(&self, at: u64, opcode: u8, length: u64) -> Result<bool, RecoverError> {
+        let mut start = Vec::new();
+        match opcode {
+            op::METADATA if length <= LONGEST_METADATA => {
+                self.source.read(at + HEAD, length, &mut start)?;
+                Ok(start.len() as u64 == length && records::metadata(&start).is_some())
+            }
+            op::ATTACHMENT => {
+                self.source.read(at + HEAD, length.min(START), &mut start)?;
+                Ok(at + HEAD + length <= self.source.length() && records::is_attachment(&start, length))
+            }
+            op::CHUNK => self.is_chunk(at, length),
+            _ => Ok(false),
+        }
+    }
+
+    /// Whether what stands behind `at` is a chunk of this length, or the beginning of one.
+    fn is_chunk(&self, at: u64, length: u64) -> Result<bool, RecoverError> {
+        let mut start = Vec::new();
+        if length > LONGEST_RECORD {
+            return Ok(false);
+        }
+        self.source.read(at + HEAD, length.min(START), &mut start)?;
+        Ok(ChunkHead::parse(&start).is_some_and(|head| head.fits(length, &start)))
+    }
+
+    /// Whether a record, or the end of the file, is at `at`.
+    fn is_head(&self, at: u64) -> Result<bool, RecoverError> {
+        let mut head = Vec::new();
+        self.source.read(at, HEAD, &mut head)?;
+        Ok(head.is_empty() || records::head(&head).is_some())
+    }
+
+    fn is_magic(&self, at: u64) -> Result<bool, RecoverError> {
+        let mut bytes = Vec::new();
+        self.source.read(at, MAGIC.len() as u64, &mut bytes)?;
+        Ok(bytes == MAGIC)
+    }
+}

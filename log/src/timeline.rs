@@ -1,0 +1,116 @@
+//! The parameter sets of a log as the `[[operator]]` entries of a scenario.
+//!
+//! A set that was changed while the stack ran is in the log like one from the script. Written as a script, all of them take effect
+//! again, at the same ticks: a lockstep run of the same scenario with these entries in place of its own is the same run.
+
+use crate::proto::Operator;
+use crate::{LogError, TICK_NS};
+use serde_json::{Map, Value};
+use std::fmt::Write as _;
+
+/// What names a set and is no parameter.
+const NO_PARAMETERS: [&str; 2] = ["version", "effective_tick"];
+/// What is written if a set changes nothing: an entry must name something, and each set is an entry.
+const UNCHANGED: &str = "desired_force";
+/// Ticks of a second.
+const TICKS_PER_S: f64 = 1e9 / TICK_NS as f64;
+
+/// The sets of a log in the order of their versions, and the error at which reading ended, if it did.
+#[must_use]
+pub fn sets(reader: impl Iterator<Item = Result<crate::Entry, LogError>>) -> (Vec<Operator>, Option<LogError>) {
+    let mut sets = Vec::new();
+    for entry in reader {
+        match entry {
+            Ok(entry) => {
+                if let crate::Record::Operator(set) = entry.record {
+                    sets.push(set);
+                }
+            }
+            Err(error) => return (sorted(sets), Some(error)),
+        }
+    }
+    (sorted(sets), None)
+}
+
+fn sorted(mut sets: Vec<Operator>) -> Vec<Operator> {
+    sets.sort_by_key(|set| set.version);
+    sets.dedup_by_key(|set| set.version);
+    sets
+}
+
+/// The entries: the first names everything, each later one what differs from the set before. Numbers keep all their digits.
+#[must_use]
+pub fn entries(sets: &[Operator]) -> String {
+    let mut out = String::new();
+    let mut before = Map::new();
+    for set in sets {
+        let now = parameters(set);
+        // Writing to a string cannot fail.
+        let _ = writeln!(out, "\n[[operator]]\nat_s = {:?}", set.effective_tick as f64 / TICKS_PER_S);
+        let mut changed: Vec<_> = now.iter().filter(|(key, value)| before.get(*key) != Some(*value)).collect();
+        if changed.is_empty() {
+            changed.extend(now.iter().filter(|(key, _)| *key == UNCHANGED));
+        }
+        for (key, value) in changed {
+            let _ = writeln!(out, "{key} = {}", toml(value));
+        }
+        before = now;
+    }
+    out
+}
+
+/// Everything of a set that the operator can change, by the names of the log, which scenarios know, too.
+fn parameters(set: &Operator) -> Map<String, Value> {
+    let mut all = match serde_json::to_value(set) {
+        Ok(Value::Object(all)) => all,
+        _ => Map::new(),
+    };
+    NO_PARAMETERS.iter().for_each(|name| drop(all.remove(*name)));
+    all
+}
+
+/// JSON and TOML write these values alike, but for numbers: here they must keep their point.
+fn toml(value: &Value) -> String {
+    match value {
+        Value::Number(number) => number.as_f64().map_or_else(|| number.to_string(), |number| format!("{number:?}")),
+        Value::Array(items) => format!("[{}]", items.iter().map(toml).collect::<Vec<_>>().join(", ")),
+        other => other.to_string(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn set(version: u64, tick: i64, force: f64) -> Operator {
+        Operator {
+            version,
+            effective_tick: tick,
+            desired_force: vec![0.0, 0.1 + 0.2, force],
+            search: "sign".to_owned(),
+            taper: 1e-7,
+            gravity_compensation: true,
+            ..Operator::default()
+        }
+    }
+
+    #[test]
+    fn the_first_entry_names_everything_and_the_others_what_differs() {
+        let text = entries(&[set(1, 0, 5.0), set(2, 1234, 80.0), set(3, 1240, 80.0)]);
+        let parts: Vec<_> = text.split("\n[[operator]]\n").collect();
+        assert_eq!(parts.len(), 4, "{text}");
+        for line in [
+            "at_s = 0.0",
+            "desired_force = [0.0, 0.30000000000000004, 5.0]",
+            "search = \"sign\"",
+            "taper = 1e-7",
+            "gravity_compensation = true",
+        ] {
+            assert!(parts[1].lines().any(|l| l == line), "'{line}' is not in {}", parts[1]);
+        }
+        assert!(!text.contains("version") && !text.contains("effective_tick"));
+        assert_eq!(parts[2], "at_s = 1.234\ndesired_force = [0.0, 0.30000000000000004, 80.0]\n");
+        // An entry that names nothing would not load, and its version would be missing.
+        assert_eq!(parts[3], "at_s = 1.24\ndesired_force = [0.0, 0.30000000000000004, 80.0]\n");
+    }
+}

@@ -1,0 +1,107 @@
+//! Motion away from everything: the classic fourth-order Runge-Kutta method, and when it may be used.
+
+use crate::newton::{self, MAX_SPEEDS, Row};
+use crate::scene::Pair;
+use crate::world::{CLEARANCE, World};
+use hapfic_robot::{JointVector, Kinematics, MAX_JOINTS};
+
+/// Share of a damped velocity that may decay in a Runge-Kutta sub-step; the method is unstable beyond 2.8.
+const DECAY: f64 = 0.5;
+
+impl World {
+    /// Whether the leg can touch nothing within a free sub-step of `h`, s.
+    pub(crate) fn leg_is_clear(&mut self, kin: &Kinematics, h: f64) -> bool {
+        let stops = self.scene.chain.joints().iter().zip(&self.q).zip(&self.qd).all(|((joint, q), qd)| {
+            let way = CLEARANCE + 2.0 * h * qd.abs();
+            *q - way > joint.lower && *q + way < joint.upper
+        });
+        stops && self.are_clear(kin, h, Pair::has_link)
+    }
+
+    /// Whether no object can touch another, or the floor, within a free sub-step of `h`, s.
+    pub(crate) fn objects_are_clear(&mut self, kin: &Kinematics, h: f64) -> bool {
+        self.are_clear(kin, h, |pair| !pair.has_link())
+    }
+
+    fn are_clear(&mut self, kin: &Kinematics, h: f64, which: impl Fn(&Pair) -> bool) -> bool {
+        let n = self.n();
+        (0..self.scene.pairs.len()).all(|index| {
+            let pair = &self.scene.pairs[index];
+            if !which(pair) {
+                return true;
+            }
+            let reach = CLEARANCE + 2.0 * h * self.scene.closing_speed(pair, kin, &self.qd[..n], &self.objects);
+            self.scene.touch(index, kin, &self.objects, reach).is_empty()
+        })
+    }
+
+    /// Whether damping is weak enough for an explicit sub-step of `h`: the trace of M^-1 D bounds the fastest decay.
+    pub(crate) fn is_slow(&self, kin: &Kinematics, damping: &JointVector, h: f64) -> bool {
+        let n = self.n();
+        if damping[..n].iter().all(|c| *c == 0.0) {
+            return true;
+        }
+        let Some(factor) = self.factor(kin) else { return false };
+        let mut rate = 0.0;
+        for i in 0..n {
+            let mut unit = [0.0; MAX_SPEEDS];
+            unit[i] = 1.0;
+            newton::substitute(&factor, &mut unit, n);
+            rate += damping[i] * unit[i];
+        }
+        h * rate < DECAY
+    }
+
+    /// Cholesky factor of the mass matrix; `None` if it is singular.
+    fn factor(&self, kin: &Kinematics) -> Option<[Row; MAX_SPEEDS]> {
+        let n = self.n();
+        let mass = self.scene.chain.mass_matrix(kin);
+        let mut factor = [[0.0; MAX_SPEEDS]; MAX_SPEEDS];
+        for (i, row) in factor.iter_mut().enumerate().take(n) {
+            for (j, value) in row.iter_mut().enumerate().take(n) {
+                *value = mass[(i, j)];
+            }
+        }
+        newton::factor(&mut factor, n).then_some(factor)
+    }
+
+    /// q'' under a torque; not a number where the mass matrix is singular, which the plant reports.
+    fn acceleration(&self, kin: &Kinematics, qd: &JointVector, torque: &JointVector, damping: &JointVector) -> JointVector {
+        let n = self.n();
+        let bias = self.scene.chain.bias(kin, &qd[..n], &self.gravity);
+        let mut qdd = [0.0; MAX_JOINTS];
+        let Some(factor) = self.factor(kin) else { return [f64::NAN; MAX_JOINTS] };
+        let mut x = [0.0; MAX_SPEEDS];
+        for i in 0..n {
+            x[i] = torque[i] - damping[i] * qd[i] - bias[i];
+        }
+        newton::substitute(&factor, &mut x, n);
+        qdd[..n].copy_from_slice(&x[..n]);
+        qdd
+    }
+
+    /// One Runge-Kutta sub-step of the leg.
+    pub(crate) fn fly(&mut self, kin: &Kinematics, torque: &JointVector, damping: &JointVector, h: f64) {
+        let n = self.n();
+        let (q0, v0) = (self.q, self.qd);
+        let at = |v: &JointVector, a: &JointVector, s: f64| {
+            let (mut q, mut w) = (q0, v0);
+            for i in 0..n {
+                q[i] += s * v[i];
+                w[i] += s * a[i];
+            }
+            (q, w)
+        };
+        let a1 = self.acceleration(kin, &v0, torque, damping);
+        let (q2, v2) = at(&v0, &a1, 0.5 * h);
+        let a2 = self.acceleration(&self.scene.chain.kinematics(&q2), &v2, torque, damping);
+        let (q3, v3) = at(&v2, &a2, 0.5 * h);
+        let a3 = self.acceleration(&self.scene.chain.kinematics(&q3), &v3, torque, damping);
+        let (q4, v4) = at(&v3, &a3, h);
+        let a4 = self.acceleration(&self.scene.chain.kinematics(&q4), &v4, torque, damping);
+        for i in 0..n {
+            self.q[i] = q0[i] + h / 6.0 * (v0[i] + 2.0 * (v2[i] + v3[i]) + v4[i]);
+            self.qd[i] = v0[i] + h / 6.0 * (a1[i] + 2.0 * (a2[i] + a3[i]) + a4[i]);
+        }
+    }
+}

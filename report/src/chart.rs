@@ -1,0 +1,278 @@
+//! Draws a figure as a picture.
+
+use crate::canvas::{Anchor, Canvas, Pen};
+use crate::error::ReportError;
+use crate::figure::{Color, Content, Curve, Figure, Lane, Panel, Scale, Style};
+use crate::ticks::{Tick, decades, linear};
+
+/// Width of every picture, px.
+pub(crate) const WIDTH: u32 = 1600;
+/// Sizes of text, px.
+const FONT: f32 = 22.0;
+const HEADING: f32 = 30.0;
+/// Heights, px: of the heading, a panel's own heading, the numbers below it, and the label below those of the last panel.
+const TOP: f32 = 64.0;
+const ABOVE: f32 = 44.0;
+const BELOW: f32 = 40.0;
+const LABEL: f32 = 36.0;
+/// Height of curves over time, of a histogram, and of a lane, px.
+const CURVES: f32 = 330.0;
+const HISTOGRAM: f32 = 600.0;
+const LANE: f32 = 34.0;
+/// Free space to the right, and between things, px.
+const MARGIN: f32 = 40.0;
+const GAP: f32 = 12.0;
+/// Longest names, characters.
+const LONGEST_NAME: usize = 36;
+
+/// A figure as PNG; `height`, px, is shared among its curves, and as much as it takes if not given.
+pub(crate) fn draw(figure: &Figure, height: Option<u32>) -> Result<Vec<u8>, ReportError> {
+    let around = TOP + LABEL + figure.panels.len() as f32 * (ABOVE + BELOW);
+    let natural: Vec<_> = figure.panels.iter().map(natural_height).collect();
+    let lanes: f32 = figure.panels.iter().zip(&natural).filter(|(panel, _)| is_lanes(panel)).map(|(_, height)| height).sum();
+    let curves: f32 = natural.iter().sum::<f32>() - lanes;
+    let stretch = match height {
+        Some(height) if curves > 0.0 => ((height as f32 - around - lanes) / curves).max(0.3),
+        _ => 1.0,
+    };
+    let total = height.map_or(around + lanes + curves, |height| height as f32);
+    let mut canvas = Canvas::new(figure.name, WIDTH, total.round() as u32)?;
+    canvas.text((MARGIN, 44.0), Anchor::Start, HEADING, Color::INK, &figure.title);
+
+    let times = figure.panels.iter().filter(|panel| panel.scale == Scale::Time).filter_map(Panel::x_range);
+    let time = times.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1))).unwrap_or((0.0, 1.0));
+    let axes: Vec<_> =
+        figure.panels.iter().zip(&natural).map(|(panel, height)| Axes::new(panel, time, height * stretch)).collect();
+    let left = figure.panels.iter().zip(&axes).map(|(panel, axes)| margin(&canvas, panel, axes)).fold(90.0, f32::max);
+    let mut top = TOP;
+    for (i, (panel, mut axes)) in figure.panels.iter().zip(axes).enumerate() {
+        if is_lanes(panel) {
+            axes.height = natural[i];
+        }
+        (axes.left, axes.right, axes.top) = (left, canvas.width() - MARGIN, top + ABOVE);
+        heading(&mut canvas, panel, &axes, i == 0);
+        grid(&mut canvas, panel, &axes);
+        match &panel.content {
+            _ if panel.is_empty() => {
+                let note = figure.note.as_deref().unwrap_or("no data");
+                let middle = (0.5 * (axes.left + axes.right), axes.top + 0.5 * axes.height);
+                canvas.text(middle, Anchor::Middle, FONT, Color::GREY, note);
+            }
+            Content::Curves { areas, curves } => {
+                for area in areas {
+                    let outline: Vec<_> = area.outline().iter().map(|point| axes.spot(*point)).collect();
+                    canvas.polygon(&outline, area.color, 70);
+                }
+                marks(&mut canvas, panel, &axes);
+                for curve in curves {
+                    let points: Vec<_> = curve.path().iter().map(|point| axes.spot(*point)).collect();
+                    canvas.line(&points, pen(curve));
+                }
+            }
+            Content::Lanes(lanes) => {
+                marks(&mut canvas, panel, &axes);
+                draw_lanes(&mut canvas, lanes, &axes);
+            }
+        }
+        top = axes.bottom() + BELOW;
+        if i + 1 == figure.panels.len() {
+            let middle = (0.5 * (axes.left + axes.right), top + 22.0);
+            canvas.text(middle, Anchor::Middle, FONT, Color::INK, &panel.x_label);
+        }
+    }
+    canvas.png(figure.name)
+}
+
+/// Where the axes of a panel are, and what they run over.
+struct Axes {
+    left: f32,
+    right: f32,
+    top: f32,
+    height: f32,
+    x: (f64, f64),
+    y: (f64, f64),
+    scale: Scale,
+}
+
+impl Axes {
+    fn new(panel: &Panel, time: (f64, f64), height: f32) -> Self {
+        let nothing = if panel.scale == Scale::Time { (0.0, 1.0) } else { (0.7, 1000.0) };
+        let (low, high) = panel.y_range().unwrap_or(nothing);
+        let (x, y) = match panel.scale {
+            Scale::Time => {
+                let x = if time.1 > time.0 { time } else { (time.0, time.0 + 1e-3) };
+                // A constant still needs an axis.
+                let pad = if high > low { 0.06 * (high - low) } else { (0.1 * high.abs()).max(1e-3) };
+                (x, (low - pad, high + pad))
+            }
+            Scale::Logarithmic => {
+                let (from, to) = panel.x_range().unwrap_or((1.0, 1000.0));
+                let power = |value: f64| 10_f64.powf(value);
+                let x = (power(from.log10().floor()), power((to.log10() + 1e-9).ceil().max(from.log10().floor() + 1.0)));
+                (x, (low.clamp(1e-3, 0.8), power(high.max(10.0).log10().ceil())))
+            }
+        };
+        Self { left: 0.0, right: 1.0, top: 0.0, height, x, y, scale: panel.scale }
+    }
+
+    fn bottom(&self) -> f32 {
+        self.top + self.height
+    }
+
+    fn share(&self, value: f64, (low, high): (f64, f64)) -> f32 {
+        let share = match self.scale {
+            Scale::Time => (value - low) / (high - low),
+            Scale::Logarithmic => (value / low).log10() / (high / low).log10(),
+        };
+        share.clamp(0.0, 1.0) as f32
+    }
+
+    fn across(&self, x: f64) -> f32 {
+        self.left + self.share(x, self.x) * (self.right - self.left)
+    }
+
+    fn up(&self, y: f64) -> f32 {
+        self.bottom() - self.share(y, self.y) * self.height
+    }
+
+    fn spot(&self, (x, y): (f64, f64)) -> (f32, f32) {
+        (self.across(x), self.up(y))
+    }
+
+    fn x_ticks(&self) -> Vec<Tick> {
+        match self.scale {
+            Scale::Time => linear(self.x.0, self.x.1, 12),
+            Scale::Logarithmic => decades(self.x.0, self.x.1),
+        }
+    }
+
+    fn y_ticks(&self) -> Vec<Tick> {
+        match self.scale {
+            Scale::Time => linear(self.y.0, self.y.1, ((self.height / 60.0) as usize).clamp(2, 8)),
+            Scale::Logarithmic => decades(self.y.0, self.y.1),
+        }
+    }
+}
+
+fn is_lanes(panel: &Panel) -> bool {
+    matches!(panel.content, Content::Lanes(_))
+}
+
+fn natural_height(panel: &Panel) -> f32 {
+    match (&panel.content, panel.scale) {
+        (Content::Lanes(lanes), _) => LANE * lanes.len().max(2) as f32,
+        (_, Scale::Logarithmic) => HISTOGRAM,
+        _ => CURVES,
+    }
+}
+
+/// What numbers, names and the label take to the left of the axes.
+fn margin(canvas: &Canvas, panel: &Panel, axes: &Axes) -> f32 {
+    match &panel.content {
+        Content::Lanes(lanes) => {
+            lanes.iter().map(|lane| canvas.text_width(&short(&lane.name), FONT)).fold(0.0, f32::max) + MARGIN
+        }
+        Content::Curves { .. } => {
+            let numbers = axes.y_ticks().iter().map(|tick| canvas.text_width(&tick.text, FONT)).fold(0.0, f32::max);
+            numbers + 2.0 * GAP + MARGIN + FONT
+        }
+    }
+}
+
+/// Title to the left, legend to the right of it.
+fn heading(canvas: &mut Canvas, panel: &Panel, axes: &Axes, first: bool) {
+    let line = axes.top - GAP;
+    canvas.text((axes.left, line), Anchor::Start, FONT + 2.0, Color::INK, &panel.title);
+    let mut entries = Vec::new();
+    if let Content::Curves { areas, curves } = &panel.content {
+        entries.extend(areas.iter().map(|area| (area.name.as_str(), area.color, Key::Area)));
+        let named = curves.iter().filter(|curve| !curve.name.is_empty() && !curve.points.is_empty());
+        entries.extend(named.map(|curve| (curve.name.as_str(), curve.color, Key::Line(pen(curve)))));
+    }
+    if first {
+        let marked = |fault: bool| panel.marks.iter().find(|mark| mark.fault == fault);
+        for (name, mark) in [("operator", marked(false)), ("fault", marked(true))] {
+            entries.extend(mark.map(|mark| (name, mark.color(), Key::Mark)));
+        }
+    }
+    let mut right = axes.right;
+    let title = axes.left + canvas.text_width(&panel.title, FONT + 2.0) + MARGIN;
+    for (name, color, key) in entries.into_iter().rev() {
+        let name = short(name);
+        let start = right - canvas.text_width(&name, FONT);
+        if start - 60.0 < title {
+            break;
+        }
+        canvas.text((start, line), Anchor::Start, FONT, Color::INK, &name);
+        let (from, to, y) = (start - 52.0, start - GAP, line - 0.3 * FONT);
+        match key {
+            Key::Area => canvas.rectangle((from, y - 9.0), (to - from, 18.0), color, 90),
+            Key::Line(pen) => canvas.line(&[(from, y), (to, y)], Pen { width: pen.width + 1.0, ..pen }),
+            Key::Mark => canvas.line(&[(to - 10.0, y - 12.0), (to - 10.0, y + 12.0)], Pen::solid(color, 2.0)),
+        }
+        right = from - 1.5 * GAP;
+    }
+}
+
+#[derive(Clone, Copy)]
+enum Key {
+    Area,
+    Line(Pen),
+    Mark,
+}
+
+fn grid(canvas: &mut Canvas, panel: &Panel, axes: &Axes) {
+    let (left, right, top, bottom) = (axes.left, axes.right, axes.top, axes.bottom());
+    let thin = Pen::solid(Color::LIGHT, 1.0);
+    for tick in axes.x_ticks() {
+        let x = axes.across(tick.value);
+        canvas.line(&[(x, top), (x, bottom)], thin);
+        canvas.text((x, bottom + FONT + 6.0), Anchor::Middle, FONT, Color::INK, &tick.text);
+    }
+    if !is_lanes(panel) {
+        for tick in axes.y_ticks() {
+            let y = axes.up(tick.value);
+            canvas.line(&[(left, y), (right, y)], thin);
+            canvas.text((left - GAP, y + 0.35 * FONT), Anchor::End, FONT, Color::INK, &tick.text);
+        }
+        canvas.text_upwards((MARGIN, 0.5 * (top + bottom)), FONT, Color::INK, &panel.y_label);
+    }
+    canvas.line(&[(left, top), (left, bottom), (right, bottom)], Pen::solid(Color::INK, 1.5));
+}
+
+fn marks(canvas: &mut Canvas, panel: &Panel, axes: &Axes) {
+    for mark in panel.marks.iter().filter(|mark| (axes.x.0..=axes.x.1).contains(&mark.time_s)) {
+        let x = axes.across(mark.time_s);
+        let pen = Pen { color: mark.color(), width: 1.5, dashed: !mark.fault };
+        canvas.line(&[(x, axes.top), (x, axes.bottom())], pen);
+    }
+}
+
+fn draw_lanes(canvas: &mut Canvas, lanes: &[Lane], axes: &Axes) {
+    for (i, lane) in lanes.iter().enumerate() {
+        let top = axes.top + LANE * i as f32;
+        let name = short(&lane.name);
+        canvas.text((axes.left - GAP, top + 0.5 * LANE + 0.35 * FONT), Anchor::End, FONT, Color::INK, &name);
+        for (from, to) in &lane.spans {
+            let (from, to) = (axes.across(*from), axes.across(*to));
+            // The shortest touch is seen.
+            canvas.rectangle((from, top + 5.0), ((to - from).max(1.5), LANE - 10.0), lane.color, 255);
+        }
+    }
+}
+
+fn pen(curve: &Curve) -> Pen {
+    match curve.style {
+        Style::Line => Pen::solid(curve.color, 2.5),
+        Style::Thin => Pen::solid(curve.color, 1.5),
+        Style::DashedSteps => Pen { color: curve.color, width: 2.5, dashed: true },
+    }
+}
+
+/// A name that leaves room for others.
+fn short(name: &str) -> String {
+    if name.chars().count() <= LONGEST_NAME {
+        return name.to_owned();
+    }
+    name.chars().take(LONGEST_NAME - 1).chain(['…']).collect()
+}

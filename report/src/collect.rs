@@ -1,0 +1,216 @@
+//! What a report gathers on its way through a log.
+
+use crate::bands::Lanes;
+use crate::events::Events;
+use crate::frames::Frames;
+use crate::geometry::turn_deg;
+use crate::parameters::{ParameterSet, Sets};
+use crate::scene::{self, Update};
+use crate::series::Series;
+use crate::timing::Histogram;
+use crate::{LATEST_TICK, believable, vector};
+use foxglove::messages::{FrameTransforms, SceneUpdate};
+use hapfic_log::{Entry, Metrics, Record, Topic, proto};
+use prost::Message as _;
+
+/// Most joints and objects that are drawn.
+const MOST_JOINTS: usize = 16;
+const MOST_OBJECTS: usize = 8;
+/// The process whose account of a tick has the time from state to command.
+const GATE: &str = "supervisor";
+
+/// Quantities of one axis of the world.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct AxisSeries {
+    /// x, m.
+    pub(crate) position: Series,
+    /// x_d, m.
+    pub(crate) reference: Series,
+    /// x_d - x_b and x_d + x_b, m.
+    pub(crate) low: Series,
+    pub(crate) high: Series,
+    /// F, N.
+    pub(crate) force: Series,
+    /// F_d, N.
+    pub(crate) desired: Series,
+    /// F_c, N.
+    pub(crate) command: Series,
+    /// F_max, N.
+    pub(crate) limit: Series,
+}
+
+/// Torques of one joint, N m (N).
+#[derive(Clone, Debug, Default)]
+pub(crate) struct JointSeries {
+    pub(crate) raw: Series,
+    pub(crate) conditioned: Series,
+}
+
+/// A free object.
+#[derive(Clone, Debug)]
+pub(crate) struct ObjectSeries {
+    pub(crate) name: String,
+    start: [f64; 4],
+    /// Its turn now, degrees.
+    turn: f64,
+    /// Height of its centre of mass, m.
+    pub(crate) height: Series,
+    /// Angle of the turn from where it started, degrees.
+    pub(crate) tilt: Series,
+}
+
+/// What a report gathers on its way through a log. Bounded.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Collected {
+    pub(crate) metrics: Metrics,
+    pub(crate) axes: [AxisSeries; 3],
+    pub(crate) joints: Vec<JointSeries>,
+    pub(crate) objects: Vec<ObjectSeries>,
+    pub(crate) contacts: Lanes,
+    pub(crate) modes: Lanes,
+    pub(crate) events: Events,
+    pub(crate) latency: Histogram,
+    pub(crate) lateness: Histogram,
+    pub(crate) frames: Frames,
+    /// States taken.
+    pub(crate) states: u64,
+    /// Messages of any kind.
+    pub(crate) messages: u64,
+    pub(crate) last_tick: i64,
+    sets: Sets,
+    /// A pair that has touched for the first time since the last frame.
+    touched: Option<String>,
+}
+
+impl Collected {
+    /// Takes a message of the log.
+    pub(crate) fn push(&mut self, entry: &Entry) {
+        self.messages += 1;
+        self.metrics.push(&entry.record);
+        match &entry.record {
+            Record::State(state) => self.state(state),
+            Record::Reference(reference) => self.reference(reference),
+            Record::Command(command) => self.command(command),
+            Record::Operator(operator) => self.operator(operator),
+            Record::Event(event) => self.events.push(event),
+            Record::Timing(timing) => self.timing(timing),
+            Record::Request(_) => {}
+            Record::Other { schema, data } => self.viewer(schema, data, i64::from(entry.sequence)),
+        }
+    }
+
+    fn state(&mut self, state: &proto::State) {
+        let tick = state.tick;
+        if !(0..=LATEST_TICK).contains(&tick) {
+            return;
+        }
+        self.states += 1;
+        self.last_tick = self.last_tick.max(tick);
+        let desired = self.sets.in_force(tick).map(|set| set.desired_force);
+        if let (Some(position), Some(force)) = (vector(&state.foot_position), vector(&state.foot_force)) {
+            for (i, axis) in self.axes.iter_mut().enumerate() {
+                axis.position.push(tick, position[i]);
+                axis.force.push(tick, force[i]);
+                if let Some(desired) = desired {
+                    axis.desired.push(tick, desired[i]);
+                }
+            }
+        }
+        for (i, object) in state.objects.iter().take(MOST_OBJECTS).enumerate() {
+            self.object(i, tick, object);
+        }
+        for contact in &state.contacts {
+            if self.contacts.push(&contact.body, &contact.against, tick) && self.touched.is_none() {
+                self.touched = Some(format!("{} and {}", contact.body, contact.against));
+            }
+        }
+        self.modes.push("drive", &state.drive, tick);
+        self.lateness.push(state.wake_lateness_ns);
+    }
+
+    fn object(&mut self, index: usize, tick: i64, object: &proto::Object) {
+        let Some(position) = vector(&object.position) else { return };
+        let Ok(orientation) = <[f64; 4]>::try_from(object.orientation.as_slice()) else { return };
+        if !orientation.into_iter().all(believable) {
+            return;
+        }
+        if index == self.objects.len() {
+            let (height, tilt) = (Series::default(), Series::default());
+            self.objects.push(ObjectSeries { name: object.name.clone(), start: orientation, turn: 0.0, height, tilt });
+        }
+        if let Some(series) = self.objects.get_mut(index) {
+            series.turn = turn_deg(series.start, orientation);
+            series.height.push(tick, position[2]);
+            series.tilt.push(tick, series.turn);
+        }
+    }
+
+    fn reference(&mut self, reference: &proto::Reference) {
+        let tick = reference.tick;
+        let bound = self.sets.in_force(tick).map(|set| set.bound);
+        let Some(position) = vector(&reference.position) else { return };
+        for (i, axis) in self.axes.iter_mut().enumerate() {
+            axis.reference.push(tick, position[i]);
+            if let Some(bound) = bound {
+                axis.low.push(tick, position[i] - bound[i]);
+                axis.high.push(tick, position[i] + bound[i]);
+            }
+        }
+    }
+
+    fn command(&mut self, command: &proto::Command) {
+        let tick = command.tick;
+        let limit = self.sets.in_force(tick).map(|set| set.max_force);
+        // In other modes the content is that of an older request, and no force stands behind it.
+        if command.mode == "active"
+            && let Some(force) = vector(&command.force)
+        {
+            for (axis, force) in self.axes.iter_mut().zip(force) {
+                axis.command.push(tick, force);
+            }
+        }
+        if let Some(limit) = limit {
+            for (axis, limit) in self.axes.iter_mut().zip(limit) {
+                axis.limit.push(tick, limit);
+            }
+        }
+        let joints = command.torque.len().min(MOST_JOINTS);
+        if self.joints.len() < joints {
+            self.joints.resize_with(joints, JointSeries::default);
+        }
+        for (joint, (raw, conditioned)) in self.joints.iter_mut().zip(command.torque_raw.iter().zip(&command.torque)) {
+            joint.raw.push(tick, *raw);
+            joint.conditioned.push(tick, *conditioned);
+        }
+        self.modes.push("command", &command.mode, tick);
+        self.modes.push("severity", &command.severity, tick);
+    }
+
+    fn operator(&mut self, operator: &proto::Operator) {
+        if let Some(set) = ParameterSet::new(operator) {
+            let changes = self.sets.announce(set);
+            self.events.changed(set.effective_tick, set.version, &changes);
+        }
+    }
+
+    fn timing(&mut self, timing: &proto::Timing) {
+        if timing.process == GATE && timing.publish_ns != 0 && timing.latency_ns != 0 {
+            self.latency.push(timing.latency_ns);
+        }
+    }
+
+    /// A message for viewers; one that does not decode is no reason to do without the rest.
+    fn viewer(&mut self, schema: &str, data: &[u8], tick: i64) {
+        if schema == Topic::Transforms.schema_name() {
+            if let Ok(message) = FrameTransforms::decode(data) {
+                self.frames.moved(scene::poses(&message));
+            }
+        } else if schema == Topic::Scene.schema_name()
+            && let Ok(message) = SceneUpdate::decode(data)
+        {
+            let furthest = self.objects.iter().max_by(|a, b| a.turn.total_cmp(&b.turn));
+            let turned = furthest.map(|object| (object.name.as_str(), object.turn));
+            self.frames.shown(tick, Update::new(&message), turned, self.touched.take());
+        }
+    }
+}

@@ -1,0 +1,152 @@
+//! What happened during a run.
+
+use crate::figure::Mark;
+use crate::{LATEST_TICK, seconds};
+use hapfic_log::proto;
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+/// Most events a report lists, of those with and of those without harm each; more are counted.
+pub const MOST_EVENTS: usize = 500;
+/// Most kinds that are counted one by one.
+const MOST_KINDS: usize = 32;
+/// Longest text of an event, characters.
+const LONGEST_TEXT: usize = 400;
+
+/// An event of the log, or a change by the operator.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct LoggedEvent {
+    /// When, s.
+    pub time_s: f64,
+    /// Its tick.
+    pub tick: i64,
+    /// The process it is about.
+    pub process: String,
+    /// What it reports.
+    pub kind: String,
+    /// How bad it is.
+    pub severity: String,
+    /// Who saw it first.
+    pub detector: String,
+    /// In words.
+    pub text: String,
+    /// Whether something went wrong.
+    pub fault: bool,
+}
+
+/// The events of a log, as many as there is room for.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Events {
+    kept: Vec<LoggedEvent>,
+    faults: usize,
+    /// How many there were of each kind.
+    counts: BTreeMap<String, u64>,
+    total: u64,
+}
+
+impl Events {
+    /// Takes a message of `/event`.
+    pub(crate) fn push(&mut self, event: &proto::Event) {
+        // A set that takes effect is known better from `/operator`.
+        if event.kind == "parameters" {
+            return;
+        }
+        let fault = matches!(event.kind.as_str(), "lost" | "refused" | "missed" | "slipped")
+            || (event.kind == "transition" && event.severity != "nominal");
+        self.keep(LoggedEvent {
+            time_s: 0.0,
+            tick: event.tick,
+            process: cut(&event.process),
+            kind: cut(&event.kind),
+            severity: cut(&event.severity),
+            detector: cut(&event.detector),
+            text: cut(&event.text),
+            fault,
+        });
+    }
+
+    /// Takes a change by the operator.
+    pub(crate) fn changed(&mut self, tick: i64, version: u64, changes: &str) {
+        self.keep(LoggedEvent {
+            time_s: 0.0,
+            tick,
+            process: "operator".to_owned(),
+            kind: "parameters".to_owned(),
+            severity: "nominal".to_owned(),
+            detector: "none".to_owned(),
+            text: format!("set {version}: {changes}"),
+            fault: false,
+        });
+    }
+
+    fn keep(&mut self, event: LoggedEvent) {
+        self.total += 1;
+        if let Some(count) = self.counts.get_mut(&event.kind) {
+            *count += 1;
+        } else if self.counts.len() < MOST_KINDS {
+            self.counts.insert(event.kind.clone(), 1);
+        }
+        let kept = if event.fault { self.faults } else { self.kept.len() - self.faults };
+        if kept < MOST_EVENTS {
+            self.faults += usize::from(event.fault);
+            let tick = event.tick.clamp(0, LATEST_TICK);
+            self.kept.push(LoggedEvent { time_s: seconds(tick), ..event });
+        }
+    }
+
+    /// Puts them in the order of time.
+    pub(crate) fn sort(&mut self) {
+        self.kept.sort_by_key(|event| event.tick);
+    }
+
+    /// Those that are kept.
+    pub(crate) fn kept(&self) -> &[LoggedEvent] {
+        &self.kept
+    }
+
+    /// How many there were of each kind.
+    pub(crate) fn counts(&self) -> &BTreeMap<String, u64> {
+        &self.counts
+    }
+
+    /// How many there were.
+    pub(crate) fn total(&self) -> u64 {
+        self.total
+    }
+
+    /// What time axes mark: what the operator changed, and what went wrong.
+    pub(crate) fn marks(&self) -> Vec<Mark> {
+        let marked = self.kept.iter().filter(|event| event.fault || event.kind == "parameters");
+        marked
+            .map(|event| Mark {
+                time_s: event.time_s,
+                fault: event.fault,
+                text: format!("{} {}: {}", event.process, event.kind, event.text),
+            })
+            .collect()
+    }
+}
+
+fn cut(text: &str) -> String {
+    text.chars().take(LONGEST_TEXT).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_flood_of_notes_leaves_room_for_what_went_wrong() {
+        let mut events = Events::default();
+        let event = |kind: &str, tick| proto::Event { tick, kind: kind.to_owned(), ..proto::Event::default() };
+        for tick in 0..10_000 {
+            events.push(&event("note", tick));
+        }
+        events.push(&event("lost", 4));
+        events.sort();
+        assert_eq!(events.kept().len(), MOST_EVENTS + 1);
+        assert_eq!((events.total(), events.counts()["note"]), (10_001, 10_000));
+        assert_eq!(events.marks().len(), 1);
+        assert!(events.kept().is_sorted_by_key(|event| event.tick));
+    }
+}

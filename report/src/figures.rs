@@ -1,0 +1,173 @@
+//! The paper's figures, of any log.
+
+use crate::collect::{Collected, JointSeries, ObjectSeries};
+use crate::figure::{Area, Color, Content, Curve, Figure, Lane, Panel, Scale, Style};
+use crate::run::RunInfo;
+use crate::series::Series;
+use hapfic_log::Names;
+
+const AXES: [&str; 3] = ["x", "y", "z"];
+const MM_PER_M: f64 = 1e3;
+/// Stands for an empty bin on a logarithmic axis.
+const NO_COUNT: f64 = 0.7;
+/// Modes in which nothing is wrong.
+const GOOD_MODES: [&str; 3] = ["torque", "active", "nominal"];
+/// Modes before the first torque.
+const WAITING_MODES: [&str; 2] = ["held", "hold"];
+
+/// The figures of the page, in its order.
+pub(crate) fn all(collected: &Collected, run: &RunInfo, names: &Names) -> Vec<Figure> {
+    let mut figures = vec![
+        figure("position", "Foot position and reference", panels(position, collected)),
+        figure("force", "Contact force on the foot", panels(force, collected)),
+        figure("command", "Force of the controller and its limit", panels(command, collected)),
+        figure("torque", "Joint torques", torque(collected, names)),
+        figure("contacts", "Contacts and modes", vec![contacts(collected), modes(collected)]),
+    ];
+    if !collected.objects.is_empty() {
+        figures.push(figure("objects", "Free objects", objects(collected)));
+    }
+    let marks = collected.events.marks();
+    for panel in figures.iter_mut().flat_map(|figure| &mut figure.panels) {
+        panel.marks.clone_from(&marks);
+    }
+    figures.push(timing(collected, run));
+    figures
+}
+
+/// Height and force of the foot and who touches whom, in one figure.
+pub(crate) fn overview(collected: &Collected, run: &RunInfo) -> Figure {
+    let name = if run.scenario.is_empty() { "run" } else { &run.scenario };
+    let mut panels = vec![position(collected, 2), force(collected, 2), contacts(collected)];
+    let marks = collected.events.marks();
+    for panel in &mut panels {
+        panel.marks.clone_from(&marks);
+    }
+    figure("overview", &format!("{name}: height of the foot, contact force and contacts"), panels)
+}
+
+fn figure(name: &'static str, title: &str, panels: Vec<Panel>) -> Figure {
+    Figure { name, title: title.to_owned(), panels, note: None }
+}
+
+fn panels(make: fn(&Collected, usize) -> Panel, collected: &Collected) -> Vec<Panel> {
+    (0..AXES.len()).map(|axis| make(collected, axis)).collect()
+}
+
+fn curve(name: &str, color: Color, style: Style, series: &Series, factor: f64) -> Curve {
+    Curve { name: name.to_owned(), color, style, points: series.points(factor) }
+}
+
+fn position(collected: &Collected, axis: usize) -> Panel {
+    let series = &collected.axes[axis];
+    let (low, high) = (series.low.points(MM_PER_M), series.high.points(MM_PER_M));
+    let bound = Area { name: "x_{d} ± x_{b}".to_owned(), color: Color::SKY, low, high };
+    let areas = if series.low.is_empty() { Vec::new() } else { vec![bound] };
+    let curves = vec![
+        curve("reference x_{d}", Color::ORANGE, Style::Line, &series.reference, MM_PER_M),
+        curve("foot x", Color::BLUE, Style::Line, &series.position, MM_PER_M),
+    ];
+    let y_label = format!("{} in mm", AXES[axis]);
+    Panel::over_time(format!("position, {} axis", AXES[axis]), y_label, Content::Curves { areas, curves })
+}
+
+fn force(collected: &Collected, axis: usize) -> Panel {
+    let series = &collected.axes[axis];
+    let curves = vec![
+        curve("contact force F", Color::BLUE, Style::Line, &series.force, 1.0),
+        curve("wished force F_{d}", Color::VERMILLION, Style::DashedSteps, &series.desired, 1.0),
+    ];
+    let content = Content::Curves { areas: Vec::new(), curves };
+    Panel::over_time(format!("contact force, {} axis", AXES[axis]), format!("F_{{{}}} in N", AXES[axis]), content)
+}
+
+fn command(collected: &Collected, axis: usize) -> Panel {
+    let series = &collected.axes[axis];
+    let curves = vec![
+        curve("F_{c}", Color::BLUE, Style::Line, &series.command, 1.0),
+        curve("± F_{max}", Color::VERMILLION, Style::DashedSteps, &series.limit, 1.0),
+        curve("", Color::VERMILLION, Style::DashedSteps, &series.limit, -1.0),
+    ];
+    let content = Content::Curves { areas: Vec::new(), curves };
+    Panel::over_time(format!("force of the controller, {} axis", AXES[axis]), "F_{c} in N", content)
+}
+
+fn torque(collected: &Collected, names: &Names) -> Vec<Panel> {
+    let panel = |(i, series): (usize, &JointSeries)| {
+        let name = names.joints.get(i).cloned().unwrap_or_else(|| format!("joint {i}"));
+        let curves = vec![
+            curve("raw", Color::ORANGE, Style::Thin, &series.raw, 1.0),
+            curve("conditioned", Color::BLUE, Style::Line, &series.conditioned, 1.0),
+        ];
+        Panel::over_time(name, "torque in N m", Content::Curves { areas: Vec::new(), curves })
+    };
+    collected.joints.iter().enumerate().map(panel).collect()
+}
+
+fn contacts(collected: &Collected) -> Panel {
+    let lanes = collected.contacts.iter().enumerate().map(|(i, (body, against, spans))| Lane {
+        name: format!("{body}-{against}"),
+        color: Color::cycle(i),
+        spans: spans.seconds(),
+    });
+    Panel::over_time("contacts: who touches whom", "", Content::Lanes(lanes.collect()))
+}
+
+fn modes(collected: &Collected) -> Panel {
+    let lanes = collected.modes.iter().map(|(kind, mode, spans)| {
+        let color = if GOOD_MODES.contains(&mode) {
+            Color::GREEN
+        } else if WAITING_MODES.contains(&mode) {
+            Color::GREY
+        } else {
+            Color::VERMILLION
+        };
+        Lane { name: format!("{kind}: {mode}"), color, spans: spans.seconds() }
+    });
+    let mut lanes: Vec<_> = lanes.collect();
+    lanes.sort_by(|a, b| a.name.cmp(&b.name));
+    Panel::over_time("modes", "", Content::Lanes(lanes))
+}
+
+fn objects(collected: &Collected) -> Vec<Panel> {
+    let height = Content::Curves { areas: Vec::new(), curves: object_curves(collected, MM_PER_M, |object| &object.height) };
+    let tilt = Content::Curves { areas: Vec::new(), curves: object_curves(collected, 1.0, |object| &object.tilt) };
+    vec![
+        Panel::over_time("height of the centre of mass", "z in mm", height),
+        Panel::over_time("turn from the start orientation", "angle in degrees", tilt),
+    ]
+}
+
+fn object_curves(collected: &Collected, factor: f64, series: fn(&ObjectSeries) -> &Series) -> Vec<Curve> {
+    let objects = collected.objects.iter().enumerate();
+    objects.map(|(i, object)| curve(&object.name, Color::cycle(i), Style::Line, series(object), factor)).collect()
+}
+
+fn timing(collected: &Collected, run: &RunInfo) -> Figure {
+    let mut figure = figure("timing", "Timing", Vec::new());
+    let mut curves = Vec::new();
+    if run.lockstep() {
+        figure.note = Some("lockstep: no timing".to_owned());
+    } else {
+        let kinds =
+            [("state to command", Color::BLUE, &collected.latency), ("timer lateness", Color::ORANGE, &collected.lateness)];
+        for (name, color, histogram) in kinds {
+            if histogram.count() > 0 {
+                let name = format!("{name} (largest {:.0} µs)", histogram.largest_us());
+                curves.push(Curve { name, color, style: Style::Line, points: histogram.outline(NO_COUNT) });
+            }
+        }
+        if curves.is_empty() {
+            figure.note = Some("the log holds no timing".to_owned());
+        }
+    }
+    figure.panels.push(Panel {
+        title: "how often a tick took how long".to_owned(),
+        x_label: "duration in µs".to_owned(),
+        y_label: "ticks".to_owned(),
+        scale: Scale::Logarithmic,
+        content: Content::Curves { areas: Vec::new(), curves },
+        marks: Vec::new(),
+    });
+    figure
+}

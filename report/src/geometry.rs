@@ -1,0 +1,113 @@
+//! Vectors and poses, as far as drawing needs them.
+
+/// A vector, m.
+pub(crate) type Vector = [f64; 3];
+
+/// Where a body is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Pose {
+    /// m.
+    pub(crate) position: Vector,
+    /// Unit quaternion, x y z w.
+    pub(crate) orientation: [f64; 4],
+}
+
+impl Pose {
+    pub(crate) const WORLD: Self = Self { position: [0.0; 3], orientation: [0.0, 0.0, 0.0, 1.0] };
+
+    /// A point of the body, in the world.
+    pub(crate) fn point(&self, point: Vector) -> Vector {
+        add(self.position, rotate(self.orientation, point))
+    }
+
+    /// A pose in the body, in the world.
+    pub(crate) fn pose(&self, inner: &Self) -> Self {
+        let [ax, ay, az, aw] = self.orientation;
+        let [bx, by, bz, bw] = inner.orientation;
+        Self {
+            position: self.point(inner.position),
+            orientation: [
+                aw * bx + ax * bw + ay * bz - az * by,
+                aw * by - ax * bz + ay * bw + az * bx,
+                aw * bz + ax * by - ay * bx + az * bw,
+                aw * bw - ax * bx - ay * by - az * bz,
+            ],
+        }
+    }
+}
+
+pub(crate) fn add(a: Vector, b: Vector) -> Vector {
+    [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
+}
+
+pub(crate) fn scale(a: Vector, factor: f64) -> Vector {
+    a.map(|v| v * factor)
+}
+
+pub(crate) fn dot(a: Vector, b: Vector) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+pub(crate) fn cross(a: Vector, b: Vector) -> Vector {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+pub(crate) fn norm(a: Vector) -> f64 {
+    dot(a, a).sqrt()
+}
+
+/// Of length one; up, if it has no direction.
+pub(crate) fn unit(a: Vector) -> Vector {
+    let length = norm(a);
+    if length > 1e-12 { scale(a, 1.0 / length) } else { [0.0, 0.0, 1.0] }
+}
+
+/// A vector turned by a unit quaternion, x y z w.
+pub(crate) fn rotate(q: [f64; 4], v: Vector) -> Vector {
+    let axis = [q[0], q[1], q[2]];
+    let t = scale(cross(axis, v), 2.0);
+    add(add(v, scale(t, q[3])), cross(axis, t))
+}
+
+/// Angle of the turn between two orientations, degrees, 0 to 180.
+pub(crate) fn turn_deg(a: [f64; 4], b: [f64; 4]) -> f64 {
+    // The sine is exact for small turns, where the cosine is not.
+    let cosine: f64 = a.iter().zip(b).map(|(a, b)| a * b).sum();
+    let sine = {
+        let [ax, ay, az, aw] = a;
+        let [bx, by, bz, bw] = b;
+        norm([
+            aw * bx - ax * bw - ay * bz + az * by,
+            aw * by + ax * bz - ay * bw - az * bx,
+            aw * bz - ax * by + ay * bx - az * bw,
+        ])
+    };
+    2.0 * sine.atan2(cosine.abs()).to_degrees()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_quarter_turn_about_z_takes_x_to_y() {
+        let half = std::f64::consts::FRAC_1_SQRT_2;
+        let quarter = Pose { position: [1.0, 0.0, 0.0], orientation: [0.0, 0.0, half, half] };
+        let near = |a: Vector, b: Vector| norm(add(a, scale(b, -1.0))) < 1e-12;
+        assert!(near(quarter.point([1.0, 0.0, 0.0]), [1.0, 1.0, 0.0]));
+        let half_turn = quarter.pose(&quarter);
+        assert!(near(half_turn.point([1.0, 0.0, 0.0]), [0.0, 1.0, 0.0]));
+        assert!((turn_deg(quarter.orientation, Pose::WORLD.orientation) - 90.0).abs() < 1e-9);
+        assert!((turn_deg(half_turn.orientation, quarter.orientation) - 90.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_turn_has_no_sign_and_small_ones_are_exact() {
+        let (sine, cosine) = (0.5e-9_f64).sin_cos();
+        let little = [sine, 0.0, 0.0, cosine];
+        let opposite = little.map(|v| -v);
+        for q in [little, opposite] {
+            assert!((turn_deg(Pose::WORLD.orientation, q).to_radians() - 1e-9).abs() < 1e-20);
+        }
+    }
+}

@@ -1,0 +1,67 @@
+//! A report of a run, from its log alone: the paper's figures, five snapshots, metrics and events.
+//!
+//! [`Report::read`] goes through a log once, in memory that does not grow with it. What it has gathered can be had as a
+//! self-contained interactive page ([`Report::html`]), as pictures for print ([`Report::pictures`]), as JSON
+//! ([`Report::json`]) and as text ([`Report::text`]). A log that is cut off gives a report of what is whole, which says so.
+//!
+//! ```no_run
+//! use hapfic_report::Report;
+//! use std::path::Path;
+//!
+//! let report = Report::read(Path::new("run.mcap"))?;
+//! report.write_html(Path::new("run.html"))?;
+//! report.write_pictures(Path::new("figures"))?;
+//! # Ok::<(), hapfic_report::ReportError>(())
+//! ```
+
+pub mod bands;
+mod canvas;
+mod chart;
+mod collect;
+mod error;
+mod events;
+pub mod figure;
+mod figures;
+mod frames;
+mod geometry;
+mod html;
+mod label;
+mod output;
+mod parameters;
+mod plot;
+mod report;
+mod run;
+mod scene;
+pub mod series;
+mod snapshots;
+mod table;
+mod ticks;
+pub mod timing;
+
+pub use error::ReportError;
+pub use events::{LoggedEvent, MOST_EVENTS};
+pub use figure::Figure;
+pub use output::Picture;
+pub use report::Report;
+pub use run::RunInfo;
+pub use snapshots::SNAPSHOTS;
+
+/// The last tick that is believed, after some 35 years.
+const LATEST_TICK: i64 = 1 << 40;
+
+/// Time of a tick, s.
+fn seconds(tick: i64) -> f64 {
+    const TICKS_PER_SECOND: f64 = 1e9 / hapfic_log::TICK_NS as f64;
+    tick as f64 / TICKS_PER_SECOND
+}
+
+/// Whether a number may be a quantity of a run: finite, and of a size that can be drawn.
+fn believable(value: f64) -> bool {
+    value.abs() < 1e12
+}
+
+/// The vector of a message; `None` if it has not three believable elements.
+fn vector(values: &[f64]) -> Option<[f64; 3]> {
+    let vector: [f64; 3] = values.try_into().ok()?;
+    vector.into_iter().all(believable).then_some(vector)
+}

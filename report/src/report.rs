@@ -1,0 +1,187 @@
+//! The report itself.
+
+use crate::collect::Collected;
+use crate::error::ReportError;
+use crate::figure::Figure;
+use crate::output::{self, Picture};
+use crate::run::RunInfo;
+use crate::{LoggedEvent, figures, html, snapshots, table};
+use hapfic_log::{Names, Reader};
+use serde_json::{Value, json};
+use std::io::Read;
+use std::path::Path;
+
+/// Everything a report shows of a run.
+#[derive(Clone, Debug)]
+pub struct Report {
+    run: RunInfo,
+    names: Names,
+    metrics: Value,
+    collected: Collected,
+}
+
+impl Report {
+    /// Reads a log, once from its start to its end.
+    ///
+    /// A log that ends too early, or is damaged further on, gives a report of what comes before; [`RunInfo::cut_off`] says so.
+    ///
+    /// # Errors
+    /// [`ReportError::Log`] if the file cannot be opened or is no log, [`ReportError::Empty`] if it holds no state.
+    pub fn read(log: &Path) -> Result<Self, ReportError> {
+        Self::from_reader(Reader::open(log)?, log)
+    }
+
+    /// As [`Report::read`], from an open log; `log` is what the report calls it.
+    ///
+    /// # Errors
+    /// [`ReportError::Empty`].
+    pub fn from_reader<R: Read>(reader: Reader<R>, log: &Path) -> Result<Self, ReportError> {
+        let mut run = RunInfo::new(log.to_owned(), reader.metadata());
+        let names = reader.names();
+        let mut collected = Collected::default();
+        let mut cut_off = None;
+        for entry in reader {
+            match entry {
+                Ok(entry) => collected.push(&entry),
+                Err(error) => cut_off = Some(error.to_string()),
+            }
+        }
+        if collected.states == 0 {
+            let others = format!("{} messages of other topics", collected.messages);
+            let found = cut_off.map_or_else(|| others.clone(), |cause| format!("{others} ({cause})"));
+            return Err(ReportError::Empty { path: log.to_owned(), found });
+        }
+        run.end(collected.last_tick, collected.messages, cut_off);
+        collected.events.sort();
+        // Every figure is finite: there is nothing that JSON could not hold.
+        let metrics = serde_json::to_value(collected.metrics.summary()).unwrap_or(Value::Null);
+        Ok(Self { run, names, metrics, collected })
+    }
+
+    /// What the log says about its run.
+    #[must_use]
+    pub const fn run(&self) -> &RunInfo {
+        &self.run
+    }
+
+    /// The metrics, as `hapfic_log::MetricsSummary` writes them.
+    #[must_use]
+    pub const fn metrics(&self) -> &Value {
+        &self.metrics
+    }
+
+    /// The events that are listed, in the order of time; at most [`crate::MOST_EVENTS`] with and as many without harm.
+    #[must_use]
+    pub fn events(&self) -> &[LoggedEvent] {
+        self.collected.events.kept()
+    }
+
+    /// The figures of the page.
+    #[must_use]
+    pub fn figures(&self) -> Vec<Figure> {
+        figures::all(&self.collected, &self.run, &self.names)
+    }
+
+    /// Height and force of the foot and who touches whom, in one figure.
+    #[must_use]
+    pub fn overview(&self) -> Figure {
+        figures::overview(&self.collected, &self.run)
+    }
+
+    /// When the snapshots are from, s, and why.
+    #[must_use]
+    pub fn snapshot_times(&self) -> Vec<(f64, String)> {
+        snapshots::times(&self.collected.frames)
+    }
+
+    /// The figures for print, as PNG.
+    ///
+    /// # Errors
+    /// [`ReportError::Draw`].
+    pub fn pictures(&self) -> Result<Vec<Picture>, ReportError> {
+        let mut pictures = Vec::new();
+        for figure in self.figures() {
+            pictures.push(output::picture(&figure, None)?);
+        }
+        pictures.push(output::picture(&self.overview(), Some(1000))?);
+        if let Some(png) = self.snapshots()? {
+            pictures.push(Picture { name: "snapshots".to_owned(), png });
+        }
+        Ok(pictures)
+    }
+
+    /// The snapshots side by side, as PNG; `None` if the log has nothing for viewers.
+    ///
+    /// # Errors
+    /// [`ReportError::Draw`].
+    pub fn snapshots(&self) -> Result<Option<Vec<u8>>, ReportError> {
+        snapshots::draw(&self.collected.frames)
+    }
+
+    /// The interactive page: one file that needs nothing else.
+    ///
+    /// # Errors
+    /// [`ReportError::Draw`], for the snapshots.
+    pub fn html(&self) -> Result<String, ReportError> {
+        let snapshots = self.snapshots()?;
+        Ok(html::page(&html::Parts {
+            run: &self.run,
+            metrics: &self.metrics,
+            events: &self.collected.events,
+            figures: &self.figures(),
+            snapshots: snapshots.as_deref(),
+            snapshot_times: &self.snapshot_times(),
+        }))
+    }
+
+    /// Metrics, run, events and times of the snapshots, for programs.
+    #[must_use]
+    pub fn json(&self) -> Value {
+        let events = &self.collected.events;
+        let snapshots: Vec<_> =
+            self.snapshot_times().into_iter().map(|(time_s, reason)| json!({ "time_s": time_s, "reason": reason })).collect();
+        json!({
+            "run": self.run,
+            "metrics": self.metrics,
+            "events": { "total": events.total(), "by_kind": events.counts(), "listed": events.kept() },
+            "snapshots": snapshots,
+        })
+    }
+
+    /// Run and metrics, for the terminal.
+    #[must_use]
+    pub fn text(&self) -> String {
+        table::text(&self.run, &self.metrics, self.collected.events.total())
+    }
+
+    /// Writes the page.
+    ///
+    /// # Errors
+    /// [`ReportError::SameFile`], [`ReportError::Write`] and those of [`Report::html`].
+    pub fn write_html(&self, path: &Path) -> Result<(), ReportError> {
+        output::check(path, &self.run.log, "page")?;
+        output::write(path, self.html()?.as_bytes())
+    }
+
+    /// Writes what programs read.
+    ///
+    /// # Errors
+    /// [`ReportError::SameFile`] and [`ReportError::Write`].
+    pub fn write_json(&self, path: &Path) -> Result<(), ReportError> {
+        output::check(path, &self.run.log, "JSON")?;
+        output::write(path, format!("{:#}\n", self.json()).as_bytes())
+    }
+
+    /// Writes the figures for print into a folder, which is made if there is none; returns how many there are.
+    ///
+    /// # Errors
+    /// [`ReportError::Write`] and those of [`Report::pictures`].
+    pub fn write_pictures(&self, folder: &Path) -> Result<usize, ReportError> {
+        output::folder(folder)?;
+        let pictures = self.pictures()?;
+        for picture in &pictures {
+            output::write(&folder.join(format!("{}.png", picture.name)), &picture.png)?;
+        }
+        Ok(pictures.len())
+    }
+}

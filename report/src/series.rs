@@ -1,0 +1,205 @@
+//! A quantity over time, in bounded memory, with every peak.
+
+use crate::{LATEST_TICK, believable, seconds};
+
+/// Most buckets of a series. Full, they are merged two by two.
+pub const CAPACITY: usize = 2048;
+
+/// A quantity over time as an envelope: the least and the largest value of each bucket, and when they were.
+///
+/// A bucket is one tick wide at first, and twice as wide each time there are more than [`CAPACITY`] of them. So a run of twice
+/// as many ticks as that keeps every value, and a run of any length every peak, at its tick.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Series {
+    /// A bucket is 2^shift ticks wide.
+    shift: u32,
+    buckets: Vec<Bucket>,
+    first: Option<Sample>,
+    last: Option<Sample>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Sample {
+    tick: i64,
+    value: f64,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Bucket {
+    /// Its ticks, divided by the width.
+    key: i64,
+    least: Sample,
+    most: Sample,
+}
+
+impl Bucket {
+    fn merge(&mut self, least: Sample, most: Sample) {
+        if least.value < self.least.value {
+            self.least = least;
+        }
+        if most.value > self.most.value {
+            self.most = most;
+        }
+    }
+}
+
+impl Series {
+    /// Takes the value at a tick, in any order. What is not a finite number of believable size, or at no tick of a run, is
+    /// left out.
+    pub fn push(&mut self, tick: i64, value: f64) {
+        if !(0..=LATEST_TICK).contains(&tick) || !believable(value) {
+            return;
+        }
+        let sample = Sample { tick, value };
+        if self.first.is_none_or(|first| tick < first.tick) {
+            self.first = Some(sample);
+        }
+        if self.last.is_none_or(|last| tick > last.tick) {
+            self.last = Some(sample);
+        }
+        let key = tick >> self.shift;
+        let at = match self.buckets.last() {
+            Some(last) if last.key < key => self.buckets.len(),
+            _ => self.buckets.partition_point(|bucket| bucket.key < key),
+        };
+        match self.buckets.get_mut(at) {
+            Some(bucket) if bucket.key == key => bucket.merge(sample, sample),
+            _ => self.buckets.insert(at, Bucket { key, least: sample, most: sample }),
+        }
+        while self.buckets.len() > CAPACITY {
+            self.halve();
+        }
+    }
+
+    fn halve(&mut self) {
+        self.shift += 1;
+        let mut merged: Vec<Bucket> = Vec::with_capacity(CAPACITY + 1);
+        for bucket in self.buckets.drain(..) {
+            let key = bucket.key >> 1;
+            match merged.last_mut() {
+                Some(last) if last.key == key => last.merge(bucket.least, bucket.most),
+                _ => merged.push(Bucket { key, ..bucket }),
+            }
+        }
+        self.buckets = merged;
+    }
+
+    /// Whether nothing has come.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.buckets.is_empty()
+    }
+
+    /// Buckets in use, at most [`CAPACITY`].
+    #[must_use]
+    pub fn buckets(&self) -> usize {
+        self.buckets.len()
+    }
+
+    /// Time, s, and value times `factor`, in the order of time. Of a stretch of equal values only the ends are given.
+    #[must_use]
+    pub fn points(&self, factor: f64) -> Vec<(f64, f64)> {
+        let mut points = Points { list: Vec::with_capacity(2 * self.buckets.len() + 2), newest: -1, factor };
+        if let Some(first) = self.first {
+            points.add(first);
+        }
+        for bucket in &self.buckets {
+            let (a, b) = (bucket.least, bucket.most);
+            for sample in if a.tick <= b.tick { [a, b] } else { [b, a] } {
+                points.add(sample);
+            }
+        }
+        if let Some(last) = self.last {
+            points.add(last);
+        }
+        points.list
+    }
+}
+
+/// Points in the order of time, without those that a line through the others shows as well.
+struct Points {
+    list: Vec<(f64, f64)>,
+    newest: i64,
+    factor: f64,
+}
+
+impl Points {
+    fn add(&mut self, sample: Sample) {
+        if sample.tick <= self.newest {
+            return;
+        }
+        self.newest = sample.tick;
+        let value = sample.value * self.factor;
+        if let [.., (_, before), (_, last)] = self.list.as_slice()
+            && *before == value
+            && *last == value
+        {
+            self.list.pop();
+        }
+        self.list.push((seconds(sample.tick), value));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn filled(ticks: i64, value: impl Fn(i64) -> f64) -> Series {
+        let mut series = Series::default();
+        for tick in 0..ticks {
+            series.push(tick, value(tick));
+        }
+        series
+    }
+
+    #[test]
+    fn a_short_run_keeps_every_tick() {
+        let value = |tick: i64| (tick as f64 * 0.37).sin();
+        let points = filled(2 * CAPACITY as i64, value).points(1.0);
+        assert_eq!(points.len(), 2 * CAPACITY);
+        for (tick, point) in points.iter().enumerate() {
+            assert_eq!(*point, (tick as f64 / 1e3, value(tick as i64)));
+        }
+    }
+
+    #[test]
+    fn a_peak_of_one_tick_survives_an_hour_in_bounded_memory() {
+        let peak = 1_234_567;
+        let series = filled(3_600_000, |tick| if tick == peak { 80.0 } else { (tick % 7) as f64 });
+        assert!(series.buckets() <= CAPACITY && series.buckets() > CAPACITY / 4, "{} buckets", series.buckets());
+        let points = series.points(2.0);
+        assert!(points.contains(&(seconds(peak), 160.0)));
+        assert_eq!(points.first(), Some(&(0.0, 0.0)));
+        assert_eq!(points.last().map(|point| point.0), Some(seconds(3_599_999)));
+        assert!(points.is_sorted_by(|a, b| a.0 < b.0));
+    }
+
+    #[test]
+    fn the_envelope_of_every_bucket_is_that_of_its_ticks() {
+        let value = |tick: i64| ((tick * 7919) % 10_007) as f64;
+        let series = filled(50_000, value);
+        for bucket in &series.buckets {
+            let ticks = (bucket.key << series.shift)..((bucket.key + 1) << series.shift);
+            let values: Vec<_> = ticks.filter(|tick| *tick < 50_000).map(value).collect();
+            assert_eq!(bucket.least.value, values.iter().copied().fold(f64::MAX, f64::min));
+            assert_eq!(bucket.most.value, values.iter().copied().fold(f64::MIN, f64::max));
+        }
+    }
+
+    #[test]
+    fn a_constant_is_its_two_ends() {
+        assert_eq!(filled(3000, |_| 5.0).points(1.0), [(0.0, 5.0), (2.999, 5.0)]);
+    }
+
+    #[test]
+    fn what_no_run_holds_is_left_out() {
+        let mut series = Series::default();
+        for (tick, value) in [(-1, 1.0), (i64::MAX, 1.0), (3, f64::NAN), (3, f64::INFINITY), (3, 1e300)] {
+            series.push(tick, value);
+        }
+        assert!(series.is_empty());
+        series.push(LATEST_TICK, 1.0);
+        series.push(5, 2.0);
+        assert_eq!(series.points(1.0), [(seconds(5), 2.0), (seconds(LATEST_TICK), 1.0)]);
+    }
+}

@@ -1,0 +1,330 @@
+//! Draws what the robot and the objects looked like at a few moments, side by side.
+
+use crate::canvas::{Anchor, Canvas, Pen, Spot};
+use crate::error::ReportError;
+use crate::figure::Color;
+use crate::frames::{Frame, Frames};
+use crate::geometry::{Pose, Vector, add, cross, dot, norm, scale, unit};
+use crate::scene::{Form, Solid};
+use crate::seconds;
+
+/// How many moments are drawn.
+pub const SNAPSHOTS: usize = 5;
+
+/// Size of one snapshot, and of the text below it, px.
+const WIDTH: f32 = 400.0;
+const HEIGHT: f32 = 560.0;
+const CAPTION: f32 = 84.0;
+const FONT: f32 = 21.0;
+const MARGIN: f32 = 24.0;
+/// From the scene to the eye: to the right of the x axis's back, and from above.
+const EYE: Vector = [0.5, -1.0, 0.38];
+/// From the scene to the light.
+const LIGHT: Vector = [-0.35, -0.7, 0.9];
+/// Share of the light that is everywhere.
+const AMBIENT: f64 = 0.55;
+/// Faces of boxes are drawn in patches no larger than this, so that what is in front of a part of a face is, m.
+const PATCH_M: f64 = 0.04;
+const MOST_PATCHES: usize = 10;
+/// Strips across a rod, and rings of a ball: their shading.
+const STRIPS: usize = 9;
+/// Spacing of the floor's lines, and how far it is drawn around what stands on it, m.
+const GRID_M: f64 = 0.05;
+const FLOOR_AROUND_M: f64 = 0.08;
+
+/// When the snapshots are from, s, and why.
+pub(crate) fn times(frames: &Frames) -> Vec<(f64, String)> {
+    frames.choose(SNAPSHOTS).into_iter().map(|frame| (seconds(frame.tick), frame.reason.clone())).collect()
+}
+
+/// The snapshots side by side, as PNG; `None` if there is nothing to draw.
+pub(crate) fn draw(frames: &Frames) -> Result<Option<Vec<u8>>, ReportError> {
+    let chosen = frames.choose(SNAPSHOTS);
+    let scenes: Vec<_> = chosen.iter().map(|frame| solids(frames, frame)).collect();
+    let Some(mut view) = View::around(&scenes, &chosen) else { return Ok(None) };
+    let mut canvas = Canvas::new("snapshots", WIDTH as u32 * SNAPSHOTS as u32, (HEIGHT + CAPTION) as u32)?;
+    for (i, (frame, solids)) in chosen.iter().zip(&scenes).enumerate() {
+        let left = WIDTH * i as f32;
+        view.left = left;
+        snapshot(&mut canvas, &view, frame, solids);
+        let middle = left + 0.5 * WIDTH;
+        let time = format!("t = {:.2} s", seconds(frame.tick));
+        canvas.text((middle, HEIGHT + 26.0), Anchor::Middle, FONT + 3.0, Color::INK, &time);
+        let reason: String = frame.reason.chars().take(34).collect();
+        canvas.text((middle, HEIGHT + 58.0), Anchor::Middle, FONT, Color::GREY, &reason);
+    }
+    canvas.png("snapshots").map(Some)
+}
+
+/// The shapes of a moment, in the world.
+fn solids(frames: &Frames, frame: &Frame) -> Vec<Solid> {
+    let mut solids = Vec::new();
+    for body in frames.bodies.values() {
+        // What has no pose of its own stands still.
+        let pose = frame.poses.get(&body.frame).copied().unwrap_or(Pose::WORLD);
+        solids.extend(body.solids.iter().map(|solid| Solid { pose: pose.pose(&solid.pose), ..*solid }));
+    }
+    solids
+}
+
+/// From the world to the picture, without perspective.
+struct View {
+    right: Vector,
+    up: Vector,
+    eye: Vector,
+    light: Vector,
+    /// What is in the middle, in the picture's plane, m.
+    middle: (f64, f64),
+    /// px per m.
+    scale: f64,
+    /// Left edge of the snapshot, px.
+    left: f32,
+    /// Where the floor is drawn: least and largest x and y, m.
+    floor: [(f64, f64); 2],
+}
+
+impl View {
+    /// The same view for all snapshots, in which all of them have room; `None` if there is nothing to see.
+    fn around(scenes: &[Vec<Solid>], frames: &[&Frame]) -> Option<Self> {
+        let eye = unit(EYE);
+        let right = unit(cross([0.0, 0.0, 1.0], eye));
+        let up = cross(eye, right);
+        let (mut across, mut along) = ((f64::MAX, f64::MIN), (f64::MAX, f64::MIN));
+        let mut floor = [across, across];
+        let mut ground = None;
+        let mut room = |centre: Vector, radius: f64| {
+            widen(&mut across, dot(centre, right), radius);
+            widen(&mut along, dot(centre, up), radius);
+            widen(&mut floor[0], centre[0], radius);
+            widen(&mut floor[1], centre[1], radius);
+        };
+        for solid in scenes.iter().flatten() {
+            match solid.form {
+                Form::Ball { radius } => room(solid.pose.position, radius),
+                Form::Rod { radius, length } => {
+                    let reach = (0.5 * length - radius).max(0.0);
+                    for end in [-reach, reach] {
+                        room(solid.pose.point([0.0, 0.0, end]), radius);
+                    }
+                }
+                Form::Block { size } => room(solid.pose.position, 0.5 * norm(size)),
+                Form::Floor => ground = Some(solid.pose.position[2]),
+            }
+        }
+        for mark in frames.iter().flat_map(|frame| [frame.reference, frame.target]).flatten() {
+            room(mark, 0.02);
+        }
+        if !(across.1 > across.0 && along.1 > along.0) {
+            return None;
+        }
+        if let Some(height) = ground {
+            floor = floor.map(|(low, high)| (low - FLOOR_AROUND_M, high + FLOOR_AROUND_M));
+            let [(x0, x1), (y0, y1)] = floor;
+            for corner in [[x0, y0, height], [x1, y0, height], [x0, y1, height], [x1, y1, height]] {
+                widen(&mut across, dot(corner, right), 0.0);
+                widen(&mut along, dot(corner, up), 0.0);
+            }
+        }
+        let (wide, high) = (f64::from(WIDTH - 2.0 * MARGIN), f64::from(HEIGHT - 2.0 * MARGIN));
+        let scale = (wide / (across.1 - across.0)).min(high / (along.1 - along.0));
+        let middle = (0.5 * (across.0 + across.1), 0.5 * (along.0 + along.1));
+        Some(Self { right, up, eye, light: unit(LIGHT), middle, scale, left: 0.0, floor })
+    }
+
+    fn spot(&self, point: Vector) -> Spot {
+        let x = (dot(point, self.right) - self.middle.0) * self.scale;
+        let y = (dot(point, self.up) - self.middle.1) * self.scale;
+        (self.left + 0.5 * WIDTH + x as f32, 0.5 * HEIGHT - y as f32)
+    }
+
+    fn pixels(&self, length: f64) -> f32 {
+        (length * self.scale) as f32
+    }
+
+    /// Nearer is larger.
+    fn depth(&self, point: Vector) -> f64 {
+        dot(point, self.eye)
+    }
+
+    /// A colour in the light, on a surface with this outward normal.
+    fn lit(&self, color: [f64; 3], normal: Vector) -> Color {
+        let light = AMBIENT + (1.0 - AMBIENT) * dot(normal, self.light).max(0.0);
+        let [r, g, b] = color.map(|v| (255.0 * (v * light).clamp(0.0, 1.0)).round() as u8);
+        Color(r, g, b)
+    }
+}
+
+fn widen(range: &mut (f64, f64), value: f64, radius: f64) {
+    *range = (range.0.min(value - radius), range.1.max(value + radius));
+}
+
+/// Something flat enough to have one depth.
+enum Piece {
+    Patch { corners: Vec<Vector>, color: Color },
+    Edge { ends: [Vector; 2], color: Color },
+    Ball { centre: Vector, radius: f64, color: [f64; 3] },
+}
+
+fn snapshot(canvas: &mut Canvas, view: &View, frame: &Frame, solids: &[Solid]) {
+    for solid in solids.iter().filter(|solid| solid.form == Form::Floor) {
+        floor(canvas, view, solid.pose.position[2]);
+    }
+    let mut pieces = Vec::new();
+    for solid in solids {
+        match solid.form {
+            Form::Ball { radius } => ball(&mut pieces, view, solid.pose.position, radius, solid.color),
+            Form::Rod { radius, length } => rod(&mut pieces, view, solid, radius, length),
+            Form::Block { size } => block(&mut pieces, view, solid, size),
+            Form::Floor => {}
+        }
+    }
+    // From the back to the front; pieces of one depth stay in their order.
+    pieces.sort_by(|a: &(f64, Piece), b| a.0.total_cmp(&b.0));
+    for (_, piece) in &pieces {
+        match piece {
+            Piece::Patch { corners, color } => {
+                let spots: Vec<_> = corners.iter().map(|corner| view.spot(*corner)).collect();
+                canvas.polygon(&spots, *color, 255);
+                // Closes the seams between patches.
+                let closed: Vec<_> = spots.iter().chain(spots.first()).copied().collect();
+                canvas.line(&closed, Pen::solid(*color, 0.8));
+            }
+            Piece::Edge { ends, color } => canvas.line(&ends.map(|end| view.spot(end)), Pen::solid(*color, 1.5)),
+            Piece::Ball { centre, radius, color } => shaded(canvas, view, *centre, *radius, *color),
+        }
+    }
+    if let Some(target) = frame.target {
+        canvas.ring(view.spot(target), 9.0, Pen::solid(Color::BLUE, 3.0));
+    }
+    if let Some(reference) = frame.reference {
+        canvas.disc(view.spot(reference), 5.0, Color::GREEN);
+    }
+    for (from, to) in &frame.arrows {
+        arrow(canvas, view.spot(*from), view.spot(*to));
+    }
+}
+
+/// The lines of the floor below what stands on it.
+fn floor(canvas: &mut Canvas, view: &View, height: f64) {
+    let ends = view.floor.map(|(low, high)| ((low / GRID_M).ceil() as i64, (high / GRID_M).floor() as i64));
+    // A scene of any size has a floor of so many lines at most.
+    let [(x0, x1), (y0, y1)] = ends.map(|(low, high)| (low, high.min(low.saturating_add(60))));
+    let point = |x: i64, y: i64| view.spot([x as f64 * GRID_M, y as f64 * GRID_M, height]);
+    canvas.polygon(&[point(x0, y0), point(x1, y0), point(x1, y1), point(x0, y1)], Color(246, 245, 240), 255);
+    let pen = Pen::solid(Color(214, 212, 204), 1.0);
+    for x in x0..=x1 {
+        canvas.line(&[point(x, y0), point(x, y1)], pen);
+    }
+    for y in y0..=y1 {
+        canvas.line(&[point(x0, y), point(x1, y)], pen);
+    }
+}
+
+fn ball(pieces: &mut Vec<(f64, Piece)>, view: &View, centre: Vector, radius: f64, color: [f64; 3]) {
+    pieces.push((view.depth(centre), Piece::Ball { centre, radius, color }));
+}
+
+/// A rod along z with rounded ends: strips across it, and a ball at each end.
+fn rod(pieces: &mut Vec<(f64, Piece)>, view: &View, solid: &Solid, radius: f64, length: f64) {
+    let reach = 0.5 * length - radius;
+    if reach <= 0.0 {
+        ball(pieces, view, solid.pose.position, radius, solid.color);
+        return;
+    }
+    let [from, to] = [-reach, reach].map(|z| solid.pose.point([0.0, 0.0, z]));
+    ball(pieces, view, from, radius, solid.color);
+    ball(pieces, view, to, radius, solid.color);
+    let axis = unit(add(to, scale(from, -1.0)));
+    let side = cross(axis, view.eye);
+    if norm(side) < 1e-6 {
+        return;
+    }
+    let side = unit(side);
+    let towards = cross(side, axis);
+    let segments = ((2.0 * reach / PATCH_M).ceil() as usize).clamp(1, MOST_PATCHES);
+    let along = |i: usize| add(from, scale(axis, 2.0 * reach * i as f64 / segments as f64));
+    let across = |j: usize| -1.0 + 2.0 * j as f64 / STRIPS as f64;
+    for i in 0..segments {
+        let (a, b) = (along(i), along(i + 1));
+        let depth = 0.5 * (view.depth(a) + view.depth(b));
+        for j in 0..STRIPS {
+            let middle = 0.5 * (across(j) + across(j + 1));
+            let normal = add(scale(side, middle), scale(towards, (1.0 - middle * middle).max(0.0).sqrt()));
+            let edge = |end: Vector, j: usize| add(end, scale(side, radius * across(j)));
+            let corners = vec![edge(a, j), edge(b, j), edge(b, j + 1), edge(a, j + 1)];
+            pieces.push((depth, Piece::Patch { corners, color: view.lit(solid.color, normal) }));
+        }
+    }
+}
+
+/// The faces of a box that are turned to the eye, in patches, and their edges.
+fn block(pieces: &mut Vec<(f64, Piece)>, view: &View, solid: &Solid, size: Vector) {
+    for (axis, edge) in size.into_iter().enumerate() {
+        let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+        let patches = |width: f64| ((width / PATCH_M).ceil() as usize).clamp(1, MOST_PATCHES);
+        let (columns, rows) = (patches(size[u]), patches(size[v]));
+        for sign in [-1.0, 1.0] {
+            let mut outward = [0.0; 3];
+            outward[axis] = sign;
+            let normal = add(solid.pose.point(outward), scale(solid.pose.position, -1.0));
+            if dot(normal, view.eye) <= 0.0 {
+                continue;
+            }
+            let color = view.lit(solid.color, normal);
+            let dark = view.lit(solid.color.map(|c| 0.55 * c), normal);
+            let corner = |i: usize, j: usize| {
+                let mut point = [0.0; 3];
+                point[axis] = 0.5 * sign * edge;
+                point[u] = size[u] * (i as f64 / columns as f64 - 0.5);
+                point[v] = size[v] * (j as f64 / rows as f64 - 0.5);
+                solid.pose.point(point)
+            };
+            for i in 0..columns {
+                for j in 0..rows {
+                    let corners = [corner(i, j), corner(i + 1, j), corner(i + 1, j + 1), corner(i, j + 1)];
+                    let centre = scale(add(corners[0], corners[2]), 0.5);
+                    let depth = view.depth(centre);
+                    let outer = [j == 0, i + 1 == columns, j + 1 == rows, i == 0];
+                    pieces.push((depth, Piece::Patch { corners: corners.to_vec(), color }));
+                    for (k, _) in outer.into_iter().enumerate().filter(|(_, outer)| *outer) {
+                        let ends = [corners[k], corners[(k + 1) % 4]];
+                        // In front of the patches beside it, which would cover half of it.
+                        pieces.push((depth + 1e-3, Piece::Edge { ends, color: dark }));
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// A ball: discs, each smaller, brighter and further towards the light.
+fn shaded(canvas: &mut Canvas, view: &View, centre: Vector, radius: f64, color: [f64; 3]) {
+    // Where on the visible half the light falls straight.
+    let light = (dot(view.light, view.right), dot(view.light, view.up));
+    let (x, y) = view.spot(centre);
+    let radius = view.pixels(radius);
+    for i in 0..STRIPS {
+        let share = i as f64 / STRIPS as f64;
+        let shift = 0.55 * share as f32 * radius;
+        let bright = AMBIENT + (1.0 - AMBIENT) * share;
+        let [r, g, b] = color.map(|v| (255.0 * (v * bright).clamp(0.0, 1.0)).round() as u8);
+        let at = (x + light.0 as f32 * shift, y - light.1 as f32 * shift);
+        canvas.disc(at, radius * (1.0 - 0.9 * share as f32), Color(r, g, b));
+    }
+}
+
+/// A force, always in front.
+fn arrow(canvas: &mut Canvas, from: Spot, to: Spot) {
+    let (dx, dy) = (to.0 - from.0, to.1 - from.1);
+    let length = dx.hypot(dy);
+    if !(length > 1.0 && length.is_finite()) {
+        return;
+    }
+    let (dx, dy) = (dx / length, dy / length);
+    let head = length.min(14.0);
+    let neck = (to.0 - head * dx, to.1 - head * dy);
+    let half = 0.45 * head;
+    canvas.line(&[from, neck], Pen::solid(Color::VERMILLION, 4.0));
+    let corners = [to, (neck.0 - half * dy, neck.1 + half * dx), (neck.0 + half * dy, neck.1 - half * dx)];
+    canvas.polygon(&corners, Color::VERMILLION, 255);
+}

@@ -1,0 +1,148 @@
+//! The metrics as rows, whatever they are: what the log crate measures is shown without being known here.
+
+use crate::run::RunInfo;
+use serde_json::Value;
+use std::fmt::Write;
+
+/// Most elements of a list that are shown as rows of their own.
+const MOST_ELEMENTS: usize = 32;
+
+/// A line of the table.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Row {
+    /// What the metrics call it, without its section.
+    pub(crate) name: String,
+    /// One value, or one for each element of a list, such as the axes x, y and z.
+    pub(crate) cells: Vec<String>,
+}
+
+/// The sections of the metrics and their rows. What there was nothing to measure for is left out.
+pub(crate) fn sections(metrics: &Value) -> Vec<(String, Vec<Row>)> {
+    let Value::Object(sections) = metrics else { return Vec::new() };
+    let rows = |value: &Value| {
+        let mut rows = Vec::new();
+        flatten(String::new(), value, &mut rows);
+        rows
+    };
+    sections.iter().map(|(name, value)| (words(name), rows(value))).filter(|(_, rows)| !rows.is_empty()).collect()
+}
+
+fn flatten(name: String, value: &Value, rows: &mut Vec<Row>) {
+    let inner = |key: &str| if name.is_empty() { words(key) } else { format!("{name}, {}", words(key)) };
+    match value {
+        Value::Object(fields) => {
+            for (key, value) in fields {
+                flatten(inner(key), value, rows);
+            }
+        }
+        Value::Array(list) if list.iter().any(|value| value.is_object() || value.is_array()) => {
+            for (i, value) in list.iter().enumerate().take(MOST_ELEMENTS) {
+                flatten(inner(&i.to_string()), value, rows);
+            }
+        }
+        Value::Array(list) if list.iter().all(Value::is_null) => {}
+        Value::Array(list) => rows.push(Row { name, cells: list.iter().take(MOST_ELEMENTS).map(cell).collect() }),
+        Value::Null => {}
+        value => rows.push(Row { name, cells: vec![cell(value)] }),
+    }
+}
+
+fn words(key: &str) -> String {
+    key.replace('_', " ")
+}
+
+fn cell(value: &Value) -> String {
+    match value {
+        Value::Null => "-".to_owned(),
+        Value::Bool(true) => "yes".to_owned(),
+        Value::Bool(false) => "no".to_owned(),
+        Value::String(text) => text.clone(),
+        Value::Number(number) => match (number.as_i64(), number.as_f64()) {
+            (None, Some(value)) => float(value),
+            _ => number.to_string(),
+        },
+        other => other.to_string(),
+    }
+}
+
+/// Four digits are more than a reader compares.
+fn float(value: f64) -> String {
+    let size = value.abs();
+    if value == 0.0 {
+        "0".to_owned()
+    } else if !(1e-4..1e6).contains(&size) {
+        format!("{value:.3e}")
+    } else {
+        let digits = (3.0 - size.log10().floor()).clamp(0.0, 8.0) as usize;
+        format!("{value:.digits$}")
+    }
+}
+
+/// Run and metrics, for the terminal.
+pub(crate) fn text(run: &RunInfo, metrics: &Value, events: u64) -> String {
+    let mut out = String::new();
+    // Writing to a string cannot fail.
+    let _ = write(&mut out, run, metrics, events);
+    out
+}
+
+fn write(out: &mut String, run: &RunInfo, metrics: &Value, events: u64) -> std::fmt::Result {
+    let or = |text: &str, other: &str| if text.is_empty() { other.to_owned() } else { text.to_owned() };
+    writeln!(
+        out,
+        "{} ({}): {}, {:.3} s, {} messages, {events} events",
+        or(&run.scenario, "a run without a name"),
+        or(&run.clock, "clock unknown"),
+        run.ending(),
+        run.duration_s,
+        run.messages
+    )?;
+    if let Some(cause) = &run.cut_off {
+        writeln!(out, "  CUT OFF: {cause}")?;
+    }
+    for (section, rows) in sections(metrics) {
+        writeln!(out, "  {section}")?;
+        for row in rows {
+            write!(out, "    {:<36}", row.name)?;
+            for cell in &row.cells {
+                write!(out, " {cell:>12}")?;
+            }
+            writeln!(out)?;
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn any_metrics_become_rows() {
+        let metrics = json!({
+            "force": { "rms_n": [0.123_456, null, 1234.6], "desired_n": [null, null, null], "ok": true },
+            "timing": { "latency_us": { "p50": 55.0, "max": 1e9 }, "late_ticks": 3 },
+            "moments": { "objects": [{ "name": "box", "turned_deg": 90.0 }] },
+            "empty": {},
+        });
+        let found: Vec<_> = sections(&metrics)
+            .into_iter()
+            .flat_map(|(section, rows)| {
+                rows.into_iter().map(move |row| format!("{section}/{}: {}", row.name, row.cells.join(" ")))
+            })
+            .collect();
+        for row in [
+            "force/rms n: 0.1235 - 1235",
+            "force/ok: yes",
+            "timing/latency us, p50: 55.00",
+            "timing/latency us, max: 1.000e9",
+            "timing/late ticks: 3",
+            "moments/objects, 0, name: box",
+            "moments/objects, 0, turned deg: 90.00",
+        ] {
+            assert!(found.iter().any(|other| other == row), "{row} is not in {found:#?}");
+        }
+        assert_eq!(found.len(), 7);
+    }
+}

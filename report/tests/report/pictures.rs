@@ -1,0 +1,52 @@
+//! The figures for print.
+
+use crate::logs::{log, report};
+use tiny_skia::Pixmap;
+
+/// Share of the pixels that are not white.
+fn ink(picture: &Pixmap) -> f64 {
+    let inked = picture.pixels().iter().filter(|pixel| pixel.red().min(pixel.green()).min(pixel.blue()) < 200).count();
+    inked as f64 / picture.pixels().len() as f64
+}
+
+#[test]
+fn every_picture_decodes_and_is_not_blank() {
+    let pictures = report(&log(1000, "realtime")).unwrap().pictures().unwrap();
+    let mut names: Vec<_> = pictures.iter().map(|picture| picture.name.as_str()).collect();
+    names.sort_unstable();
+    assert_eq!(names, ["command", "contacts", "force", "objects", "overview", "position", "snapshots", "timing", "torque"]);
+    for picture in &pictures {
+        let pixmap = Pixmap::decode_png(&picture.png).unwrap();
+        let size = (pixmap.width(), pixmap.height());
+        match picture.name.as_str() {
+            "overview" => assert_eq!(size, (1600, 1000)),
+            "snapshots" => assert_eq!(size, (2000, 644)),
+            _ => assert!(size.0 == 1600 && (300..3000).contains(&size.1), "{}: {size:?}", picture.name),
+        }
+        let ink = ink(&pixmap);
+        assert!(ink > 0.002 && ink < 0.6, "{}: {ink}", picture.name);
+    }
+}
+
+#[test]
+fn the_snapshots_show_the_box_in_its_colour() {
+    let png = report(&log(1000, "realtime")).unwrap().snapshots().unwrap().unwrap();
+    let pixmap = Pixmap::decode_png(&png).unwrap();
+    let orange = |x: u32, y: u32| {
+        pixmap.pixel(x, y).is_some_and(|p| p.red() > 100 && p.green() < p.red() && u16::from(p.blue()) * 3 < u16::from(p.red()))
+    };
+    for i in 0..5 {
+        let found = (0..560).flat_map(|y| (400 * i..400 * (i + 1)).map(move |x| (x, y))).filter(|(x, y)| orange(*x, *y)).count();
+        assert!(found > 2000, "snapshot {i}: {found} pixels");
+    }
+}
+
+#[test]
+fn pictures_are_written_into_a_folder_that_is_made() {
+    let folder = tempfile::tempdir().unwrap();
+    let figures = folder.path().join("deep/figures");
+    let report = report(&log(50, "lockstep")).unwrap();
+    let count = report.write_pictures(&figures).unwrap();
+    assert_eq!(std::fs::read_dir(&figures).unwrap().count(), count);
+    assert!(figures.join("overview.png").is_file());
+}

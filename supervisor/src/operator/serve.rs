@@ -1,0 +1,288 @@
+//! The thread that answers.
+
+use super::exchange::{Answer, Desk, Verdict};
+use super::status::{ProcessStatus, Quantiles, Status};
+use crate::live::Live;
+use crate::recorder::GATE;
+use crate::say;
+use crate::watch::STARTED;
+use anyhow::{Context, Result};
+use hapfic_config::{OperatorChange, PERIOD_S, Parameters, differences};
+use hapfic_ipc::message::{Mode, Phase, Process, Severity};
+use hapfic_ipc::service::{Asked, OperatorKind, OperatorReply, REPLY_TEXT, ReplyCode, Requests};
+use hapfic_ipc::{Bus, Clock, Domain, IpcError, wait};
+use std::fmt::Write;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::channel;
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// How long the thread waits at most before it looks by itself.
+const LOOK_EVERY: Duration = Duration::from_millis(20);
+/// How long the gate may take to take a change. It looks every tick; if it does not, no tick is done.
+const GATE_PATIENCE: Duration = Duration::from_millis(500);
+/// How often a change is made anew because the script was faster.
+const TRIES: usize = 8;
+/// How often it looks for dead callers when there are many.
+const SWEEP_EVERY: Duration = Duration::from_secs(1);
+
+/// What the thread starts with.
+#[derive(Debug)]
+pub struct Start {
+    /// The run's domain.
+    pub domain: Domain,
+    /// Name of the run.
+    pub run: String,
+    /// Name of the scenario.
+    pub scenario: String,
+    /// How time passes.
+    pub clock: Clock,
+    /// Where the log is.
+    pub log: PathBuf,
+    /// Ticks of the run.
+    pub ticks: i64,
+    /// The first set, its target named.
+    pub initial: Parameters,
+    /// The way to the gate.
+    pub desk: Desk,
+    /// Shared with the rest of the supervisor.
+    pub live: Arc<Live>,
+}
+
+/// The running thread; ends when dropped.
+#[derive(Debug)]
+pub struct Served {
+    thread: Option<JoinHandle<()>>,
+    end: Arc<AtomicBool>,
+}
+
+impl Served {
+    /// Starts the thread; returns when it can be asked.
+    ///
+    /// # Errors
+    /// If the thread or its ports cannot be had.
+    pub fn start(start: Start) -> Result<Self> {
+        let end = Arc::new(AtomicBool::new(false));
+        let seen = Arc::clone(&end);
+        let (ready, opened) = channel();
+        let thread = std::thread::Builder::new()
+            .name("hapfic-operator".to_owned())
+            .spawn(move || {
+                let ports = Bus::open(&start.domain, "operator").and_then(|bus| Requests::open(&bus).map(|r| (bus, r)));
+                match ports {
+                    Ok((bus, requests)) => {
+                        let _ = ready.send(Ok(()));
+                        let base = start.initial;
+                        let served = Desked { start, base, version: 1 }.serve(&bus, requests, &seen);
+                        if let Err(e) = served {
+                            say(&format!("hapfic: requests of operators are not answered any more: {e}"));
+                        }
+                    }
+                    Err(e) => {
+                        let _ = ready.send(Err(e));
+                    }
+                }
+            })
+            .context("cannot start the thread that answers operators")?;
+        opened.recv().context("the thread that answers operators ended at once")??;
+        Ok(Self { thread: Some(thread), end })
+    }
+}
+
+impl Drop for Served {
+    fn drop(&mut self) {
+        self.end.store(true, Ordering::Release);
+        if let Some(thread) = self.thread.take() {
+            // It has said itself what went wrong, if anything did.
+            let _ = thread.join();
+        }
+    }
+}
+
+/// The thread's state.
+struct Desked {
+    start: Start,
+    /// The set that the next change is made on, as far as is known, and its version.
+    base: Parameters,
+    version: u64,
+}
+
+impl Desked {
+    fn serve(&mut self, bus: &Bus, mut requests: Requests, end: &AtomicBool) -> Result<(), IpcError> {
+        let mut swept = Instant::now();
+        while !end.load(Ordering::Acquire) {
+            wait(&[&requests], LOOK_EVERY)?;
+            while let Some(asked) = self.next(&mut requests) {
+                let arrived = self.due_tick();
+                let (reply, stop) = match asked.request.parts() {
+                    Ok((OperatorKind::Set, text)) => (self.set(text), false),
+                    Ok((OperatorKind::Status, _)) => (OperatorReply::new(ReplyCode::Done, &self.status_text()), false),
+                    Ok((OperatorKind::Stop, _)) => (self.stop(), true),
+                    Err(defect) => {
+                        self.start.live.requests_refused.fetch_add(1, Ordering::Relaxed);
+                        let text = format!("request refused: {defect}; ask with the same version of hapfic that runs");
+                        (OperatorReply::new(ReplyCode::Refused, &text), false)
+                    }
+                };
+                // A caller that is gone has nobody to be told.
+                let _ = asked.reply(&OperatorReply { arrived_tick: arrived, ..reply });
+                if stop {
+                    self.start.live.asked_to_stop.store(true, Ordering::Release);
+                }
+            }
+            if swept.elapsed() > SWEEP_EVERY && requests.crowded() {
+                bus.sweep_dead();
+                swept = Instant::now();
+            }
+        }
+        Ok(())
+    }
+
+    /// The next request. A connection that a killed caller has left half-made is no reason to stop answering the others.
+    fn next(&self, requests: &mut Requests) -> Option<Asked> {
+        requests.take().unwrap_or_else(|_| {
+            self.start.live.requests_refused.fetch_add(1, Ordering::Relaxed);
+            None
+        })
+    }
+
+    fn due_tick(&self) -> i64 {
+        self.start.live.gated.load(Ordering::Acquire) + 1
+    }
+
+    fn stop(&self) -> OperatorReply {
+        OperatorReply::new(ReplyCode::Done, &format!("run {} ends", self.start.run))
+    }
+
+    /// All pairs at one tick, or none.
+    fn set(&mut self, text: &str) -> OperatorReply {
+        let refused = |text: &str| OperatorReply::new(ReplyCode::Refused, text);
+        if !self.start.live.go.load(Ordering::Acquire) {
+            return refused("nothing changed: the run has not started yet, expected its first tick. Hint: try again in a moment");
+        }
+        let arrived = self.due_tick();
+        let pairs: Vec<&str> = text.split('\0').filter(|pair| !pair.is_empty()).collect();
+        for _ in 0..TRIES {
+            let asked = match OperatorChange::from_pairs(&pairs, &self.base) {
+                Ok(asked) => asked,
+                Err(e) => return refused(&e.to_string()),
+            };
+            let made_on = asked.relative.then_some(self.version);
+            let Some(answer) = self.start.desk.ask(made_on, &asked.change, GATE_PATIENCE) else {
+                return refused(
+                    "nothing changed: the gate has taken no change in time, expected it to look every tick. Hint: see `hapfic status`",
+                );
+            };
+            let before = self.named(&answer);
+            match answer.verdict {
+                Verdict::Placed => {
+                    let after = before.with(&asked.change);
+                    (self.base, self.version) = (after, answer.version);
+                    let text = describe(&answer, arrived, &before, &after);
+                    return OperatorReply {
+                        version: answer.version,
+                        tick: answer.effective_tick,
+                        taken_tick: answer.taken_tick,
+                        ..OperatorReply::new(ReplyCode::Done, &text)
+                    };
+                }
+                Verdict::Stale => (self.base, self.version) = (before, answer.version.saturating_sub(1)),
+                Verdict::TooLate => {
+                    return refused(&format!(
+                        "nothing changed: the run ends at tick {}, and the change could take effect at tick {} at the earliest",
+                        self.start.ticks, answer.effective_tick
+                    ));
+                }
+                Verdict::Full => {
+                    return refused("nothing changed: too many changes are waiting for their tick. Hint: try again in a moment");
+                }
+            }
+        }
+        refused("nothing changed: the script changes parameters faster than single axes can be set. Hint: give the whole vector")
+    }
+
+    /// The set a change follows. Its target is the start's until one is given.
+    fn named(&self, answer: &Answer) -> Parameters {
+        let target_position = answer.before.target_position.or(self.start.initial.target_position);
+        Parameters { target_position, ..answer.before }
+    }
+
+    /// JSON that fits into a reply.
+    fn status_text(&self) -> String {
+        let status = self.status();
+        let text = serde_json::to_string(&status).unwrap_or_default();
+        if text.len() <= REPLY_TEXT {
+            return text;
+        }
+        // Names may be as long as paths are; who asks has them from the registration.
+        let short = Status { scenario: String::new(), log: PathBuf::new(), ..status };
+        serde_json::to_string(&short).unwrap_or_default()
+    }
+
+    fn status(&self) -> Status {
+        let live = &self.start.live;
+        let glance = live.glance.lock().map(|g| *g).unwrap_or_default();
+        let tick = live.gated.load(Ordering::Acquire);
+        let latencies = if self.start.clock == Clock::Realtime { live.latencies.sorted() } else { Vec::new() };
+        let name = |process: Process| if process == GATE { "gate" } else { process.name() };
+        Status {
+            run: self.start.run.clone(),
+            scenario: self.start.scenario.clone(),
+            clock: self.start.clock.name().to_owned(),
+            mode: Mode::from_code(glance.mode).map_or("?", Mode::name).to_owned(),
+            severity: Severity::from_code(live.severity.load(Ordering::Relaxed)).map_or("?", Severity::name).to_owned(),
+            tick,
+            end_tick: self.start.ticks,
+            time_s: tick.max(0) as f64 * PERIOD_S,
+            force_n: glance.foot_force,
+            desired_force_n: glance.desired_force,
+            tracking_m: glance.tracking,
+            position_bound_m: glance.bound,
+            parameters_version: glance.version,
+            announced_version: live.announced.load(Ordering::Relaxed),
+            latency_us: Quantiles::of(&latencies),
+            processes: STARTED
+                .iter()
+                .chain([&GATE])
+                .map(|process| {
+                    let pulse = live.pulse(*process);
+                    ProcessStatus {
+                        name: name(*process).to_owned(),
+                        phase: pulse.phase().map_or("not heard of", Phase::name).to_owned(),
+                        tick: pulse.tick(),
+                        heard_ms_ago: pulse.age_ns().map(|ns| ns as f64 * 1e-6),
+                        refused: pulse.refused(),
+                    }
+                })
+                .collect(),
+            late_ticks: glance.late,
+            missed_ticks: glance.missed,
+            brake_ticks: glance.braked,
+            refused_requests: live.requests_refused.load(Ordering::Relaxed),
+            log: self.start.log.clone(),
+            log_bytes: std::fs::metadata(&self.start.log).map_or(0, |m| m.len()),
+        }
+    }
+}
+
+fn describe(answer: &Answer, arrived: i64, before: &Parameters, after: &Parameters) -> String {
+    let mut text = format!(
+        "parameters {} in force from tick {} (asked at tick {arrived}, taken at tick {})",
+        answer.version, answer.effective_tick, answer.taken_tick
+    );
+    match differences(before, after) {
+        Ok(list) if list.is_empty() => text.push_str("\n  all values are what they were"),
+        Ok(list) => {
+            for d in list {
+                // Writing to a string cannot fail.
+                let _ = write!(text, "\n  {}: {} -> {}", d.key, d.before, d.after);
+            }
+        }
+        Err(e) => {
+            let _ = write!(text, "\n  {e}");
+        }
+    }
+    text
+}

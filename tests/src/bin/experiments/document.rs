@@ -1,0 +1,53 @@
+//! Puts tables into a document.
+
+const END: &str = "<!-- end -->";
+
+/// The document with `table` in place of what is between the lines `<!-- name -->` and `<!-- end -->`.
+pub(crate) fn replace(document: &str, name: &str, table: &str) -> Result<String, String> {
+    let marker = format!("<!-- {name} -->");
+    let lines: Vec<&str> = document.lines().collect();
+    let mut places = lines.iter().enumerate().filter(|(_, line)| **line == marker).map(|(place, _)| place);
+    let (Some(start), None) = (places.next(), places.next()) else {
+        return Err(format!(
+            "found no line `{marker}`, or more than one, expected one before the table; add it, or remove a copy"
+        ));
+    };
+    let after = lines[start + 1..].iter().position(|line| line.starts_with("<!-- ")).map(|place| start + 1 + place);
+    let Some(end) = after.filter(|&place| lines[place] == END) else {
+        let found = after.map_or("the end of the file", |place| lines[place]);
+        return Err(format!(
+            "after `{marker}` (line {}) found {found}, expected `{END}` after the table; add that line",
+            start + 1
+        ));
+    };
+    let mut new = lines[..=start].join("\n");
+    new.push('\n');
+    new.push_str(table);
+    new.push_str(&lines[end..].join("\n"));
+    new.push('\n');
+    Ok(new)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::replace;
+
+    const DOCUMENT: &str = "# A\n<!-- a -->\n| old |\n<!-- end -->\ntext\n<!-- b -->\n<!-- end -->\nend\n";
+
+    #[test]
+    fn a_table_takes_the_place_of_the_old_one_and_of_nothing_else() {
+        let once = replace(DOCUMENT, "a", "| new |\n| row |\n").unwrap();
+        assert_eq!(once, DOCUMENT.replace("| old |\n", "| new |\n| row |\n"));
+        assert_eq!(replace(&once, "a", "| old |\n").unwrap(), DOCUMENT);
+        assert!(replace(DOCUMENT, "b", "| b |\n").unwrap().contains("<!-- b -->\n| b |\n<!-- end -->\nend\n"));
+    }
+
+    #[test]
+    fn a_marker_that_is_not_there_is_told() {
+        assert!(replace(DOCUMENT, "c", "").unwrap_err().contains("`<!-- c -->`"));
+        assert!(replace(&DOCUMENT.repeat(2), "a", "").unwrap_err().contains("more than one"));
+        let open = DOCUMENT.replacen("<!-- end -->\n", "", 1);
+        assert!(replace(&open, "a", "").unwrap_err().contains("found <!-- b -->"));
+        assert!(replace("<!-- a -->\n", "a", "").unwrap_err().contains("the end of the file"));
+    }
+}

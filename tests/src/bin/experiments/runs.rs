@@ -1,0 +1,121 @@
+//! The runs that the tables are made of, two at a time.
+
+use hapfic_tests::{Stack, hapfic};
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// The scenarios.
+pub(crate) const SCENARIOS: [&str; 5] = ["floor", "box", "ball", "ball-actuators", "tuning"];
+/// Wished forces of the floor's table, N.
+pub(crate) const FORCES: [u32; 8] = [10, 20, 35, 50, 75, 100, 150, 200];
+/// Place of the operator's entry of `floor` that wishes a force.
+const FORCE_ENTRY: usize = 2;
+/// Runs at a time.
+const AT_ONCE: usize = 2;
+
+/// A name for a table, and the settings it stands for.
+pub(crate) type Variant = (&'static str, &'static [&'static str]);
+
+/// The laws.
+pub(crate) const LAWS: [Variant; 3] = [
+    ("`tapered` + `contact_loss` (default)", &[]),
+    ("`sign` + `contact_loss`", &["controller.search=sign"]),
+    ("`fidelity = \"paper\"`", &["controller.fidelity=paper"]),
+];
+/// The integration's steps.
+pub(crate) const SUBSTEPS: [Variant; 2] = [("20", &["plant.contact_substep_us=20"]), ("10", &["plant.contact_substep_us=10"])];
+/// The improvements of the law.
+pub(crate) const IMPROVEMENTS: [Variant; 4] = [
+    ("both (default)", &[]),
+    ("without `offset_anti_windup`", &["controller.offset_anti_windup=false"]),
+    ("without `stall_release`", &["controller.stall_release=false"]),
+    ("neither", &["controller.offset_anti_windup=false", "controller.stall_release=false"]),
+];
+/// The scenarios on which the improvements are compared.
+pub(crate) const IMPROVED: [&str; 2] = ["tuning", "ball-actuators"];
+
+/// The setting of the force that `floor` wishes.
+pub(crate) fn force_setting(force: u32) -> String {
+    format!("operator.{FORCE_ENTRY}.desired_force=[0, 0, {force}]")
+}
+
+/// The summaries, by scenario and settings.
+pub(crate) struct Results(BTreeMap<Key, Value>);
+
+type Key = (String, Vec<String>);
+
+fn key(scenario: &str, settings: &[&str]) -> Key {
+    (scenario.to_owned(), settings.iter().map(|&setting| setting.to_owned()).collect())
+}
+
+impl Results {
+    /// The summary of a run; null if it wrote none.
+    pub(crate) fn of(&self, scenario: &str, settings: &[&str]) -> &Value {
+        self.0.get(&key(scenario, settings)).expect("every run of a table is in the list of runs")
+    }
+
+    /// All runs, each with its name.
+    pub(crate) fn iter(&self) -> impl Iterator<Item = (String, &Value)> {
+        self.0.iter().map(|((scenario, settings), value)| (format!("{scenario} {}", settings.join(" ")), value))
+    }
+}
+
+/// What the tables need, each run once.
+fn list() -> Vec<Key> {
+    let mut list = Vec::new();
+    for (_, law) in LAWS {
+        for force in FORCES {
+            let force = force_setting(force);
+            let settings: Vec<&str> = law.iter().copied().chain([force.as_str()]).collect();
+            list.push(key("floor", &settings));
+        }
+    }
+    for scenario in SCENARIOS {
+        list.extend(LAWS.iter().chain(&SUBSTEPS).map(|(_, settings)| key(scenario, settings)));
+    }
+    for scenario in IMPROVED {
+        list.extend(IMPROVEMENTS.iter().map(|(_, settings)| key(scenario, settings)));
+    }
+    list.sort();
+    list.dedup();
+    list
+}
+
+/// Runs everything.
+pub(crate) fn all() -> Results {
+    // Built before the first run, so that no two of them build it at the same time.
+    hapfic();
+    let list = list();
+    let (next, results) = (AtomicUsize::new(0), Mutex::new(BTreeMap::new()));
+    std::thread::scope(|scope| {
+        for _ in 0..AT_ONCE {
+            scope.spawn(|| {
+                let stack = Stack::new();
+                while let Some(key) = list.get(next.fetch_add(1, Ordering::Relaxed)) {
+                    let summary = run(&stack, key);
+                    let mut results = results.lock().unwrap();
+                    results.insert(key.clone(), summary);
+                    eprintln!("{} of {}: {} {}", results.len(), list.len(), key.0, key.1.join(" "));
+                }
+            });
+        }
+    });
+    Results(results.into_inner().unwrap())
+}
+
+fn run(stack: &Stack, (scenario, settings): &Key) -> Value {
+    let mut arguments = vec!["run", scenario, "--clock", "lockstep", "--log", "run.mcap", "--summary-json", "run.json"];
+    for setting in settings {
+        arguments.extend(["--set", setting]);
+    }
+    // What an earlier run wrote must not stand for this one.
+    let _ = std::fs::remove_file(stack.path("run.json"));
+    let end = stack.run(&arguments);
+    if end.code != Some(0) {
+        eprintln!("{scenario} {settings:?} ended with {:?}:\n{}{}", end.code, end.out, end.err);
+    }
+    let text = std::fs::read_to_string(stack.path("run.json")).unwrap_or_default();
+    serde_json::from_str(&text).unwrap_or(Value::Null)
+}

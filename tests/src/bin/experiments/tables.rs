@@ -1,0 +1,199 @@
+//! The tables, as Markdown.
+
+use crate::figures::{AXES, TICK_S, digits, largest, number, on, sum};
+use crate::runs::{FORCES, IMPROVED, IMPROVEMENTS, LAWS, Results, SCENARIOS, SUBSTEPS, force_setting};
+use crate::verdict;
+
+/// A table: its marker's name, and how it is made.
+pub(crate) type Table = (&'static str, fn(&Results) -> String);
+
+/// All tables.
+pub(crate) const TABLES: [Table; 6] = [
+    ("floor", floor),
+    ("tracking", tracking),
+    ("force", force),
+    ("moments", moments),
+    ("integration", integration),
+    ("improvements", improvements),
+];
+
+fn table(head: &[&str], rows: &[Vec<String>]) -> String {
+    let line = |cells: String| format!("| {cells} |\n");
+    let mut text = line(head.join(" | "));
+    text.push_str(&format!("|{}\n", "---|".repeat(head.len())));
+    text.extend(rows.iter().map(|row| line(row.join(" | "))));
+    text
+}
+
+fn seconds(ticks: Option<f64>) -> String {
+    digits(ticks.map(|ticks| ticks * TICK_S), 3)
+}
+
+fn floor(results: &Results) -> String {
+    let head =
+        ["law", "F_d, N", "settled rms, % of F_d", "sliding rms, % of F_d", "max \\|x - x_d\\| / x_b", "max \\|F_c\\| / F_max"];
+    let mut rows = Vec::new();
+    for (name, law) in LAWS {
+        for force in FORCES {
+            let setting = force_setting(force);
+            let settings: Vec<&str> = law.iter().copied().chain([setting.as_str()]).collect();
+            let summary = results.of("floor", &settings);
+            rows.push(vec![
+                name.to_owned(),
+                force.to_string(),
+                digits(on(summary, "/force/settled_rms_percent", 2), 3),
+                digits(on(summary, "/force/sliding_rms_percent", 2), 3),
+                digits(largest(summary, "/tracking/max_ratio"), 2),
+                digits(largest(summary, "/force_command/max_ratio"), 2),
+            ]);
+        }
+    }
+    table(&head, &rows)
+}
+
+fn tracking(results: &Results) -> String {
+    let head = [
+        "scenario",
+        "axis",
+        "max \\|F_c\\| / F_max",
+        "at F_max, s",
+        "max \\|x - x_d\\| / x_b",
+        "rms",
+        "outside x_b, s",
+        "F_c at F_max, s",
+        "torque cut, s",
+        "force held, s",
+        "no command, s",
+        "unexplained, s",
+    ];
+    let mut rows = Vec::new();
+    for scenario in SCENARIOS {
+        let summary = results.of(scenario, &[]);
+        for (axis, name) in AXES.iter().enumerate() {
+            let outside = |figure: &str| seconds(on(summary, &format!("/tracking/outside/{figure}"), axis));
+            rows.push(vec![
+                format!("`{scenario}`"),
+                (*name).to_owned(),
+                digits(on(summary, "/force_command/max_ratio", axis), 3),
+                seconds(on(summary, "/force_command/at_limit_ticks", axis)),
+                digits(on(summary, "/tracking/max_ratio", axis), 3),
+                digits(on(summary, "/tracking/rms_ratio", axis), 3),
+                outside("ticks"),
+                outside("force_limited_ticks"),
+                outside("torque_limited_ticks"),
+                outside("force_held_ticks"),
+                outside("inactive_ticks"),
+                outside("unexplained_ticks"),
+            ]);
+        }
+    }
+    table(&head, &rows)
+}
+
+fn force(results: &Results) -> String {
+    let head = [
+        "scenario",
+        "law",
+        "axis",
+        "holds",
+        "worst hold rms, % of F_d",
+        "its F_d, N",
+        "all holds, %",
+        "last hold, %",
+        "sliding rms, %",
+    ];
+    let mut rows = Vec::new();
+    for scenario in SCENARIOS {
+        for (law, settings) in LAWS {
+            let summary = results.of(scenario, settings);
+            for (axis, name) in AXES.iter().enumerate() {
+                let figure = |figure: &str| on(summary, &format!("/force/{figure}"), axis);
+                if figure("desired_n").is_none() {
+                    continue;
+                }
+                rows.push(vec![
+                    format!("`{scenario}`"),
+                    law.to_owned(),
+                    (*name).to_owned(),
+                    digits(figure("holds"), 0),
+                    digits(figure("worst_hold_rms_percent"), 3),
+                    digits(figure("worst_hold_desired_n"), 0),
+                    digits(figure("settled_rms_percent"), 3),
+                    digits(figure("last_hold_rms_percent"), 3),
+                    digits(figure("sliding_rms_percent"), 3),
+                ]);
+            }
+        }
+    }
+    table(&head, &rows)
+}
+
+fn moments(results: &Results) -> String {
+    let row = |moment: verdict::Moment| {
+        let reached = if moment.reached { "yes" } else { "**no**" };
+        vec![format!("`{}`", moment.scenario), moment.what, moment.figure, moment.wanted, reached.to_owned()]
+    };
+    let rows: Vec<_> = verdict::moments(results).into_iter().map(row).collect();
+    table(&["scenario", "moment", "found", "expected", "reached"], &rows)
+}
+
+fn integration(results: &Results) -> String {
+    let head = [
+        "scenario",
+        "sub-step, us",
+        "ticks in contact",
+        "contact sub-steps",
+        "Newton iterations a sub-step",
+        "unconverged",
+        "energy created, mJ",
+    ];
+    let mut rows = Vec::new();
+    for scenario in SCENARIOS {
+        for (substep, settings) in SUBSTEPS {
+            let summary = results.of(scenario, settings);
+            let figure = |figure: &str| number(summary, &format!("/integration/{figure}"));
+            rows.push(vec![
+                format!("`{scenario}`"),
+                substep.to_owned(),
+                digits(figure("contact_ticks"), 0),
+                digits(figure("contact_substeps"), 0),
+                digits(figure("newton_per_contact_substep"), 3),
+                digits(figure("unconverged"), 0),
+                digits(figure("contact_energy_created_j").map(|joule| joule * 1e3), 4),
+            ]);
+        }
+    }
+    table(&head, &rows)
+}
+
+fn improvements(results: &Results) -> String {
+    let head = [
+        "scenario",
+        "improvements",
+        "outside x_b unexplained, s",
+        "slowest recovery of F_d, s",
+        "recovered",
+        "not recovered",
+        "largest force beyond F_d, N",
+        "worst hold rms, %",
+        "last hold rms, %",
+    ];
+    let mut rows = Vec::new();
+    for scenario in IMPROVED {
+        for (name, settings) in IMPROVEMENTS {
+            let summary = results.of(scenario, settings);
+            rows.push(vec![
+                format!("`{scenario}`"),
+                name.to_owned(),
+                seconds(largest(summary, "/tracking/outside/unexplained_ticks")),
+                seconds(largest(summary, "/force/slowest_recovery_ticks")),
+                format!("{:.0}", sum(summary, "/force/recoveries")),
+                format!("{:.0}", sum(summary, "/force/unrecovered")),
+                digits(largest(summary, "/force/overshoot_n"), 1),
+                digits(largest(summary, "/force/worst_hold_rms_percent"), 3),
+                digits(largest(summary, "/force/last_hold_rms_percent"), 3),
+            ]);
+        }
+    }
+    table(&head, &rows)
+}

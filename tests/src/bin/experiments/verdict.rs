@@ -1,0 +1,126 @@
+//! What the runs with the defaults must reach.
+
+use crate::figures::{AXES, digits, largest, list, number, on};
+use crate::runs::{FORCES, Results, SCENARIOS, force_setting};
+use serde_json::Value;
+
+/// Largest settled error of a hold, % of F_d.
+const SETTLED_PERCENT: f64 = 0.2;
+/// Largest error while sliding, % of F_d.
+const SLIDING_PERCENT: f64 = 2.0;
+/// Turn of a box that was tipped over, degrees.
+const TIPPED_DEG: f64 = 80.0;
+/// Way of a ball that was kicked, m.
+const KICKED_M: f64 = 0.1;
+/// A knee so near zero is straight, degrees.
+const STRAIGHT_DEG: f64 = 1.0;
+/// Largest position error along a force that is wished in the air, m.
+const DRIFT_M: f64 = 2e-3;
+
+/// Something that a scenario is there to show.
+pub(crate) struct Moment {
+    pub(crate) scenario: &'static str,
+    pub(crate) what: String,
+    pub(crate) figure: String,
+    pub(crate) wanted: String,
+    pub(crate) reached: bool,
+}
+
+/// The moments of all scenarios.
+pub(crate) fn moments(results: &Results) -> Vec<Moment> {
+    SCENARIOS.into_iter().flat_map(|scenario| of(scenario, results.of(scenario, &[]))).collect()
+}
+
+fn of(scenario: &'static str, summary: &Value) -> Vec<Moment> {
+    let moment = |what: &str, figure: String, wanted: String, reached: bool| Moment {
+        scenario,
+        what: what.to_owned(),
+        figure,
+        wanted,
+        reached,
+    };
+    let held = {
+        let count = largest(summary, "/force/holds");
+        moment("a wished force is held", format!("{} times", digits(count, 0)), "once".to_owned(), count >= Some(1.0))
+    };
+    let mut all = vec![held];
+    let object = match scenario {
+        "box" => "box",
+        "ball" | "ball-actuators" => "ball",
+        _ => return all,
+    };
+    let body = list(summary, "/moments/objects").iter().find(|body| body["name"] == object).unwrap_or(&Value::Null);
+    let turn = number(body, "/max_turn_deg");
+    let way = number(body, "/max_displacement_m");
+    if object == "box" {
+        let rests = body["tipped_at_rest"] == true;
+        let figure = format!("{} deg, {}", digits(turn, 1), if rests { "at rest" } else { "never at rest" });
+        let reached = turn >= Some(TIPPED_DEG) && rests;
+        all.push(moment("the box is tipped over", figure, format!("{TIPPED_DEG} deg, at rest on another face"), reached));
+        let (offset, error) = (largest(summary, "/moments/air/max_offset_m"), on(summary, "/moments/air/max_error_m", 0));
+        let ticks = on(summary, "/moments/air/ticks", 0);
+        let figure = format!(
+            "{} ticks, dx {} mm, e {} mm",
+            digits(ticks, 0),
+            digits(offset.map(|m| m * 1e3), 3),
+            digits(error.map(|m| m * 1e3), 2)
+        );
+        let reached = ticks > Some(0.0) && offset == Some(0.0) && error.is_some_and(|error| error <= DRIFT_M);
+        let wanted = format!("dx 0, e {} mm at most", DRIFT_M * 1e3);
+        all.push(moment("no drift in the air with a force wished along x", figure, wanted, reached));
+    } else {
+        let figure = format!("{} mm", digits(way.map(|m| m * 1e3), 0));
+        let wanted = format!("{} mm", KICKED_M * 1e3);
+        all.push(moment("the ball is kicked away", figure, wanted, way >= Some(KICKED_M)));
+        // The knee is the last joint.
+        let knee = list(summary, "/moments/joints").last().unwrap_or(&Value::Null);
+        let least = number(knee, "/smallest_deg");
+        let figure = format!("{} deg", digits(least, 3));
+        let reached = least.is_some_and(|least| least <= STRAIGHT_DEG);
+        all.push(moment("the knee is straight", figure, format!("{STRAIGHT_DEG} deg at most"), reached));
+    }
+    let shank = list(summary, "/moments/contacts").iter().find(|pair| pair["body"] == "shank" && pair["against"] == object);
+    let ticks = shank.and_then(|pair| number(pair, "/foot_free_ticks")).unwrap_or(0.0);
+    let peak = shank.and_then(|pair| number(pair, "/peak_n"));
+    let figure = format!("{ticks:.0} ticks, {} N at most", digits(peak, 1));
+    all.push(moment(&format!("the shank touches the {object}, the foot nothing"), figure, "1 tick".to_owned(), ticks >= 1.0));
+    all
+}
+
+/// Everything that is not as it must be, in words.
+pub(crate) fn shortfalls(results: &Results) -> Vec<String> {
+    let mut short = Vec::new();
+    for (name, summary) in results.iter() {
+        if summary["completed"] != true {
+            short.push(format!("{name}: not completed"));
+        }
+        let ratio = largest(summary, "/force_command/max_ratio");
+        if ratio.is_none_or(|ratio| ratio > 1.0) {
+            short.push(format!("{name}: |F_c| / F_max is {}, expected 1 at most", digits(ratio, 6)));
+        }
+    }
+    for scenario in SCENARIOS {
+        forces(scenario, scenario, results.of(scenario, &[]), &mut short);
+    }
+    for force in FORCES {
+        let setting = force_setting(force);
+        forces("floor", &format!("floor with {force} N"), results.of("floor", &[setting.as_str()]), &mut short);
+    }
+    let missed = moments(results).into_iter().filter(|moment| !moment.reached);
+    short.extend(missed.map(|m| format!("{}: {}: found {}, expected {}", m.scenario, m.what, m.figure, m.wanted)));
+    short
+}
+
+fn forces(scenario: &str, name: &str, summary: &Value, short: &mut Vec<String>) {
+    // `tuning` tries what cannot be held as well; what counts is that it ends well.
+    let settled = if scenario == "tuning" { "last_hold_rms_percent" } else { "worst_hold_rms_percent" };
+    for (figure, most) in [(settled, SETTLED_PERCENT), ("sliding_rms_percent", SLIDING_PERCENT)] {
+        for (axis, axis_name) in AXES.iter().enumerate() {
+            if let Some(percent) = on(summary, &format!("/force/{figure}"), axis)
+                && percent > most
+            {
+                short.push(format!("{name}, {axis_name}: {figure} is {percent:.3}, expected {most} at most"));
+            }
+        }
+    }
+}

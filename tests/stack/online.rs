@@ -1,0 +1,226 @@
+//! What an operator does while the stack runs: `hapfic set`, `status`, `stop`, and `timeline` afterwards.
+
+use crate::log_file::{expect_complete, streams};
+use hapfic_log::{Reader, Record};
+use hapfic_tests::{Finished, Stack, Started};
+use serde_json::Value;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+/// How long anything may take before a test gives up.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// The embedded scenario without its script, so that nothing but the test changes parameters.
+fn unscripted(stack: &Stack) -> String {
+    let floor = stack.run(&["scenarios", "floor"]).expect(0).out.clone();
+    let (body, _) = floor.split_once("[[operator]]").expect("a script");
+    body.to_owned()
+}
+
+/// Starts a run far longer than any test, in a file of its own.
+fn start(stack: &Stack, name: &str, clock: &str) -> Started {
+    let scenario = format!("{name}.toml");
+    std::fs::write(stack.path(&scenario), unscripted(stack)).unwrap();
+    let log = format!("{name}.mcap");
+    stack.start(&["run", &scenario, "--clock", clock, "--duration", "3600", "--log", &log])
+}
+
+/// Asks without the harness's look for remains: those of the run are still in use.
+fn ask(stack: &Stack, arguments: &[&str], code: i32) -> Finished {
+    let end = stack.run(arguments);
+    assert_eq!(end.code, Some(code), "{arguments:?}\nstdout:\n{}\nstderr:\n{}", end.out, end.err);
+    end
+}
+
+/// The status of the only run, as soon as it has got to a tick.
+fn status_at(stack: &Stack, tick: i64) -> Value {
+    let begun = Instant::now();
+    loop {
+        let end = stack.run(&["status", "--json"]);
+        assert!(begun.elapsed() < PATIENCE, "tick {tick} does not come:\n{}\n{}", end.out, end.err);
+        if end.code != Some(0) {
+            continue;
+        }
+        let status: Value = serde_json::from_str(&end.out).unwrap();
+        if status["tick"].as_i64().unwrap() >= tick {
+            return status;
+        }
+    }
+}
+
+/// Version, tick of effect, tick due when it was asked, tick due when the gate took it.
+fn promised(end: &Finished) -> [i64; 4] {
+    let first = end.out.lines().next().unwrap();
+    let numbers: Vec<i64> = first.split(|c: char| !c.is_ascii_digit()).filter_map(|n| n.parse().ok()).collect();
+    numbers.try_into().unwrap_or_else(|n| panic!("expected four numbers, found {n:?} in: {first}"))
+}
+
+fn stop(stack: &Stack, run: Started) {
+    let end = ask(stack, &["stop"], 0);
+    assert!(end.out.contains("has ended") && end.out.contains(".mcap"), "{}", end.out);
+    let run = run.finish();
+    run.expect(3);
+    assert!(run.out.contains("asked to end by the operator"), "{}", run.out);
+    assert_eq!(stack.registrations(), 0);
+}
+
+/// Asserts that a version is in force from its tick on, and not before, in all that was logged.
+fn expect_in_force(log: &Path, version: u64, effective: i64, force: f64) {
+    let (mut announced, mut with) = (0, 0);
+    for entry in Reader::open(log).unwrap() {
+        match entry.unwrap().record {
+            Record::Operator(set) if set.version == version => {
+                assert_eq!((set.effective_tick, set.desired_force[2]), (effective, force));
+                announced += 1;
+            }
+            Record::Request(r) => {
+                assert_eq!(r.parameters_version >= version, r.tick >= effective, "request of tick {}", r.tick);
+                with += usize::from(r.parameters_version == version);
+            }
+            _ => {}
+        }
+    }
+    assert_eq!(announced, 1, "version {version} is not on /operator once");
+    assert!(with > 0, "no request was made with version {version}");
+}
+
+#[test]
+fn a_change_takes_effect_at_one_tick_and_a_bad_one_not_at_all() {
+    let _alone = crate::realtime::alone();
+    let stack = Stack::new();
+    let run = start(&stack, "run", "realtime");
+    let status = status_at(&stack, 100);
+    assert_eq!(status["clock"], "realtime");
+    assert_eq!(status["announced_version"], 1);
+    assert!(status["processes"].as_array().unwrap().len() >= 4);
+    for field in ["force_n", "desired_force_n", "tracking_m", "position_bound_m"] {
+        assert_eq!(status[field].as_array().map(Vec::len), Some(3), "{field}");
+    }
+
+    let set = ask(&stack, &["set", "desired_force.z=80", "taper=0.1"], 0);
+    let [version, effective, asked, taken] = promised(&set);
+    assert_eq!(version, 2);
+    assert!(effective >= taken + 5 && effective <= taken + 10, "{}", set.out);
+    assert!(asked <= taken, "{}", set.out);
+    assert!(set.out.contains("desired_force_n: [0, 0, 0] -> [0, 0, 80]"), "{}", set.out);
+    assert!(set.out.contains("taper: 0.2 -> 0.1"), "{}", set.out);
+
+    for (pairs, words) in [
+        (vec!["taper=2"], vec!["taper", "(0, 1]"]),
+        (vec!["desired_force.z=10", "tapr=0.1"], vec!["tapr", "did you mean taper"]),
+        (vec!["desired_force.w=10"], vec!["x, y, z"]),
+        (vec!["stiffness=[1, 2]"], vec!["stiffness", "3 numbers"]),
+        (vec!["controller.taper=0.1"], vec!["controller"]),
+        (vec!["taper"], vec!["KEY=VALUE"]),
+    ] {
+        let refused = ask(&stack, &[&["set"][..], &pairs[..]].concat(), 2);
+        for word in words {
+            assert!(refused.err.contains(word), "{pairs:?}: '{word}' is not in\n{}", refused.err);
+        }
+    }
+    let status = status_at(&stack, effective + 100);
+    assert_eq!(status["announced_version"], 2, "what was refused must change nothing");
+    let begun = Instant::now();
+    while status_at(&stack, 0)["desired_force_n"][2] != 80.0 {
+        assert!(begun.elapsed() < PATIENCE, "the change does not show");
+    }
+    assert!(ask(&stack, &["status", "--once"], 0).out.contains("|x - x_d|"));
+
+    stop(&stack, run);
+    let log = stack.path("run.mcap");
+    assert!(streams(&log)["/command"].len() as i64 > effective);
+    expect_in_force(&log, 2, effective, 80.0);
+}
+
+#[test]
+fn a_run_that_was_changed_online_can_be_run_again() {
+    let stack = Stack::new();
+    let run = start(&stack, "first", "lockstep");
+    status_at(&stack, 50);
+    ask(&stack, &["set", "target_position=[-0.10, 0.05, 0.06]"], 0);
+    ask(&stack, &["set", "target_position.z=0.012", "mean_speed=0.1"], 0);
+    // One that changes nothing is a version, too.
+    ask(&stack, &["set", "mean_speed=0.1"], 0);
+    let [version, effective, ..] = promised(&ask(&stack, &["set", "desired_force.z=30", "search=sign"], 0));
+    assert_eq!(version, 5);
+    status_at(&stack, effective + 500);
+    stop(&stack, run);
+    let log = stack.path("first.mcap");
+    expect_complete(&log);
+    expect_in_force(&log, 5, effective, 30.0);
+    let first = streams(&log);
+    let ticks = first["/command"].len();
+
+    let timeline = ask(&stack, &["timeline", "first.mcap"], 0).out;
+    std::fs::write(stack.path("again.toml"), format!("{}\n{timeline}", unscripted(&stack))).unwrap();
+    let duration = format!("{:?}", ticks as f64 / 1000.0);
+    stack.run(&["run", "again.toml", "--clock", "lockstep", "--duration", &duration, "--log", "again.mcap"]).expect(0);
+    let again = streams(&stack.path("again.mcap"));
+    assert_eq!(again["/command"].len(), ticks);
+    for (i, (a, b)) in first["/command"].iter().zip(&again["/command"]).enumerate() {
+        assert_eq!(a, b, "command {i}");
+    }
+    assert_eq!(first["/operator"], again["/operator"]);
+    assert_eq!(first["/operator"].len(), 5);
+    let timeline_again = ask(&stack, &["timeline", "again.mcap"], 0).out;
+    let entries = |text: &str| text.lines().filter(|l| !l.starts_with('#')).map(str::to_owned).collect::<Vec<_>>();
+    assert_eq!(entries(&timeline), entries(&timeline_again));
+}
+
+#[test]
+fn of_several_runs_one_must_be_named() {
+    let stack = Stack::new();
+    let mut runs = [start(&stack, "a", "lockstep"), start(&stack, "b", "lockstep")];
+    for (run, log) in runs.iter_mut().zip(["a.mcap", "b.mcap"]) {
+        run.wait_for(&stack.path(log), 50_000);
+    }
+    let refused = ask(&stack, &["set", "taper=0.1"], 2);
+    for word in ["2 stacks", "--run", "a.toml", "b.toml", "a.mcap", "b.mcap"] {
+        assert!(refused.err.contains(word), "'{word}' is not in\n{}", refused.err);
+    }
+    let name_of = |scenario: &str| -> String {
+        let line = refused.err.lines().find(|l| l.contains(scenario)).unwrap();
+        line.split_whitespace().next().unwrap().to_owned()
+    };
+    let (a, b) = (name_of("a.toml"), name_of("b.toml"));
+    ask(&stack, &["set", "--run", &a, "taper=0.1"], 0);
+    for (name, scenario, version) in [(&a, "a.toml", 2), (&b, "b.toml", 1)] {
+        let status: Value = serde_json::from_str(&ask(&stack, &["status", "--json", "--run", name], 0).out).unwrap();
+        assert_eq!(status["scenario"], scenario);
+        if version == 1 {
+            assert_eq!(status["announced_version"], 1, "the other run must not change");
+        }
+    }
+    assert!(ask(&stack, &["stop", "--run", "hfnone"], 2).err.contains("hfnone"));
+    let [first, second] = runs;
+    ask(&stack, &["stop", "--run", &b], 0);
+    second.finish().expect(3);
+    stop(&stack, first);
+}
+
+#[test]
+fn without_a_run_there_is_nothing_to_ask() {
+    let stack = Stack::new();
+    for arguments in [&["set", "taper=0.1"][..], &["status"], &["status", "--json"], &["stop"]] {
+        let end = ask(&stack, arguments, 2);
+        assert!(end.err.contains("no stack is running") && end.err.contains("hapfic run"), "{}", end.err);
+    }
+    assert_eq!(stack.registrations(), 0);
+    assert!(ask(&stack, &["timeline", "nothing.mcap"], 2).err.contains("nothing.mcap"));
+}
+
+#[test]
+fn callers_that_are_killed_neither_harm_the_run_nor_outlive_it() {
+    let stack = Stack::new();
+    let run = start(&stack, "run", "lockstep");
+    status_at(&stack, 10);
+    for delay_us in (0..60_000).step_by(2_000) {
+        let caller = stack.start(&["set", "taper=0.1"]);
+        std::thread::sleep(Duration::from_micros(delay_us));
+        // One that is done before has nothing left to be killed.
+        let _ = caller.kill();
+    }
+    status_at(&stack, 20);
+    ask(&stack, &["set", "taper=0.15"], 0);
+    stop(&stack, run);
+}
