@@ -1,22 +1,24 @@
-//! Anti-windup of the searched offset: it stays where F_max holds the force, and keeps its force when the stiffness changes.
+//! Anti-windup of the searched offset: it stays where F_max holds the force, and keeps the force when the gains change.
 //!
 //! Both rules act on the offset alone, before the error is made from it; the paper has neither.
+
+use crate::profile::ForceProfile;
 
 /// Share of F_max from which on the force counts as saturated: the profile's tanh reaches F_max only in the limit, and is
 /// within 0.2 % of `F_max - F_0` at x_b.
 const SATURATED: f64 = 0.999;
 
-/// The offset, m, that stands for the same force under another stiffness: `dx K0_old / K0_new`, within +-`bound`, m; a bound
-/// below zero counts as zero.
+/// The offset, m, under which new gains press with the `force`, N, that the old ones gave. `distance` is the planned way to go,
+/// x_d - x, m. Within +-x_b.
 ///
-/// A stiffness that is not positive means that there is no older one, or none that could be scaled to: dx stays, within its
-/// bound.
+/// Not `dx K0_old / K0_new`: where the target lies in a body, the distance carries a part of the force, and would carry it
+/// `K0_new / K0_old` times over; and what F_max held back would come at once when F_max is raised.
 #[must_use]
-pub fn rescaled(offset: f64, older: f64, newer: f64, bound: f64) -> f64 {
-    let scaled = if older > 0.0 && newer > 0.0 && older != newer { offset * (older / newer) } else { offset };
-    let bound = bound.max(0.0);
-    // Not a number is zero times a ratio that overflows.
-    if scaled.is_nan() { 0.0 } else { scaled.clamp(-bound, bound) }
+pub fn refitted(distance: f64, force: f64, profile: &ForceProfile) -> f64 {
+    let bound = profile.position_bound;
+    let bound = if bound.is_finite() { bound.max(0.0) } else { 0.0 };
+    let wanted = profile.error_for(force) - distance;
+    if wanted.is_nan() { 0.0 } else { wanted.clamp(-bound, bound) }
 }
 
 /// The offset that the search may take, m: `wanted`, unless that winds up.

@@ -34,7 +34,7 @@ mod profile;
 mod stall;
 pub mod task_space;
 
-pub use anti_windup::{held_back, rescaled};
+pub use anti_windup::{held_back, refitted};
 pub use attractor::Attractor;
 pub use conditioning::{LowPass, limit};
 pub use error::ControllerError;

@@ -52,6 +52,17 @@ impl ForceProfile {
         magnitude.min(self.max_force).copysign(error)
     }
 
+    /// The smallest error, m, at which the profile gives a force, N: in its linear part `F / K0`; beyond, x_b. The other way round
+    /// of [`force`](Self::force), but for the last 5 % of x_b; zero where there is none.
+    #[must_use]
+    pub fn error_for(&self, force: f64) -> f64 {
+        if !self.is_usable() || !force.is_finite() || self.stiffness == 0.0 {
+            return 0.0;
+        }
+        let linear = force.clamp(-self.max_force, self.max_force) / self.stiffness;
+        if linear.abs() <= KNEE * self.position_bound { linear } else { self.position_bound.copysign(force) }
+    }
+
     /// The largest force this profile can give, N: F_max, or zero if the profile is unusable.
     pub(crate) fn largest(&self) -> f64 {
         if self.is_usable() { self.max_force } else { 0.0 }

@@ -1,6 +1,6 @@
 //! Task-space FIC: haptic search, error and attractor on the three axes of the world frame (eqs. 1, 4, 5; Algorithm 1).
 
-use crate::anti_windup::{held_back, rescaled};
+use crate::anti_windup::{held_back, refitted};
 use crate::attractor::Attractor;
 use crate::haptic::{HapticParameters, HapticSearch};
 use crate::profile::ForceProfile;
@@ -50,7 +50,7 @@ pub struct Policies {
     pub saturation: Saturation,
     /// The step of the haptic search.
     pub search: Search,
-    /// Whether dx is kept from winding up at F_max, and rescaled when K0 changes.
+    /// Whether dx is kept from winding up at F_max, and refitted to new gains so that the force stays.
     pub offset_anti_windup: bool,
     /// Whether a convergence that has come to a standstill starts anew from there.
     pub stall_release: bool,
@@ -118,11 +118,20 @@ pub fn step(state: ControllerState, input: &Input, p: &Parameters, period_s: f64
         };
         let error_at = |offset: f64| input.reference_position[axis] + offset - input.position[axis];
         let error_rate = input.reference_velocity[axis] - input.velocity[axis];
-        let attractor = Attractor { x_max_m: state.x_max[axis], converging: state.converging[axis] != 0 };
+        let mut attractor = Attractor { x_max_m: state.x_max[axis], converging: state.converging[axis] != 0 };
         let search =
             |offset_m| HapticSearch { offset_m }.step(p.desired_force[axis], input.contact_force[axis], &haptic).offset_m;
         let offset = if policies.offset_anti_windup {
-            let before = rescaled(state.offset[axis], state.stiffness[axis], p.stiffness[axis], p.position_bound[axis]);
+            let mut before = state.offset[axis];
+            // Zero: no tick has gone before.
+            let changed = state.stiffness[axis] > 0.0
+                && (state.stiffness[axis] != p.stiffness[axis] || state.max_force[axis] != p.max_force[axis]);
+            // Only where a force is held: in the air, and without a wish, the position is what counts.
+            if changed && p.desired_force[axis] != 0.0 && input.contact_force[axis].abs() > p.force_resolution {
+                before = refitted(error_at(0.0), state.force[axis], &profile);
+                // A convergence that goes on goes on from here: where it is entered, its force is the profile's.
+                attractor = Attractor::default();
+            }
             let (_, force) = attractor.step(error_at(before), error_rate, &profile);
             held_back(before, search(before), force, p.max_force[axis])
         } else {
@@ -146,8 +155,10 @@ pub fn step(state: ControllerState, input: &Input, p: &Parameters, period_s: f64
 
         output.state.offset[axis] = offset;
         output.state.x_max[axis] = attractor.x_max_m;
-        // Always, so that a switch thrown later does not scale by a stiffness of long ago.
+        // Always, so that a switch thrown later does not see gains of long ago.
         output.state.stiffness[axis] = p.stiffness[axis];
+        output.state.max_force[axis] = p.max_force[axis];
+        output.state.force[axis] = force;
         output.state.converging[axis] = u32::from(attractor.converging);
         output.state.still_ticks[axis] = stall.still_ticks;
         output.error[axis] = error;
@@ -189,6 +200,8 @@ fn check(state: &ControllerState, input: &Input, p: &Parameters, period_s: f64) 
     check_finite("state.offset", &state.offset)?;
     check_finite("state.x_max", &state.x_max)?;
     check_finite("state.stiffness", &state.stiffness)?;
+    check_finite("state.max_force", &state.max_force)?;
+    check_finite("state.force", &state.force)?;
     check_finite("position", &input.position)?;
     check_finite("velocity", &input.velocity)?;
     check_finite("reference_position", &input.reference_position)?;

@@ -148,20 +148,48 @@ fn the_offset_does_not_wind_up_at_f_max() {
 }
 
 #[test]
-fn a_change_of_stiffness_keeps_the_offsets_force() {
-    // In contact, with the wished force matched: the search itself rests.
-    let input = Input { contact_force: [8.0; 3], ..Input::default() };
-    let with = |stiffness: f64, p: Parameters| Parameters { stiffness: [stiffness; 3], desired_force: [8.0; 3], ..p };
-    let found = ControllerState { offset: [-0.004; 3], stiffness: [2000.0; 3], ..ControllerState::default() };
-    let offset_under =
-        |from: ControllerState, p: &Parameters| task_space::step(from, &input, p, PERIOD_S).unwrap().state.offset[0];
+fn a_change_of_gains_keeps_the_force() {
+    // In contact, with the wished force matched: the search itself rests. The target is 1 mm deep.
+    let input = Input { contact_force: [8.0; 3], reference_position: [-0.001; 3], ..Input::default() };
+    let with = |stiffness: f64, max_force: f64, p: Parameters| Parameters {
+        stiffness: [stiffness; 3],
+        max_force: [max_force; 3],
+        desired_force: [8.0; 3],
+        ..p
+    };
+    let start = ControllerState { offset: [-0.003; 3], ..ControllerState::default() };
+    let after = |from: ControllerState, p: &Parameters| task_space::step(from, &input, p, PERIOD_S).unwrap();
 
-    assert_eq!(offset_under(found, &with(6000.0, printed(improved()))), -0.004);
-    assert!((offset_under(found, &with(6000.0, improved())) - -0.004 / 3.0).abs() < 1e-15);
-    assert_eq!(offset_under(found, &with(100.0, improved())), -0.025, "x_b bounds it");
-    assert_eq!(offset_under(ControllerState { stiffness: [0.0; 3], ..found }, &with(6000.0, improved())), -0.004);
-    // The next tick knows the new stiffness and leaves the offset alone.
-    let p = with(6000.0, improved());
-    let next = task_space::step(found, &input, &p, PERIOD_S).unwrap().state;
-    assert_eq!(offset_under(next, &p), next.offset[0]);
+    let found = after(start, &with(2000.0, 150.0, improved()));
+    assert!((found.force[0] + 8.0).abs() < 1e-12);
+    for stiffness in [500.0, 4000.0, 6000.0, 1e5] {
+        let force = after(found.state, &with(stiffness, 150.0, improved())).force[0];
+        assert!((force + 8.0).abs() < 1e-9, "{stiffness} N/m: {force} N");
+        let as_printed = after(found.state, &with(stiffness, 150.0, printed(improved()))).force[0];
+        assert!((as_printed + 8.0).abs() > 1.0, "{stiffness} N/m: {as_printed} N");
+    }
+    // A convergence keeps its force too.
+    let converging = ControllerState { x_max: [-0.0045; 3], converging: [1; 3], ..found.state };
+    let old = after(converging, &with(2000.0, 150.0, improved()));
+    assert!(old.state.converging[0] == 1 && old.force[0] < -4.0, "{old:?}");
+    let new = after(old.state, &with(6000.0, 150.0, improved()));
+    assert!((old.force[0] - new.force[0]).abs() < 1e-9, "{old:?} {new:?}");
+    // What F_max held back does not come at once.
+    let held = after(found.state, &with(2000.0, 3.0, improved()));
+    assert!((held.force[0] + 3.0).abs() < 1e-9);
+    let freed = after(held.state, &with(2000.0, 150.0, improved()));
+    assert!((freed.force[0] + 3.0).abs() < 1e-9, "{}", freed.force[0]);
+    assert_eq!(
+        after(found.state, &with(100.0, 150.0, improved())).state.offset[0],
+        -0.024,
+        "no further than x_b off the reference"
+    );
+    assert_eq!(after(start, &with(6000.0, 150.0, improved())).state.offset[0], -0.003, "nothing is known of a tick before");
+    // The next tick knows the new gains and leaves the offset alone.
+    let p = with(6000.0, 150.0, improved());
+    let next = after(found.state, &p).state;
+    assert_eq!(after(next, &p).state.offset[0], next.offset[0]);
+    // In the air there is no force to keep, and no offset.
+    let air = Input { contact_force: [0.0; 3], ..input };
+    assert_eq!(task_space::step(found.state, &air, &p, PERIOD_S).unwrap().state.offset[0], 0.0);
 }

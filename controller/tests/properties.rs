@@ -3,7 +3,7 @@
 
 use hapfic_controller::task_space::{self, Input, TaskSpaceError, policies};
 use hapfic_controller::{
-    Attractor, ForceProfile, HapticParameters, HapticSearch, LowPass, Stall, StallInput, held_back, limit, rescaled,
+    Attractor, ForceProfile, HapticParameters, HapticSearch, LowPass, Stall, StallInput, held_back, limit, refitted,
 };
 use hapfic_ipc::message::{ControllerState, MAX_JOINTS, Parameters, ResetPolicy, Saturation, Search};
 use proptest::prelude::*;
@@ -396,28 +396,33 @@ proptest! {
     }
 
     #[test]
-    fn a_rescaled_offset_stays_within_its_bound(
-        offset in finite(),
-        older in finite(),
-        newer in finite(),
-        bound in parameter(),
+    fn a_refitted_offset_stays_within_its_bound(
+        distance in finite(),
+        force in finite(),
+        stiffness in parameter(),
+        max_force in parameter(),
+        position_bound in parameter(),
     ) {
-        let scaled = rescaled(offset, older, newer, bound);
-        prop_assert!(scaled.abs() <= bound.max(0.0), "{scaled}");
+        let profile = ForceProfile { stiffness, max_force, position_bound, saturation: Saturation::Continuous };
+        let offset = refitted(distance, force, &profile);
+        prop_assert!(offset.abs() <= position_bound.max(0.0), "{offset}");
     }
 
     #[test]
-    fn a_rescaled_offset_stands_for_the_same_force_or_less(
-        offset in -0.1_f64..0.1,
-        older in 1.0_f64..1e6,
-        newer in 1.0_f64..1e6,
-        bound in 0.0_f64..1.0,
+    fn a_refitted_offset_gives_the_force_that_was(
+        distance in -0.1_f64..0.1,
+        force in -300.0_f64..300.0,
+        stiffness in 1.0_f64..1e5,
+        max_force in 1.0_f64..400.0,
+        position_bound in 1e-4_f64..1.0,
     ) {
-        let scaled = rescaled(offset, older, newer, bound);
-        let (force, before) = (scaled * newer, offset * older);
-        prop_assert!(force.abs() <= before.abs() * (1.0 + 1e-12) && force * before >= 0.0, "{force} N instead of {before} N");
-        if scaled.abs() < bound {
-            prop_assert!((force - before).abs() <= 1e-12 * before.abs(), "{force} N instead of {before} N");
+        let profile = ForceProfile { stiffness, max_force, position_bound, saturation: Saturation::Continuous };
+        let offset = refitted(distance, force, &profile);
+        let wanted = force.clamp(-max_force, max_force);
+        let reachable = wanted.abs() <= 0.95 * stiffness * position_bound;
+        if reachable && offset.abs() < position_bound {
+            let given = profile.force(distance + offset);
+            prop_assert!((given - wanted).abs() <= 1e-9 * stiffness.max(1.0), "{given} N instead of {wanted} N");
         }
     }
 

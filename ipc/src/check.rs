@@ -136,6 +136,8 @@ impl Check for ControllerState {
         finite("offset", &self.offset)?;
         finite("x_max", &self.x_max)?;
         finite("stiffness", &self.stiffness)?;
+        finite("max_force", &self.max_force)?;
+        finite("force", &self.force)?;
         match self.converging.iter().find(|c| **c > 1) {
             Some(&found) => Err(Defect::Code { field: "converging", found }),
             None => Ok(()),

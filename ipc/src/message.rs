@@ -176,8 +176,12 @@ pub struct ControllerState {
     pub offset: [f64; 3],
     /// Error latched at the start of the last convergence, m (eq. 1).
     pub x_max: [f64; 3],
-    /// K0 under which `offset` was found, N/m; 0 before the first tick.
+    /// K0 of this tick, N/m; 0 before the first.
     pub stiffness: [f64; 3],
+    /// F_max of this tick, N.
+    pub max_force: [f64; 3],
+    /// F_c of this tick, N.
+    pub force: [f64; 3],
     /// 1 in convergence, 0 in divergence.
     pub converging: [u32; 3],
     /// Ticks in a row in which the axis stood still in convergence, without contact.

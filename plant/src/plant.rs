@@ -18,7 +18,7 @@ const _: () = assert!(hapfic_config::MAX_OBJECTS == hapfic_ipc::message::MAX_OBJ
 const TICK_US: u32 = 1000;
 
 /// A robot with its drive and sensors, in its world.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Plant {
     world: World,
     drive: DriveState,

@@ -62,6 +62,7 @@ impl Pair {
 }
 
 /// The world's bodies.
+#[derive(Clone)]
 pub(crate) struct Scene {
     pub(crate) chain: Chain,
     pub(crate) names: Vec<String>,

@@ -82,7 +82,7 @@ impl Form {
 }
 
 /// Finds where shapes touch. Keeps parry's memory, so that asking costs no heap.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub(crate) struct Finder {
     manifolds: Vec<ContactManifold<(), ()>>,
 }

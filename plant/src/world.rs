@@ -36,7 +36,7 @@ pub struct Substeps {
 }
 
 /// The world in motion.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct World {
     pub(crate) scene: Scene,
     /// q.

@@ -66,8 +66,8 @@ pub enum SimulationError {
     },
 }
 
-/// A stack between two ticks.
-#[derive(Debug)]
+/// A stack between two ticks. A clone goes on from there on its own.
+#[derive(Clone, Debug)]
 pub struct Simulation {
     plant: Plant,
     chain: Chain,

@@ -209,7 +209,8 @@ impl Summary {
             write!(out, "  {:<18} turned {:.1} deg", object.name, object.max_turn_deg)?;
             write!(out, "{}", if object.tipped_at_rest { ", at rest on another face" } else { "" })?;
             write!(out, ", moved {:.0} mm", object.max_displacement_m * 1e3)?;
-            let struck = |pair: &&PairSummary| pair.against == object.name && pair.foot_free_ticks > 0;
+            // The foot itself is never free while it touches, but for touches too weak to count.
+            let struck = |pair: &&PairSummary| pair.against == object.name && 2 * pair.foot_free_ticks > pair.ticks;
             for pair in self.moments.contacts.iter().filter(struck) {
                 write!(out, "; {} on it {} ticks with the foot free", pair.body, pair.foot_free_ticks)?;
             }

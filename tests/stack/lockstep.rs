@@ -1,7 +1,11 @@
 //! Lockstep: the same scenario and seed give the same bytes, whatever the machine does meanwhile.
 
 use crate::log_file::{Streams, expect_complete, streams};
+use hapfic_config::Settings;
+use hapfic_log::{Names, Reader, Record, convert, proto};
+use hapfic_supervisor::simulation::Simulation;
 use hapfic_tests::Stack;
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Topics that are functions of scenario and seed alone. `/timing` has what the clock on the wall says.
@@ -73,4 +77,64 @@ fn runs_beside_each_other_do_not_see_each_other() {
         expect_same(&a, &streams(&stack.path(log)));
     }
     assert_eq!(stack.registrations(), 0);
+}
+
+/// What a run logged that the simulation in one process makes, too.
+#[derive(Default)]
+struct Logged {
+    names: Names,
+    states: Vec<proto::State>,
+    references: Vec<proto::Reference>,
+    commands: Vec<proto::Command>,
+    sets: Vec<proto::Operator>,
+}
+
+impl Logged {
+    fn read(log: &Path) -> Self {
+        let reader = Reader::open(log).unwrap();
+        let mut logged = Self { names: reader.names(), ..Self::default() };
+        for entry in reader {
+            match entry.unwrap().record {
+                Record::State(m) => logged.states.push(m),
+                Record::Reference(m) => logged.references.push(m),
+                Record::Command(m) => logged.commands.push(m),
+                Record::Operator(m) => logged.sets.push(m),
+                _ => {}
+            }
+        }
+        logged
+    }
+}
+
+/// Equal numbers, and equal bytes: a zero's sign counts.
+fn expect_same_bytes<M: prost::Message + PartialEq + std::fmt::Debug>(logged: &M, simulated: &M, tick: usize) {
+    assert_eq!(logged, simulated, "tick {tick}: left is logged, right is simulated");
+    assert!(logged.encode_to_vec() == simulated.encode_to_vec(), "tick {tick}: the same numbers with other bits: {logged:?}");
+}
+
+#[test]
+fn the_simulation_in_one_process_gives_the_same_bits_as_the_processes() {
+    for (scenario, seconds) in [("box", "4"), ("floor", "2")] {
+        let stack = Stack::new();
+        stack.run(&["run", scenario, "--clock", "lockstep", "--duration", seconds, "--log", "run.mcap"]).expect(0);
+        let ticks = expect_complete(&stack.path("run.mcap"));
+        let logged = Logged::read(&stack.path("run.mcap"));
+        assert_eq!(ticks, 1000 * seconds.parse::<usize>().unwrap());
+        assert_eq!((logged.commands.len(), logged.references.len()), (ticks, ticks), "{scenario}");
+
+        let mut simulation = Simulation::new(&Settings::load(scenario, &[]).unwrap()).unwrap();
+        let mut sets: Vec<proto::Operator> = Vec::new();
+        for tick in 0..ticks {
+            let simulated = simulation.step().unwrap();
+            expect_same_bytes(&logged.states[tick], &convert::state(&simulated.state, &logged.names), tick);
+            expect_same_bytes(&logged.references[tick], &convert::reference(&simulated.reference), tick);
+            expect_same_bytes(&logged.commands[tick], &convert::command(&simulated.command), tick);
+            let next = &simulated.operator.next;
+            if sets.last().is_none_or(|last| last.version < next.version) {
+                sets.push(convert::operator(next));
+            }
+        }
+        assert!(sets.len() > 2, "{scenario}: the script has done too little");
+        assert_eq!(logged.sets, sets, "{scenario}");
+    }
 }

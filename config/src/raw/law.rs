@@ -33,8 +33,8 @@ pub(crate) struct RawController {
     #[schemars(extend("default" = "continuous"))]
     pub(crate) saturation: Option<Saturation>,
 
-    /// Keeps the searched offset from moving further while F_max holds the force, and rescales it when K0 changes, so that
-    /// the force it stands for stays. Without it the offset winds up at F_max and has to be searched back.
+    /// Keeps the searched offset from moving further while F_max holds the force, and refits it to a new K0 or F_max, so that the
+    /// contact force stays. Without it the offset winds up at F_max and has to be searched back.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(extend("default" = true))]
     pub(crate) offset_anti_windup: Option<bool>,

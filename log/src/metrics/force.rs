@@ -11,6 +11,11 @@ const REACHED: f64 = 0.01;
 /// F_d counts as recovered once it has been reached for so many ticks in a row.
 const RECOVERED: u64 = 100;
 
+/// Across its axis a foot faster than this has broken away from static friction, m/s.
+const GLIDING_M_PER_S: f64 = 0.01;
+/// How long it has to glide before what breaking away set off counts as over, ticks.
+const BROKEN_AWAY: u64 = 50;
+
 /// Sums of the three axes.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Force {
@@ -27,6 +32,8 @@ struct Axis {
     settled: Sum,
     settled_relative: Sum,
     sliding_relative: Sum,
+    gliding_relative: Sum,
+    gliding_since: Option<i64>,
     /// The hold that goes on, if its count is not zero: a stretch of settled ticks with one wish.
     hold: Sum,
     hold_force: f64,
@@ -71,7 +78,7 @@ impl Wish {
 impl Force {
     /// A reference of a tick.
     pub(super) fn reference(&mut self, tick: i64, reference: &ReferenceSample) {
-        self.rest_since = if reference.at_rest { self.rest_since.or(Some(tick)) } else { None };
+        self.rest_since = if reference.at_rest() { self.rest_since.or(Some(tick)) } else { None };
     }
 
     /// A tick with all that it takes.
@@ -80,7 +87,13 @@ impl Force {
         for (i, axis) in self.axes.iter_mut().enumerate() {
             let gains = [set.stiffness[i], set.max_force[i], set.position_bound[i]];
             axis.wish(tick, set.desired_force[i], gains);
-            let at = At { tick, moving: !reference.at_rest, rested, resolution: set.force_resolution };
+            let at = At {
+                tick,
+                across: reference.moves_across(i),
+                gliding: state.speed_across(i) > GLIDING_M_PER_S,
+                rested,
+                resolution: set.force_resolution,
+            };
             axis.feel(at, state.force[i]);
         }
     }
@@ -112,6 +125,8 @@ impl Force {
             last_hold_rms_percent: axes.map(|axis| axis.last_hold.map(|share| 100.0 * share)),
             sliding_rms_percent: axes.map(|axis| percent(axis.sliding_relative)),
             sliding_ticks: axes.map(|axis| axis.sliding_relative.count),
+            gliding_rms_percent: axes.map(|axis| percent(axis.gliding_relative)),
+            gliding_ticks: axes.map(|axis| axis.gliding_relative.count),
             overshoot_n: axes.map(|axis| axis.overshoot),
             recoveries: axes.map(|axis| axis.recoveries),
             unrecovered: axes.map(|axis| axis.unrecovered),
@@ -124,7 +139,10 @@ impl Force {
 #[derive(Clone, Copy)]
 struct At {
     tick: i64,
-    moving: bool,
+    /// The reference moves across the axis.
+    across: bool,
+    /// The foot does.
+    gliding: bool,
     rested: bool,
     resolution: f64,
 }
@@ -169,8 +187,13 @@ impl Axis {
             self.overshoot = Some(self.overshoot.unwrap_or(0.0).max(error * force.signum()));
         }
         let held = wish.reached && at.tick.abs_diff(wish.since) >= SETTLING;
-        if held && at.moving {
+        let glides = at.across && at.gliding;
+        self.gliding_since = if glides { self.gliding_since.or(Some(at.tick)) } else { None };
+        if held && at.across {
             self.sliding_relative.add(error / force);
+            if self.gliding_since.is_some_and(|since| at.tick.abs_diff(since) >= BROKEN_AWAY) {
+                self.gliding_relative.add(error / force);
+            }
         }
         if held && at.rested {
             self.settled.add(error);

@@ -13,6 +13,7 @@ const SHORTEST: f64 = 1e-6;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct StateSample {
     pub(super) position: [f64; 3],
+    pub(super) velocity: [f64; 3],
     pub(super) force: [f64; 3],
     pub(super) joints: List<f64, MAX_JOINTS>,
     pub(super) objects: List<ObjectSample, MAX_OBJECTS>,
@@ -26,6 +27,7 @@ impl StateSample {
         let joints = message.joint_position.iter().take(MAX_JOINTS);
         Some(Self {
             position: vector(&message.foot_position)?,
+            velocity: vector_if_any(&message.foot_velocity)?.unwrap_or_default(),
             force: vector(&message.foot_force)?,
             joints: joints.map(|&q| believable(q).then_some(q)).collect::<Option<_>>()?,
             objects: message.objects.iter().take(MAX_OBJECTS).map(ObjectSample::new).collect::<Option<_>>()?,
@@ -35,6 +37,14 @@ impl StateSample {
                 None => None,
             },
         })
+    }
+}
+
+impl StateSample {
+    /// How fast the foot moves across an axis, m/s.
+    pub(super) fn speed_across(&self, axis: usize) -> f64 {
+        let others = self.velocity.iter().enumerate().filter(|(i, _)| *i != axis);
+        others.map(|(_, v)| v * v).sum::<f64>().sqrt()
     }
 }
 
@@ -104,14 +114,22 @@ impl PhysicsSample {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ReferenceSample {
     pub(super) position: [f64; 3],
-    pub(super) at_rest: bool,
+    pub(super) velocity: [f64; 3],
 }
 
 impl ReferenceSample {
     pub(super) fn new(message: &proto::Reference) -> Option<Self> {
-        let velocity: [f64; 3] = vector(&message.velocity)?;
-        // Exactly: the planner's arcs end at rest in closed form.
-        Some(Self { position: vector(&message.position)?, at_rest: velocity.iter().all(|v| *v == 0.0) })
+        Some(Self { position: vector(&message.position)?, velocity: vector(&message.velocity)? })
+    }
+
+    /// Exactly: the planner's arcs end at rest in closed form.
+    pub(super) fn at_rest(&self) -> bool {
+        self.velocity == [0.0; 3]
+    }
+
+    /// Whether it moves across an axis, and not along it.
+    pub(super) fn moves_across(&self, axis: usize) -> bool {
+        !self.at_rest() && self.velocity[axis] == 0.0
     }
 }
 
@@ -120,6 +138,7 @@ impl ReferenceSample {
 pub(super) struct CommandSample {
     pub(super) force: [f64; 3],
     pub(super) active: bool,
+    pub(super) converging: [bool; 3],
     /// No valid request of its tick stands behind it.
     pub(super) missed: bool,
     /// The peak cut the torque of a joint.
@@ -134,6 +153,7 @@ impl CommandSample {
         Some(Self {
             force: vector(&message.force)?,
             active: message.mode == Mode::Active.name(),
+            converging: std::array::from_fn(|i| message.converging.get(i).copied().unwrap_or(false)),
             missed: ![Source::Fresh, Source::Withheld].iter().any(|s| message.source == s.name()),
             limited: message.limited != 0,
             offset: vector_if_any(&message.offset)?,

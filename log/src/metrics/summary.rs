@@ -44,7 +44,7 @@ pub struct TrackingSummary {
 /// Ticks at which an axis was further off than x_b, each counted once: with the first cause that applies.
 ///
 /// A contact is a cause only where a force is wished. Against one that is not wished the law has all of F_max, so that an error
-/// beyond x_b with less than F_max is unexplained there: the convergence phase of the law, which spends less, is no excuse.
+/// beyond x_b with less than F_max is unexplained there, unless the axis is on its way back.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct OutsideSummary {
     /// All of them.
@@ -55,6 +55,8 @@ pub struct OutsideSummary {
     pub torque_limited_ticks: [u64; 3],
     /// F_d is not zero and the foot feels a force on that axis: dx makes up for the distance, force goes before position.
     pub force_held_ticks: [u64; 3],
+    /// The axis converges: on the way back the law gives less than its profile (eq. 1).
+    pub converging_ticks: [u64; 3],
     /// There was no active command.
     pub inactive_ticks: [u64; 3],
     /// None of these.
@@ -82,10 +84,15 @@ pub struct ForceSummary {
     pub worst_hold_desired_n: [Option<f64>; 3],
     /// `settled_rms_percent` of the last of these, %.
     pub last_hold_rms_percent: [Option<f64>; 3],
-    /// As `settled_rms_percent`, while the reference moves on any axis, %.
+    /// As `settled_rms_percent`, while the reference moves across the axis and not along it, %.
     pub sliding_rms_percent: [Option<f64>; 3],
     /// Ticks of it.
     pub sliding_ticks: [u64; 3],
+    /// The same from when the foot has moved across the axis by more than 10 mm/s for 50 ms: what breaking away from static
+    /// friction sets off is over then, %.
+    pub gliding_rms_percent: [Option<f64>; 3],
+    /// Ticks of it.
+    pub gliding_ticks: [u64; 3],
     /// Largest force beyond F_d, in its direction, once F_d has been reached since it was set; gains may change meanwhile, N.
     pub overshoot_n: [Option<f64>; 3],
     /// Changes of F_d, K0, F_max or x_b after which F_d was reached and stayed reached for 0.1 s.

@@ -24,6 +24,7 @@ struct Axis {
     force_limited: u64,
     torque_limited: u64,
     force_held: u64,
+    converging: u64,
     inactive: u64,
     unexplained: u64,
 }
@@ -68,6 +69,7 @@ impl Tracking {
                 force_limited_ticks: self.axes.map(|axis| axis.force_limited),
                 torque_limited_ticks: self.axes.map(|axis| axis.torque_limited),
                 force_held_ticks: self.axes.map(|axis| axis.force_held),
+                converging_ticks: self.axes.map(|axis| axis.converging),
                 inactive_ticks: self.axes.map(|axis| axis.inactive),
                 unexplained_ticks: self.axes.map(|axis| axis.unexplained),
             },
@@ -87,6 +89,9 @@ impl Axis {
             // The offset makes up for the distance: here the law holds a force, not a position. A contact without a wished
             // force is no cause: against it F_c has F_max to spend.
             &mut self.force_held
+        } else if command.converging[i] {
+            // On the way back the law gives less than its profile: 2 F_c(x_max) / x_max (e - x_max / 2).
+            &mut self.converging
         } else {
             &mut self.unexplained
         }

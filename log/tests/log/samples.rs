@@ -108,6 +108,8 @@ pub(crate) fn request(tick: i64) -> Request {
             offset: numbers(tick, 17.0),
             x_max: numbers(tick, 18.0),
             stiffness: [6000.0, 6000.0, 12000.0],
+            max_force: [150.0, 150.0, 300.0],
+            force: [1.0, 2.0, 3.0],
             converging: [0, 1, 0],
             still_ticks: [0, 7, 0],
         },

@@ -9,13 +9,22 @@ use std::collections::VecDeque;
 const ROOM: usize = 16;
 
 /// The sets in force and to come.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub struct Timeline {
     operator: Operator,
     /// What `operator.next` was made from.
     next: Parameters,
     here: [f64; 3],
     waiting: VecDeque<OperatorChange>,
+}
+
+impl Clone for Timeline {
+    /// With the room for further changes, which a clone of the queue alone would not have.
+    fn clone(&self) -> Self {
+        let mut waiting = VecDeque::with_capacity(self.waiting.capacity());
+        waiting.extend(self.waiting.iter().copied());
+        Self { waiting, ..*self }
+    }
 }
 
 /// Where a change that comes now would go.
@@ -196,5 +205,14 @@ mod tests {
         let room = timeline.waiting.capacity();
         let taken = (0..room + 5).filter(|_| timeline.insert(&force(0, 3.0), 0).is_some()).count();
         assert_eq!((taken, timeline.waiting.capacity()), (room - 1, room));
+    }
+
+    #[test]
+    fn a_clone_has_the_same_room() {
+        let timeline = scripted(&[(20, 2.0)]);
+        let mut clone = timeline.clone();
+        assert_eq!(clone.waiting.capacity(), timeline.waiting.capacity());
+        assert_eq!(clone.insert(&force(0, 3.0), 5), Some((2, 10)));
+        assert_eq!(timeline.waiting.len(), 1, "the original must not change");
     }
 }

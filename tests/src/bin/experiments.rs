@@ -6,6 +6,8 @@
 //! short. It ends with 2 if the file is not as it must be.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stderr)]
 
+#[path = "experiments/changes.rs"]
+mod changes;
 #[path = "experiments/document.rs"]
 mod document;
 #[path = "experiments/figures.rs"]

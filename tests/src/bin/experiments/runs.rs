@@ -1,5 +1,6 @@
 //! The runs that the tables are made of, two at a time.
 
+use crate::changes::{self, Change};
 use hapfic_tests::{Stack, hapfic};
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -12,6 +13,8 @@ pub(crate) const SCENARIOS: [&str; 5] = ["floor", "box", "ball", "ball-actuators
 pub(crate) const FORCES: [u32; 8] = [10, 20, 35, 50, 75, 100, 150, 200];
 /// Place of the operator's entry of `floor` that wishes a force.
 const FORCE_ENTRY: usize = 2;
+/// The log of a run.
+const LOG: &str = "run.mcap";
 /// Runs at a time.
 const AT_ONCE: usize = 2;
 
@@ -26,23 +29,34 @@ pub(crate) const LAWS: [Variant; 3] = [
 ];
 /// The integration's steps.
 pub(crate) const SUBSTEPS: [Variant; 2] = [("20", &["plant.contact_substep_us=20"]), ("10", &["plant.contact_substep_us=10"])];
+/// Switches all improvements of the law off.
+const UNIMPROVED: &[&str] = &["controller.offset_anti_windup=false", "controller.stall_release=false"];
 /// The improvements of the law.
 pub(crate) const IMPROVEMENTS: [Variant; 4] = [
     ("both (default)", &[]),
     ("without `offset_anti_windup`", &["controller.offset_anti_windup=false"]),
     ("without `stall_release`", &["controller.stall_release=false"]),
-    ("neither", &["controller.offset_anti_windup=false", "controller.stall_release=false"]),
+    ("neither", UNIMPROVED),
 ];
 /// The scenarios on which the improvements are compared.
 pub(crate) const IMPROVED: [&str; 2] = ["tuning", "ball-actuators"];
+
+/// The scenario whose changes are looked at one by one.
+const TUNED: &str = "tuning";
+/// Its settings: with all improvements, and with none.
+pub(crate) const TUNINGS: [&[&str]; 2] = [&[], UNIMPROVED];
 
 /// The setting of the force that `floor` wishes.
 pub(crate) fn force_setting(force: u32) -> String {
     format!("operator.{FORCE_ENTRY}.desired_force=[0, 0, {force}]")
 }
 
-/// The summaries, by scenario and settings.
-pub(crate) struct Results(BTreeMap<Key, Value>);
+/// What came of the runs, by scenario and settings.
+#[derive(Default)]
+pub(crate) struct Results {
+    summaries: BTreeMap<Key, Value>,
+    changes: BTreeMap<Key, Vec<Change>>,
+}
 
 type Key = (String, Vec<String>);
 
@@ -53,12 +67,17 @@ fn key(scenario: &str, settings: &[&str]) -> Key {
 impl Results {
     /// The summary of a run; null if it wrote none.
     pub(crate) fn of(&self, scenario: &str, settings: &[&str]) -> &Value {
-        self.0.get(&key(scenario, settings)).expect("every run of a table is in the list of runs")
+        self.summaries.get(&key(scenario, settings)).expect("every run of a table is in the list of runs")
+    }
+
+    /// The operator's changes in `tuning` with one of [`TUNINGS`]; none if its log cannot be read.
+    pub(crate) fn changes(&self, settings: &[&str]) -> &[Change] {
+        self.changes.get(&key(TUNED, settings)).map(Vec::as_slice).unwrap_or_default()
     }
 
     /// All runs, each with its name.
     pub(crate) fn iter(&self) -> impl Iterator<Item = (String, &Value)> {
-        self.0.iter().map(|((scenario, settings), value)| (format!("{scenario} {}", settings.join(" ")), value))
+        self.summaries.iter().map(|((scenario, settings), value)| (format!("{scenario} {}", settings.join(" ")), value))
     }
 }
 
@@ -78,6 +97,7 @@ fn list() -> Vec<Key> {
     for scenario in IMPROVED {
         list.extend(IMPROVEMENTS.iter().map(|(_, settings)| key(scenario, settings)));
     }
+    list.extend(TUNINGS.map(|settings| key(TUNED, settings)));
     list.sort();
     list.dedup();
     list
@@ -88,34 +108,47 @@ pub(crate) fn all() -> Results {
     // Built before the first run, so that no two of them build it at the same time.
     hapfic();
     let list = list();
-    let (next, results) = (AtomicUsize::new(0), Mutex::new(BTreeMap::new()));
+    let tuned = TUNINGS.map(|settings| key(TUNED, settings));
+    let (next, results) = (AtomicUsize::new(0), Mutex::new(Results::default()));
     std::thread::scope(|scope| {
         for _ in 0..AT_ONCE {
             scope.spawn(|| {
                 let stack = Stack::new();
                 while let Some(key) = list.get(next.fetch_add(1, Ordering::Relaxed)) {
                     let summary = run(&stack, key);
+                    // Before the next run takes the log's place.
+                    let changes = tuned.contains(key).then(|| changes_of(&stack, key));
                     let mut results = results.lock().unwrap();
-                    results.insert(key.clone(), summary);
-                    eprintln!("{} of {}: {} {}", results.len(), list.len(), key.0, key.1.join(" "));
+                    results.summaries.insert(key.clone(), summary);
+                    results.changes.extend(changes.map(|changes| (key.clone(), changes)));
+                    eprintln!("{} of {}: {} {}", results.summaries.len(), list.len(), key.0, key.1.join(" "));
                 }
             });
         }
     });
-    Results(results.into_inner().unwrap())
+    results.into_inner().unwrap()
 }
 
 fn run(stack: &Stack, (scenario, settings): &Key) -> Value {
-    let mut arguments = vec!["run", scenario, "--clock", "lockstep", "--log", "run.mcap", "--summary-json", "run.json"];
+    let mut arguments = vec!["run", scenario, "--clock", "lockstep", "--log", LOG, "--summary-json", "run.json"];
     for setting in settings {
         arguments.extend(["--set", setting]);
     }
     // What an earlier run wrote must not stand for this one.
-    let _ = std::fs::remove_file(stack.path("run.json"));
+    for written in ["run.json", LOG] {
+        let _ = std::fs::remove_file(stack.path(written));
+    }
     let end = stack.run(&arguments);
     if end.code != Some(0) {
         eprintln!("{scenario} {settings:?} ended with {:?}:\n{}{}", end.code, end.out, end.err);
     }
     let text = std::fs::read_to_string(stack.path("run.json")).unwrap_or_default();
     serde_json::from_str(&text).unwrap_or(Value::Null)
+}
+
+fn changes_of(stack: &Stack, (scenario, settings): &Key) -> Vec<Change> {
+    changes::read(&stack.path(LOG)).unwrap_or_else(|error| {
+        eprintln!("{scenario} {settings:?}: its changes are missing: {error}");
+        Vec::new()
+    })
 }

@@ -1,20 +1,22 @@
 //! The tables, as Markdown.
 
+use crate::changes::Change;
 use crate::figures::{AXES, TICK_S, digits, largest, number, on, sum};
-use crate::runs::{FORCES, IMPROVED, IMPROVEMENTS, LAWS, Results, SCENARIOS, SUBSTEPS, force_setting};
+use crate::runs::{FORCES, IMPROVED, IMPROVEMENTS, LAWS, Results, SCENARIOS, SUBSTEPS, TUNINGS, force_setting};
 use crate::verdict;
 
 /// A table: its marker's name, and how it is made.
 pub(crate) type Table = (&'static str, fn(&Results) -> String);
 
 /// All tables.
-pub(crate) const TABLES: [Table; 6] = [
+pub(crate) const TABLES: [Table; 7] = [
     ("floor", floor),
     ("tracking", tracking),
     ("force", force),
     ("moments", moments),
     ("integration", integration),
     ("improvements", improvements),
+    ("tuning", tuning),
 ];
 
 fn table(head: &[&str], rows: &[Vec<String>]) -> String {
@@ -63,6 +65,7 @@ fn tracking(results: &Results) -> String {
         "F_c at F_max, s",
         "torque cut, s",
         "force held, s",
+        "converging, s",
         "no command, s",
         "unexplained, s",
     ];
@@ -82,6 +85,7 @@ fn tracking(results: &Results) -> String {
                 outside("force_limited_ticks"),
                 outside("torque_limited_ticks"),
                 outside("force_held_ticks"),
+                outside("converging_ticks"),
                 outside("inactive_ticks"),
                 outside("unexplained_ticks"),
             ]);
@@ -101,6 +105,7 @@ fn force(results: &Results) -> String {
         "all holds, %",
         "last hold, %",
         "sliding rms, %",
+        "once gliding, %",
     ];
     let mut rows = Vec::new();
     for scenario in SCENARIOS {
@@ -121,6 +126,7 @@ fn force(results: &Results) -> String {
                     digits(figure("settled_rms_percent"), 3),
                     digits(figure("last_hold_rms_percent"), 3),
                     digits(figure("sliding_rms_percent"), 3),
+                    digits(figure("gliding_rms_percent"), 3),
                 ]);
             }
         }
@@ -175,7 +181,6 @@ fn improvements(results: &Results) -> String {
         "recovered",
         "not recovered",
         "largest force beyond F_d, N",
-        "worst hold rms, %",
         "last hold rms, %",
     ];
     let mut rows = Vec::new();
@@ -190,10 +195,39 @@ fn improvements(results: &Results) -> String {
                 format!("{:.0}", sum(summary, "/force/recoveries")),
                 format!("{:.0}", sum(summary, "/force/unrecovered")),
                 digits(largest(summary, "/force/overshoot_n"), 1),
-                digits(largest(summary, "/force/worst_hold_rms_percent"), 3),
                 digits(largest(summary, "/force/last_hold_rms_percent"), 3),
             ]);
         }
     }
+    table(&head, &rows)
+}
+
+fn tuning(results: &Results) -> String {
+    let head = [
+        "t, s",
+        "change",
+        "F_d, N",
+        "on: F_z, N",
+        "on: at the end, N",
+        "on: settled after, s",
+        "off: F_z, N",
+        "off: at the end, N",
+        "off: settled after, s",
+    ];
+    let [with, without] = TUNINGS.map(|settings| results.changes(settings));
+    let figures = |change: Option<&Change>| {
+        [
+            change.map_or("-".to_owned(), |change| format!("{:.1} to {:.1}", change.least_n, change.largest_n)),
+            digits(change.map(|change| change.end_n), 1),
+            seconds(change.and_then(|change| change.settled_ticks).map(|ticks| ticks as f64)),
+        ]
+    };
+    let row = |(place, change): (usize, &Change)| {
+        let mut cells = vec![seconds(Some(change.tick as f64)), change.what.clone(), digits(Some(change.desired_n), 0)];
+        cells.extend(figures(Some(change)));
+        cells.extend(figures(without.get(place)));
+        cells
+    };
+    let rows: Vec<_> = with.iter().enumerate().map(row).collect();
     table(&head, &rows)
 }
