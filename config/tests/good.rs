@@ -57,7 +57,7 @@ fn a_minimal_scenario_has_the_documented_defaults() {
     assert!(s.operator.is_empty());
     assert_eq!((s.supervisor.deadline_us, s.supervisor.torque_bandwidth_hz), (800, None));
     assert_eq!(s.supervisor.torque_peak, None);
-    assert_eq!((s.supervisor.ready_timeout_ms, s.supervisor.heartbeat_timeout_ms), (10_000, 500));
+    assert_eq!((s.supervisor.ready_timeout_ms, s.supervisor.heartbeat_timeout_ms), (10_000, 1000));
     assert_eq!(s.supervisor.credit_ticks, 1024);
     let r = s.realtime;
     assert_eq!((r.priority_plant, r.priority_gate, r.priority_controller, r.priority_planner), (80, 78, 76, 72));

@@ -159,6 +159,7 @@ impl Prepared {
         })?;
 
         let mut watch = Watch {
+            clock: request.clock,
             settings,
             live: Arc::clone(&live),
             children: Children::default(),

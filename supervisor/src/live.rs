@@ -5,11 +5,16 @@ use hapfic_ipc::message::{Phase, Process, Timing};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU32, AtomicU64, Ordering};
 
+/// The recorder listens every millisecond; a gap longer than this, ns, counts as no more than it.
+const ATTENTION_NS: u64 = 20_000_000;
+
 /// Signs of life of one process.
 #[derive(Debug, Default)]
 pub struct Pulse {
     /// When it was last heard of; zero: never.
     heard_ns: AtomicU64,
+    /// How long the recorder had listened by then.
+    heard_at: AtomicU64,
     /// Code of its phase plus one; zero: never heard of.
     phase: AtomicU32,
     /// Real-time privileges it has.
@@ -127,8 +132,9 @@ pub struct Live {
     pub stop: AtomicBool,
     /// The recorder should take in what is left and end.
     pub drain: AtomicBool,
-    /// When the recorder last took in all there was, and how often it has.
+    /// When the recorder last took in all there was, how long it has been listening, and how often it has.
     listened_ns: AtomicU64,
+    listening_ns: AtomicU64,
     rounds: AtomicU64,
     /// The log cannot be written any further.
     pub log_failed: AtomicBool,
@@ -162,17 +168,20 @@ impl Live {
         &self.pulses[process as usize]
     }
 
-    /// How long a process has not been heard of, ns: until the recorder last listened, since a recorder that was held up has
-    /// heard of nobody.
+    /// For how long the recorder has listened without hearing of a process, ns. Time in which it did not listen does not count:
+    /// a recorder that was held up has heard of nobody, and when the host takes the machine away everybody is held up.
     #[must_use]
     pub fn silence_ns(&self, process: Process) -> Option<u64> {
-        let listened = self.listened_ns.load(Ordering::Acquire);
-        self.pulse(process).heard_ns().map(|heard| listened.saturating_sub(heard))
+        let pulse = self.pulse(process);
+        pulse.heard_ns()?;
+        Some(self.listening_ns.load(Ordering::Acquire).saturating_sub(pulse.heard_at.load(Ordering::Relaxed)))
     }
 
-    /// To be called when everything that had been sent has been taken in.
+    /// To be called, by one thread, when everything that had been sent has been taken in.
     pub fn listened(&self) {
-        self.listened_ns.store(clock::now_ns(), Ordering::Release);
+        let now = clock::now_ns();
+        let gap = now.saturating_sub(self.listened_ns.swap(now, Ordering::AcqRel));
+        self.listening_ns.fetch_add(gap.min(ATTENTION_NS), Ordering::AcqRel);
         self.rounds.fetch_add(1, Ordering::Release);
     }
 
@@ -186,6 +195,7 @@ impl Live {
     pub fn hear(&self, timing: &Timing) {
         let Some(pulse) = self.pulses.get(timing.process as usize) else { return };
         pulse.heard_ns.store(clock::now_ns(), Ordering::Relaxed);
+        pulse.heard_at.store(self.listening_ns.load(Ordering::Relaxed), Ordering::Relaxed);
         pulse.realtime.store(timing.realtime, Ordering::Relaxed);
         pulse.refused.store(timing.refused, Ordering::Relaxed);
         pulse.tick.store(timing.tick, Ordering::Relaxed);
@@ -193,5 +203,30 @@ impl Live {
             self.latencies.push(timing.latency_ns);
         }
         pulse.phase.store(timing.phase + 1, Ordering::Release);
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_recorder_that_was_held_up_accuses_nobody() {
+        let live = Live::new();
+        live.listened();
+        assert_eq!(live.silence_ns(Process::Plant), None);
+        live.hear(&Timing { process: Process::Plant.code(), ..Timing::default() });
+        // As if the machine had stood still for a second.
+        live.listened_ns.fetch_sub(1_000_000_000, Ordering::Relaxed);
+        live.listened();
+        assert!(live.silence_ns(Process::Plant).unwrap() <= ATTENTION_NS);
+        for _ in 0..100 {
+            live.listened_ns.fetch_sub(10_000_000, Ordering::Relaxed);
+            live.listened();
+        }
+        assert!(live.silence_ns(Process::Plant).unwrap() >= 1_000_000_000, "a real silence is heard");
+        live.hear(&Timing { process: Process::Plant.code(), ..Timing::default() });
+        assert_eq!(live.silence_ns(Process::Plant), Some(0));
     }
 }

@@ -19,6 +19,8 @@ use std::time::{Duration, Instant};
 
 /// How often the supervisor looks at its processes when nothing calls.
 const LOOK_EVERY: Duration = Duration::from_millis(20);
+/// In lockstep nothing is lost while a process stands still, so a busy host gets so many times as long.
+const LOCKSTEP_PATIENCE: u64 = 10;
 /// Processes started, in this order.
 pub const STARTED: [Process; 3] = [Process::Plant, Process::Planner, Process::Controller];
 
@@ -37,6 +39,7 @@ pub struct Timed {
 
 /// The main thread's view of a run.
 pub struct Watch<'a> {
+    pub clock: Clock,
     pub settings: &'a Settings,
     pub live: Arc<Live>,
     pub children: Children,
@@ -169,7 +172,8 @@ impl Watch<'_> {
                 lost.push((child.process, describe(status), "exit"));
             }
         }
-        let limit = u64::from(self.settings.supervisor.heartbeat_timeout_ms) * 1_000_000;
+        let patience = if self.clock == Clock::Lockstep { LOCKSTEP_PATIENCE } else { 1 };
+        let limit = u64::from(self.settings.supervisor.heartbeat_timeout_ms) * patience * 1_000_000;
         for process in STARTED.iter().chain([&recorder::GATE]) {
             if let Some(age) = self.live.silence_ns(*process)
                 && age > limit

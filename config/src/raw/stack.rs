@@ -26,9 +26,10 @@ pub(crate) struct RawSupervisor {
     /// How long a process may take to get ready, ms, an integer in [100, 600000]. Raising it forgives slow starts.
     pub(crate) ready_timeout_ms: u32,
 
-    /// Age of the last sign of life at which a process counts as lost, ms, an integer in [200, 60000]. Raising it detects
-    /// hangs later and raises fewer false alarms.
+    /// Age of the last sign of life at which a process counts as lost, ms, an integer in [200, 60000]. Ten times as long
+    /// in lockstep. Raising it detects hangs later and raises fewer false alarms.
     pub(crate) heartbeat_timeout_ms: u32,
+
     /// How long no tick may be done while every process is alive, ms, an integer in [500, 600000]. Raising it bears more load
     /// on the machine.
     pub(crate) stall_timeout_ms: u32,
@@ -45,7 +46,7 @@ impl Default for RawSupervisor {
             torque_bandwidth_hz: None,
             torque_peak_n_m: None,
             ready_timeout_ms: 10_000,
-            heartbeat_timeout_ms: 500,
+            heartbeat_timeout_ms: 1000,
             stall_timeout_ms: 10_000,
             credit_ticks: 1024,
         }
