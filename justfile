@@ -15,10 +15,10 @@ test:
 ci:
     .ci/run
 
-# The tables of docs/experiments.md, written into it (some minutes); fails if the defaults fall short.
+# The tables of docs/experiments.md and README, written into them (some minutes); fails if the defaults fall short.
 experiments:
     cargo build --release --workspace
-    cargo run --release -q -p hapfic-tests --bin experiments -- docs/experiments.md
+    cargo run --release -q -p hapfic-tests --bin experiments -- docs/experiments.md README.md
 
 # The figures of README, from lockstep runs (about a minute).
 figures:
@@ -30,6 +30,10 @@ figures:
         cargo run --release -q -- report "logs/$name.mcap" --png "logs/$name"
         cp "logs/$name/overview.png" "docs/figures/$name.png"
     done
+
+# Random leg motion among box and ball, 100 seeds of 10 s each (some ten minutes), and what they came to.
+seeds:
+    HAPFIC_SEEDS=100 cargo test --release -p hapfic-supervisor --test simulation -- leg_motion --nocapture
 
 # The JSON Schema of scenario files.
 schema:

@@ -130,6 +130,10 @@ impl Entry<'_> {
                 let help = "set the key itself, without an axis";
                 return Err(complain(place, path, &format!("axis {axis:?}"), "no axis: the value is a single one", help));
             }
+            if name == "target_position_m" || name == "target_position" {
+                let help = "no target has been given yet: set the whole vector, as target_position=[0, 0.05, 0.1]";
+                return Err(complain(place, path, &format!("axis {axis:?}"), "a key that has a value already", help));
+            }
             // The reader knows which keys there are, and says so.
             self.keys.insert(name.to_owned(), value);
             return Ok(());

@@ -1,11 +1,13 @@
 //! What several values have to fulfil together, and the step from a raw scenario to [`Settings`].
 
+mod world;
+
 use crate::error::{Complaint, ConfigError};
-use crate::policy::{Fidelity, ResetPolicy, Saturation, Search, ShapeKind};
-use crate::raw::{PerJoint, RawController, RawObject, RawOperator, RawProcesses, RawRealtime, RawRobot, RawScenario, RawWorld};
+use crate::policy::{Fidelity, ResetPolicy, Saturation, Search};
+use crate::raw::{PerJoint, RawController, RawOperator, RawProcesses, RawRealtime, RawRobot, RawScenario};
 use crate::settings::{
-    Floor, MAX_JOINTS, MAX_OBJECTS, MIN_SPACING_TICKS, Object, ObjectShape, OperatorChange, Parameters, Plant, Processes,
-    Realtime, Recorder, Robot, Settings, Supervisor, Surface, Urdf, World,
+    MAX_JOINTS, MIN_SPACING_TICKS, OperatorChange, Parameters, Plant, Processes, Realtime, Recorder, Robot, Settings, Supervisor,
+    Urdf,
 };
 use crate::tree::{Node, describe_number};
 
@@ -15,8 +17,6 @@ const TICKS_PER_S: f64 = 1000.0;
 const TARGET_MAX_M: f64 = 100.0;
 /// Longest desired force, N.
 const DESIRED_FORCE_MAX_N: f64 = 1e4;
-/// Longest gravity, m/s^2.
-const GRAVITY_MAX: f64 = 100.0;
 
 /// Checks the rest of a scenario whose numbers are in their ranges.
 pub(crate) fn settings(mut raw: RawScenario, tree: &Node, urdf: Urdf) -> Result<Settings, ConfigError> {
@@ -218,87 +218,6 @@ impl At<'_> {
                 Err(ConfigError::WrongLength(self.complain(key, &found, &expected, help)))
             }
         }
-    }
-
-    fn world(&self, raw: RawWorld) -> Result<World, ConfigError> {
-        self.short_enough("world.gravity_m_per_s2", raw.gravity_m_per_s2, GRAVITY_MAX)?;
-        let floor = raw.floor.map(|floor| Floor {
-            height_m: floor.height_m,
-            surface: Surface {
-                stiffness_n_per_m: floor.stiffness_n_per_m,
-                damping_n_s_per_m: floor.damping_n_s_per_m,
-                transition_width_m: floor.transition_width_m,
-                friction_static: floor.friction_static,
-                friction_dynamic: floor.friction_dynamic,
-                critical_speed_m_per_s: floor.critical_speed_m_per_s,
-            },
-        });
-        if let Some(floor) = floor {
-            self.friction("world.floor", &floor.surface)?;
-        }
-        if raw.objects.len() > MAX_OBJECTS {
-            let found = format!("{} of them", raw.objects.len());
-            let expected = format!("at most {MAX_OBJECTS}");
-            let help = "the messages have room for so many";
-            return Err(ConfigError::WrongLength(self.complain("world.object", &found, &expected, help)));
-        }
-        let mut objects: Vec<Object> = Vec::with_capacity(raw.objects.len());
-        for (index, object) in raw.objects.into_iter().enumerate() {
-            let object = self.object(&format!("world.object[{index}]"), object)?;
-            let name = object.name.as_str();
-            if name.trim().is_empty() || name == "floor" || objects.iter().any(|o| o.name == name) {
-                let key = format!("world.object[{index}].name");
-                let expected = "a name of its own, not \"floor\"";
-                let help = "contacts are told apart by these names";
-                return Err(ConfigError::Combination(self.complain(&key, &self.found(&key), expected, help)));
-            }
-            objects.push(object);
-        }
-        Ok(World { gravity_m_per_s2: raw.gravity_m_per_s2, floor, objects })
-    }
-
-    fn object(&self, path: &str, raw: RawObject) -> Result<Object, ConfigError> {
-        let wrong = |key: &str, expected: &str| {
-            let key = format!("{path}.{key}");
-            let found = if self.tree.get(&key).is_some() { self.found(&key) } else { "nothing".to_owned() };
-            let help = "a box has size_m, a ball has radius_m";
-            Err(ConfigError::Combination(self.complain(&key, &found, expected, help)))
-        };
-        let shape = match (raw.shape, raw.size_m, raw.radius_m) {
-            (ShapeKind::Box, Some(size_m), None) => ObjectShape::Box { size_m },
-            (ShapeKind::Ball, None, Some(radius_m)) => ObjectShape::Ball { radius_m },
-            (ShapeKind::Box, None, _) => return wrong("size_m", "the edges of the box, m"),
-            (ShapeKind::Ball, _, None) => return wrong("radius_m", "the radius of the ball, m"),
-            (ShapeKind::Box, Some(_), Some(_)) => return wrong("radius_m", "no radius for a box"),
-            (ShapeKind::Ball, Some(_), Some(_)) => return wrong("size_m", "no edges for a ball"),
-        };
-        let surface = Surface {
-            stiffness_n_per_m: raw.stiffness_n_per_m,
-            damping_n_s_per_m: raw.damping_n_s_per_m,
-            transition_width_m: raw.transition_width_m,
-            friction_static: raw.friction_static,
-            friction_dynamic: raw.friction_dynamic,
-            critical_speed_m_per_s: raw.critical_speed_m_per_s,
-        };
-        self.friction(path, &surface)?;
-        Ok(Object {
-            name: raw.name,
-            shape,
-            mass_kg: raw.mass_kg,
-            position_m: raw.position_m,
-            orientation_rpy_rad: raw.orientation_rpy_rad,
-            surface,
-        })
-    }
-
-    fn friction(&self, path: &str, surface: &Surface) -> Result<(), ConfigError> {
-        if surface.friction_dynamic <= surface.friction_static {
-            return Ok(());
-        }
-        let found = describe_number(surface.friction_dynamic);
-        let expected = format!("at most {path}.friction_static = {}", describe_number(surface.friction_static));
-        let help = "raise friction_static or lower friction_dynamic";
-        Err(ConfigError::Combination(self.complain(&format!("{path}.friction_dynamic"), &found, &expected, help)))
     }
 
     fn realtime(&self, raw: &RawRealtime) -> Result<Realtime, ConfigError> {

@@ -194,7 +194,7 @@ pub struct Parameters {
     pub force_resolution: f64,
     /// Whether g(q) is added.
     pub gravity_compensation: bool,
-    /// Whether the searched offset is kept from winding up at F_max, and refitted to a new K0 or F_max so that the force stays.
+    /// Whether the searched offset is kept from winding up at F_max, and refitted to a new K0, F_max or x_b so that the force stays.
     pub offset_anti_windup: bool,
     /// Whether a convergence that has come to a standstill starts anew from there.
     pub stall_release: bool,
@@ -233,7 +233,7 @@ pub struct OperatorChange {
     pub force_resolution: Option<f64>,
     /// Whether g(q) is added.
     pub gravity_compensation: Option<bool>,
-    /// Whether the searched offset is kept from winding up at F_max, and refitted to a new K0 or F_max so that the force stays.
+    /// Whether the searched offset is kept from winding up at F_max, and refitted to a new K0, F_max or x_b so that the force stays.
     pub offset_anti_windup: Option<bool>,
     /// Whether a convergence that has come to a standstill starts anew from there.
     pub stall_release: Option<bool>,

@@ -52,15 +52,22 @@ impl ForceProfile {
         magnitude.min(self.max_force).copysign(error)
     }
 
-    /// The smallest error, m, at which the profile gives a force, N: in its linear part `F / K0`; beyond, x_b. The other way round
-    /// of [`force`](Self::force), but for the last 5 % of x_b; zero where there is none.
+    /// An error, m, at which the profile gives a force, N, or the nearest to it that is not more: in the linear part `F / K0`; x_b
+    /// for F_max; in between, where a hair's breadth decides over the force, the end of the linear part. Zero where there is none.
     #[must_use]
     pub fn error_for(&self, force: f64) -> f64 {
         if !self.is_usable() || !force.is_finite() || self.stiffness == 0.0 {
             return 0.0;
         }
-        let linear = force.clamp(-self.max_force, self.max_force) / self.stiffness;
-        if linear.abs() <= KNEE * self.position_bound { linear } else { self.position_bound.copysign(force) }
+        let (linear, knee) = (force.abs().min(self.max_force) / self.stiffness, KNEE * self.position_bound);
+        let error = if linear <= knee {
+            linear
+        } else if force.abs() >= self.max_force {
+            self.position_bound
+        } else {
+            knee
+        };
+        error.copysign(force)
     }
 
     /// The largest force this profile can give, N: F_max, or zero if the profile is unusable.

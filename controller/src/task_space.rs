@@ -125,7 +125,9 @@ pub fn step(state: ControllerState, input: &Input, p: &Parameters, period_s: f64
             let mut before = state.offset[axis];
             // Zero: no tick has gone before.
             let changed = state.stiffness[axis] > 0.0
-                && (state.stiffness[axis] != p.stiffness[axis] || state.max_force[axis] != p.max_force[axis]);
+                && [(state.stiffness, p.stiffness), (state.max_force, p.max_force), (state.position_bound, p.position_bound)]
+                    .iter()
+                    .any(|(before, now)| before[axis] != now[axis]);
             // Only where a force is held: in the air, and without a wish, the position is what counts.
             if changed && p.desired_force[axis] != 0.0 && input.contact_force[axis].abs() > p.force_resolution {
                 before = refitted(error_at(0.0), state.force[axis], &profile);
@@ -158,6 +160,7 @@ pub fn step(state: ControllerState, input: &Input, p: &Parameters, period_s: f64
         // Always, so that a switch thrown later does not see gains of long ago.
         output.state.stiffness[axis] = p.stiffness[axis];
         output.state.max_force[axis] = p.max_force[axis];
+        output.state.position_bound[axis] = p.position_bound[axis];
         output.state.force[axis] = force;
         output.state.converging[axis] = u32::from(attractor.converging);
         output.state.still_ticks[axis] = stall.still_ticks;
@@ -201,6 +204,7 @@ fn check(state: &ControllerState, input: &Input, p: &Parameters, period_s: f64) 
     check_finite("state.x_max", &state.x_max)?;
     check_finite("state.stiffness", &state.stiffness)?;
     check_finite("state.max_force", &state.max_force)?;
+    check_finite("state.position_bound", &state.position_bound)?;
     check_finite("state.force", &state.force)?;
     check_finite("position", &input.position)?;
     check_finite("velocity", &input.velocity)?;

@@ -137,6 +137,7 @@ impl Check for ControllerState {
         finite("x_max", &self.x_max)?;
         finite("stiffness", &self.stiffness)?;
         finite("max_force", &self.max_force)?;
+        finite("position_bound", &self.position_bound)?;
         finite("force", &self.force)?;
         match self.converging.iter().find(|c| **c > 1) {
             Some(&found) => Err(Defect::Code { field: "converging", found }),

@@ -180,6 +180,8 @@ pub struct ControllerState {
     pub stiffness: [f64; 3],
     /// F_max of this tick, N.
     pub max_force: [f64; 3],
+    /// x_b of this tick, m.
+    pub position_bound: [f64; 3],
     /// F_c of this tick, N.
     pub force: [f64; 3],
     /// 1 in convergence, 0 in divergence.

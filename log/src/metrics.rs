@@ -21,6 +21,7 @@ mod window;
 
 pub use label::{Label, List};
 pub use moments::{AirSummary, IntegrationSummary, JointSummary, MAX_PAIRS, MomentsSummary, ObjectSummary, PairSummary};
+pub use objects::angle_between;
 pub use summary::{
     ForceCommandSummary, ForceSummary, MetricsSummary, OutsideSummary, Quantiles, TickSummary, TimingSummary, TrackingSummary,
 };

@@ -4,7 +4,7 @@
 //!
 //! - The original is opened for reading alone and stays as it is. A log that is whole is not copied.
 //! - Every message of a chunk that is whole, before or behind the damage, is kept bit for bit, in the order of the file and
-//!   with its times. Whole means that the checksum of the chunk is right.
+//!   with its times. Whole means that the checksum of the chunk is right; the length of its record may be wrong.
 //! - Of a chunk that was hit, every message is kept whose bytes lie before the damaged byte, as far as its compression lets
 //!   them be told: LZ4 is decoded up to the byte at which the chunk ends or makes no sense. Nobody can tell by a checksum where
 //!   in such a chunk the damage is, so messages behind it may be kept too as long as they decode, have the number and the time

@@ -42,21 +42,45 @@ fn sorted(mut sets: Vec<Operator>) -> Vec<Operator> {
 #[must_use]
 pub fn entries(sets: &[Operator]) -> String {
     let mut out = String::new();
-    let mut before = Map::new();
+    let mut before = None;
     for set in sets {
-        let now = parameters(set);
         // Writing to a string cannot fail.
         let _ = writeln!(out, "\n[[operator]]\nat_s = {:?}", set.effective_tick as f64 / TICKS_PER_S);
-        let mut changed: Vec<_> = now.iter().filter(|(key, value)| before.get(*key) != Some(*value)).collect();
-        if changed.is_empty() {
-            changed.extend(now.iter().filter(|(key, _)| *key == UNCHANGED));
+        let mut lines = changed(before, set);
+        if lines.is_empty() {
+            lines.extend(changed(None, set).into_iter().filter(|change| change.name == UNCHANGED));
         }
-        for (key, value) in changed {
-            let _ = writeln!(out, "{key} = {}", toml(value));
+        for Changed { name, now, .. } in lines {
+            let _ = writeln!(out, "{name} = {}", toml(&now));
         }
-        before = now;
+        before = Some(set);
     }
     out
+}
+
+/// A parameter in which two sets differ.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Changed {
+    /// Its name in the log, which scenarios know, too.
+    pub name: String,
+    /// Its value in the set before; null if there is none.
+    pub before: Value,
+    /// Its value now.
+    pub now: Value,
+}
+
+/// What differs between two sets, by name; every parameter of `set` if there is none before it. Version and tick are none.
+#[must_use]
+pub fn changed(before: Option<&Operator>, set: &Operator) -> Vec<Changed> {
+    let mut old = before.map(parameters);
+    let list = parameters(set).into_iter().filter_map(|(name, now)| match &mut old {
+        None => Some(Changed { name, before: Value::Null, now }),
+        Some(old) => {
+            let before = old.remove(&name).unwrap_or_default();
+            (before != now).then_some(Changed { name, before, now })
+        }
+    });
+    list.collect()
 }
 
 /// Everything of a set that the operator can change, by the names of the log, which scenarios know, too.
@@ -112,5 +136,29 @@ mod tests {
         assert_eq!(parts[2], "at_s = 1.234\ndesired_force = [0.0, 0.30000000000000004, 80.0]\n");
         // An entry that names nothing would not load, and its version would be missing.
         assert_eq!(parts[3], "at_s = 1.24\ndesired_force = [0.0, 0.30000000000000004, 80.0]\n");
+    }
+
+    #[test]
+    fn every_kind_of_parameter_counts_as_a_change_and_version_and_tick_do_not() {
+        let old = set(1, 0, 5.0);
+        assert!(changed(Some(&old), &set(2, 99, 5.0)).is_empty());
+        let new = Operator {
+            search: "tapered".to_owned(),
+            taper: 0.2,
+            stall_release: true,
+            mean_speed: 0.3,
+            reset_policy: "never".to_owned(),
+            ..set(2, 99, 6.0)
+        };
+        let found = changed(Some(&old), &new);
+        let mut names: Vec<_> = found.iter().map(|change| change.name.as_str()).collect();
+        names.sort_unstable();
+        assert_eq!(names, ["desired_force", "mean_speed", "reset_policy", "search", "stall_release", "taper"]);
+        let search =
+            found.iter().find(|change| change.name == "search").map(|change| (change.before.as_str(), change.now.as_str()));
+        assert_eq!(search, Some((Some("sign"), Some("tapered"))));
+        let all = changed(None, &new);
+        assert!(all.len() > names.len() && all.iter().all(|change| change.before.is_null()), "{all:?}");
+        assert!(all.iter().all(|change| !NO_PARAMETERS.contains(&change.name.as_str())));
     }
 }

@@ -163,7 +163,8 @@ impl Newton {
                 }
             }
         }
-        self.residual[..n].iter().fold(0.0, |worst: f64, r| worst.max(r.abs()))
+        // Not a number must not pass for solved.
+        self.residual[..n].iter().fold(0.0, |worst: f64, r| if r.is_nan() { f64::INFINITY } else { worst.max(r.abs()) })
     }
 
     /// residual -= impulse along a row.

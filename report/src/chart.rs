@@ -2,7 +2,7 @@
 
 use crate::canvas::{Anchor, Canvas, Pen};
 use crate::error::ReportError;
-use crate::figure::{Color, Content, Curve, Figure, Lane, Panel, Scale, Style};
+use crate::figure::{Color, Content, Curve, Figure, Lane, Panel, Scale, Style, pieces};
 use crate::ticks::{Tick, decades, linear};
 
 /// Width of every picture, px.
@@ -19,23 +19,24 @@ const LABEL: f32 = 36.0;
 const CURVES: f32 = 330.0;
 const HISTOGRAM: f32 = 600.0;
 const LANE: f32 = 34.0;
+/// Share of their own height that curves have at least.
+const LEAST_STRETCH: f32 = 0.3;
 /// Free space to the right, and between things, px.
 const MARGIN: f32 = 40.0;
 const GAP: f32 = 12.0;
 /// Longest names, characters.
 const LONGEST_NAME: usize = 36;
 
-/// A figure as PNG; `height`, px, is shared among its curves, and as much as it takes if not given.
+/// A figure as PNG; `height`, px, is shared among its curves, and as much as it takes if not given or too little.
 pub(crate) fn draw(figure: &Figure, height: Option<u32>) -> Result<Vec<u8>, ReportError> {
     let around = TOP + LABEL + figure.panels.len() as f32 * (ABOVE + BELOW);
     let natural: Vec<_> = figure.panels.iter().map(natural_height).collect();
     let lanes: f32 = figure.panels.iter().zip(&natural).filter(|(panel, _)| is_lanes(panel)).map(|(_, height)| height).sum();
     let curves: f32 = natural.iter().sum::<f32>() - lanes;
-    let stretch = match height {
-        Some(height) if curves > 0.0 => ((height as f32 - around - lanes) / curves).max(0.3),
-        _ => 1.0,
-    };
-    let total = height.map_or(around + lanes + curves, |height| height as f32);
+    // Whatever height is asked for: curves that are too flat show nothing, and many lanes take their room.
+    let least = around + lanes + LEAST_STRETCH * curves;
+    let total = height.map_or(around + lanes + curves, |height| (height as f32).max(least));
+    let stretch = if height.is_some() && curves > 0.0 { (total - around - lanes) / curves } else { 1.0 };
     let mut canvas = Canvas::new(figure.name, WIDTH, total.round() as u32)?;
     canvas.text((MARGIN, 44.0), Anchor::Start, HEADING, Color::INK, &figure.title);
 
@@ -60,13 +61,14 @@ pub(crate) fn draw(figure: &Figure, height: Option<u32>) -> Result<Vec<u8>, Repo
             }
             Content::Curves { areas, curves } => {
                 for area in areas {
-                    let outline: Vec<_> = area.outline().iter().map(|point| axes.spot(*point)).collect();
-                    canvas.polygon(&outline, area.color, 70);
+                    for outline in area.outlines() {
+                        let spots: Vec<_> = outline.iter().map(|point| axes.spot(*point)).collect();
+                        canvas.polygon(&spots, area.color, 70);
+                    }
                 }
                 marks(&mut canvas, panel, &axes);
                 for curve in curves {
-                    let points: Vec<_> = curve.path().iter().map(|point| axes.spot(*point)).collect();
-                    canvas.line(&points, pen(curve));
+                    draw_curve(&mut canvas, curve, &axes);
                 }
             }
             Content::Lanes(lanes) => {
@@ -248,6 +250,19 @@ fn marks(canvas: &mut Canvas, panel: &Panel, axes: &Axes) {
     }
 }
 
+/// A curve, with its gaps.
+fn draw_curve(canvas: &mut Canvas, curve: &Curve, axes: &Axes) {
+    let (path, pen) = (curve.path(), pen(curve));
+    for piece in pieces(&path) {
+        let spots: Vec<_> = piece.iter().map(|point| axes.spot(*point)).collect();
+        match spots.as_slice() {
+            // A line through one point leaves no ink.
+            [spot] => canvas.disc(*spot, 0.5 * pen.width, pen.color),
+            spots => canvas.line(spots, pen),
+        }
+    }
+}
+
 fn draw_lanes(canvas: &mut Canvas, lanes: &[Lane], axes: &Axes) {
     for (i, lane) in lanes.iter().enumerate() {
         let top = axes.top + LANE * i as f32;
@@ -264,7 +279,7 @@ fn draw_lanes(canvas: &mut Canvas, lanes: &[Lane], axes: &Axes) {
 fn pen(curve: &Curve) -> Pen {
     match curve.style {
         Style::Line => Pen::solid(curve.color, 2.5),
-        Style::Thin => Pen::solid(curve.color, 1.5),
+        Style::Wide => Pen::solid(curve.color, 7.0),
         Style::DashedSteps => Pen { color: curve.color, width: 2.5, dashed: true },
     }
 }

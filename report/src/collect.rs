@@ -3,13 +3,14 @@
 use crate::bands::Lanes;
 use crate::events::Events;
 use crate::frames::Frames;
-use crate::geometry::turn_deg;
+use crate::geometry::{Vector, norm};
 use crate::parameters::{ParameterSet, Sets};
 use crate::scene::{self, Update};
 use crate::series::Series;
 use crate::timing::Histogram;
 use crate::{LATEST_TICK, believable, vector};
 use foxglove::messages::{FrameTransforms, SceneUpdate};
+use hapfic_log::metrics::angle_between;
 use hapfic_log::{Entry, Metrics, Record, Topic, proto};
 use prost::Message as _;
 
@@ -51,8 +52,6 @@ pub(crate) struct JointSeries {
 pub(crate) struct ObjectSeries {
     pub(crate) name: String,
     start: [f64; 4],
-    /// Its turn now, degrees.
-    turn: f64,
     /// Height of its centre of mass, m.
     pub(crate) height: Series,
     /// Angle of the turn from where it started, degrees.
@@ -78,8 +77,10 @@ pub(crate) struct Collected {
     pub(crate) messages: u64,
     pub(crate) last_tick: i64,
     sets: Sets,
-    /// A pair that has touched for the first time since the last frame.
-    touched: Option<String>,
+    /// Pairs that have touched for the first time since the last frame; no more than there are lanes.
+    touched: Vec<(String, String)>,
+    /// Where the foot was last, m, and the force on it, N.
+    foot: Option<(Vector, f64)>,
 }
 
 impl Collected {
@@ -115,13 +116,14 @@ impl Collected {
                     axis.desired.push(tick, desired[i]);
                 }
             }
+            self.foot = Some((position, norm(force)));
         }
         for (i, object) in state.objects.iter().take(MOST_OBJECTS).enumerate() {
             self.object(i, tick, object);
         }
         for contact in &state.contacts {
-            if self.contacts.push(&contact.body, &contact.against, tick) && self.touched.is_none() {
-                self.touched = Some(format!("{} and {}", contact.body, contact.against));
+            if self.contacts.push(&contact.body, &contact.against, tick) {
+                self.touched.push((contact.body.clone(), contact.against.clone()));
             }
         }
         self.modes.push("drive", &state.drive, tick);
@@ -136,12 +138,11 @@ impl Collected {
         }
         if index == self.objects.len() {
             let (height, tilt) = (Series::default(), Series::default());
-            self.objects.push(ObjectSeries { name: object.name.clone(), start: orientation, turn: 0.0, height, tilt });
+            self.objects.push(ObjectSeries { name: object.name.clone(), start: orientation, height, tilt });
         }
         if let Some(series) = self.objects.get_mut(index) {
-            series.turn = turn_deg(series.start, orientation);
             series.height.push(tick, position[2]);
-            series.tilt.push(tick, series.turn);
+            series.tilt.push(tick, angle_between(series.start, orientation).to_degrees());
         }
     }
 
@@ -161,10 +162,13 @@ impl Collected {
     fn command(&mut self, command: &proto::Command) {
         let tick = command.tick;
         let limit = self.sets.in_force(tick).map(|set| set.max_force);
-        // In other modes the content is that of an older request, and no force stands behind it.
-        if command.mode == "active"
-            && let Some(force) = vector(&command.force)
-        {
+        let force = match command.mode.as_str() {
+            "active" => vector(&command.force),
+            // The content is that of an older request, and no force stands behind it.
+            "brake" | "stopped" => Some([0.0; 3]),
+            _ => None,
+        };
+        if let Some(force) = force {
             for (axis, force) in self.axes.iter_mut().zip(force) {
                 axis.command.push(tick, force);
             }
@@ -189,7 +193,7 @@ impl Collected {
     fn operator(&mut self, operator: &proto::Operator) {
         if let Some(set) = ParameterSet::new(operator) {
             let changes = self.sets.announce(set);
-            self.events.changed(set.effective_tick, set.version, &changes);
+            self.events.changed(operator.effective_tick, operator.version, &changes);
         }
     }
 
@@ -208,9 +212,24 @@ impl Collected {
         } else if schema == Topic::Scene.schema_name()
             && let Ok(message) = SceneUpdate::decode(data)
         {
-            let furthest = self.objects.iter().max_by(|a, b| a.turn.total_cmp(&b.turn));
-            let turned = furthest.map(|object| (object.name.as_str(), object.turn));
-            self.frames.shown(tick, Update::new(&message), turned, self.touched.take());
+            let objects = self.objects.iter().map(|object| object.name.as_str());
+            let touched = std::mem::take(&mut self.touched);
+            self.frames.shown(tick, Update::new(&message), objects, self.foot, touched);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_force_stands_behind_a_command_that_brakes() {
+        let mut collected = Collected::default();
+        for tick in 0..40 {
+            let mode = ["hold", "active", "brake", "stopped"][tick as usize / 10].to_owned();
+            collected.command(&proto::Command { tick, mode, force: vec![5.0; 3], ..proto::Command::default() });
+        }
+        assert_eq!(collected.axes[2].command.points(1.0), [(0.01, 5.0), (0.019, 5.0), (0.02, 0.0), (0.039, 0.0)]);
     }
 }

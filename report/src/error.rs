@@ -27,6 +27,18 @@ pub enum ReportError {
         /// What was to be written.
         what: &'static str,
     },
+    /// A part of the report has no place where it is to go.
+    #[error("{}: no place for the {what}: found {found}, expected {expected}. Give another path; nothing was written", .path.display())]
+    Place {
+        /// Where it was to go.
+        path: PathBuf,
+        /// What was to be written.
+        what: &'static str,
+        /// What is there.
+        found: &'static str,
+        /// What should be.
+        expected: &'static str,
+    },
     /// A file of the report cannot be written.
     #[error("{}: cannot write the report: {cause}. Give a path in a folder that exists and that you may write to", .path.display())]
     Write {
@@ -43,4 +55,12 @@ pub enum ReportError {
         /// What the drawing said.
         cause: String,
     },
+}
+
+impl ReportError {
+    /// Whether what was asked for is no good, as opposed to a failure on the way.
+    #[must_use]
+    pub const fn is_refusal(&self) -> bool {
+        !matches!(self, Self::Write { .. } | Self::Draw { .. } | Self::Log(LogError::Read { .. }))
+    }
 }

@@ -6,8 +6,10 @@ use hapfic_log::proto;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// Most events a report lists, of those with and of those without harm each; more are counted.
+/// Most events a report lists: so many faults, so many changes by the operator, and so many others; more are counted.
 pub const MOST_EVENTS: usize = 500;
+/// Kind of a change by the operator.
+const PARAMETERS: &str = "parameters";
 /// Most kinds that are counted one by one.
 const MOST_KINDS: usize = 32;
 /// Longest text of an event, characters.
@@ -38,7 +40,8 @@ pub struct LoggedEvent {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Events {
     kept: Vec<LoggedEvent>,
-    faults: usize,
+    /// How many of each class are kept.
+    kept_of: [usize; 3],
     /// How many there were of each kind.
     counts: BTreeMap<String, u64>,
     total: u64,
@@ -48,7 +51,7 @@ impl Events {
     /// Takes a message of `/event`.
     pub(crate) fn push(&mut self, event: &proto::Event) {
         // A set that takes effect is known better from `/operator`.
-        if event.kind == "parameters" {
+        if event.kind == PARAMETERS {
             return;
         }
         let fault = matches!(event.kind.as_str(), "lost" | "refused" | "missed" | "slipped")
@@ -71,10 +74,10 @@ impl Events {
             time_s: 0.0,
             tick,
             process: "operator".to_owned(),
-            kind: "parameters".to_owned(),
+            kind: PARAMETERS.to_owned(),
             severity: "nominal".to_owned(),
             detector: "none".to_owned(),
-            text: format!("set {version}: {changes}"),
+            text: cut(&format!("set {version}: {changes}")),
             fault: false,
         });
     }
@@ -86,9 +89,10 @@ impl Events {
         } else if self.counts.len() < MOST_KINDS {
             self.counts.insert(event.kind.clone(), 1);
         }
-        let kept = if event.fault { self.faults } else { self.kept.len() - self.faults };
-        if kept < MOST_EVENTS {
-            self.faults += usize::from(event.fault);
+        // A flood of one class leaves the others their places.
+        let class = if event.fault { 0 } else { 1 + usize::from(event.kind == PARAMETERS) };
+        if self.kept_of[class] < MOST_EVENTS {
+            self.kept_of[class] += 1;
             let tick = event.tick.clamp(0, LATEST_TICK);
             self.kept.push(LoggedEvent { time_s: seconds(tick), ..event });
         }
@@ -116,7 +120,7 @@ impl Events {
 
     /// What time axes mark: what the operator changed, and what went wrong.
     pub(crate) fn marks(&self) -> Vec<Mark> {
-        let marked = self.kept.iter().filter(|event| event.fault || event.kind == "parameters");
+        let marked = self.kept.iter().filter(|event| event.fault || event.kind == PARAMETERS);
         marked
             .map(|event| Mark {
                 time_s: event.time_s,
@@ -136,17 +140,21 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_flood_of_notes_leaves_room_for_what_went_wrong() {
+    fn a_flood_of_notes_leaves_room_for_what_went_wrong_and_for_the_operator() {
         let mut events = Events::default();
         let event = |kind: &str, tick| proto::Event { tick, kind: kind.to_owned(), ..proto::Event::default() };
         for tick in 0..10_000 {
             events.push(&event("note", tick));
         }
         events.push(&event("lost", 4));
+        for tick in 0..600 {
+            events.changed(20_000 + tick, tick as u64, "F_d (0, 0, 50) N");
+        }
         events.sort();
-        assert_eq!(events.kept().len(), MOST_EVENTS + 1);
-        assert_eq!((events.total(), events.counts()["note"]), (10_001, 10_000));
-        assert_eq!(events.marks().len(), 1);
+        assert_eq!(events.kept().len(), 2 * MOST_EVENTS + 1);
+        assert_eq!((events.total(), events.counts()["note"], events.counts()["parameters"]), (10_601, 10_000, 600));
+        assert_eq!(events.marks().len(), MOST_EVENTS + 1);
+        assert_eq!(events.marks().iter().filter(|mark| mark.fault).count(), 1);
         assert!(events.kept().is_sorted_by_key(|event| event.tick));
     }
 }

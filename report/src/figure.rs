@@ -20,6 +20,8 @@ impl Color {
     pub const GREEN: Self = Self(0, 158, 115);
     /// Orange.
     pub const ORANGE: Self = Self(230, 159, 0);
+    /// Light orange, for what lies behind another curve.
+    pub const SAND: Self = Self(250, 205, 120);
     /// Sky blue.
     pub const SKY: Self = Self(86, 180, 233);
     /// Reddish purple.
@@ -95,7 +97,7 @@ pub struct Curve {
     pub color: Color,
     /// How it is drawn.
     pub style: Style,
-    /// Horizontal and vertical coordinate, in the units of the axes.
+    /// Horizontal and vertical coordinate, in the units of the axes. NaN as the vertical one is a gap: nothing is drawn across it.
     pub points: Vec<(f64, f64)>,
 }
 
@@ -104,8 +106,8 @@ pub struct Curve {
 pub enum Style {
     /// From point to point.
     Line,
-    /// From point to point, thin.
-    Thin,
+    /// From point to point, wide: to be seen behind another curve.
+    Wide,
     /// Each value holds until the next; dashed.
     DashedSteps,
 }
@@ -117,7 +119,7 @@ pub struct Area {
     pub name: String,
     /// Its colour.
     pub color: Color,
-    /// Lower bound.
+    /// Lower bound; gaps are as those of a curve.
     pub low: Vec<(f64, f64)>,
     /// Upper bound.
     pub high: Vec<(f64, f64)>,
@@ -200,10 +202,11 @@ impl Panel {
 }
 
 impl Area {
-    /// Its outline: along the upper bound and back along the lower one.
+    /// Outlines of its pieces: along the upper bound and back along the lower one.
     #[must_use]
-    pub fn outline(&self) -> Vec<(f64, f64)> {
-        self.high.iter().chain(self.low.iter().rev()).copied().collect()
+    pub fn outlines(&self) -> Vec<Vec<(f64, f64)>> {
+        let pairs = pieces(&self.high).zip(pieces(&self.low));
+        pairs.map(|(high, low)| high.iter().chain(low.iter().rev()).copied().collect::<Vec<_>>()).collect()
     }
 }
 
@@ -227,8 +230,13 @@ impl Curve {
     }
 }
 
+/// The stretches of a curve between its gaps; none is empty.
+pub fn pieces(points: &[(f64, f64)]) -> impl Iterator<Item = &[(f64, f64)]> {
+    points.split(|point| point.1.is_nan()).filter(|piece| !piece.is_empty())
+}
+
 fn range(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
-    values.fold(None, |range, value| match range {
+    values.filter(|value| !value.is_nan()).fold(None, |range, value| match range {
         None => Some((value, value)),
         Some((low, high)) => Some((value.min(low), value.max(high))),
     })

@@ -96,7 +96,7 @@ fn torque(collected: &Collected, names: &Names) -> Vec<Panel> {
     let panel = |(i, series): (usize, &JointSeries)| {
         let name = names.joints.get(i).cloned().unwrap_or_else(|| format!("joint {i}"));
         let curves = vec![
-            curve("raw", Color::ORANGE, Style::Thin, &series.raw, 1.0),
+            curve("raw", Color::SAND, Style::Wide, &series.raw, 1.0),
             curve("conditioned", Color::BLUE, Style::Line, &series.conditioned, 1.0),
         ];
         Panel::over_time(name, "torque in N m", Content::Curves { areas: Vec::new(), curves })

@@ -1,17 +1,19 @@
 //! Which moments of a run are worth a picture, found in one pass with a bounded number of candidates.
 
-use crate::geometry::{Pose, Vector, add, norm, scale};
-use crate::scene::{Body, Update};
-use std::collections::BTreeMap;
+use crate::geometry::{Pose, Vector};
+use crate::scene::{Body, Form, Update};
+use crate::seconds;
+use hapfic_log::metrics::angle_between;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Most frames kept for being spread over the run.
 const MOST_SPREAD: usize = 64;
-/// Most frames kept for a pair that touched for the first time.
+/// Most frames kept for a pair that touched for the first time, of those with an object and of the others each.
 const MOST_PAIRS: usize = 16;
 /// Most bodies of a scene.
 const MOST_BODIES: usize = 128;
-/// A turn below it is not worth a picture, degrees.
-const SMALLEST_TURN_DEG: f64 = 1.0;
+/// A box that turns more slowly does not fall over, degrees/s.
+const SLOWEST_TURN_DEG_PER_S: f64 = 30.0;
 
 /// A moment as a viewer saw it.
 #[derive(Clone, Debug, Default)]
@@ -21,6 +23,8 @@ pub(crate) struct Frame {
     pub(crate) arrows: Vec<(Vector, Vector)>,
     pub(crate) reference: Option<Vector>,
     pub(crate) target: Option<Vector>,
+    /// Where the foot was, m.
+    pub(crate) foot: Option<Vector>,
     /// Why it was kept.
     pub(crate) reason: String,
 }
@@ -30,11 +34,18 @@ pub(crate) struct Frame {
 pub(crate) struct Frames {
     /// Bodies by name; they do not change their shape.
     pub(crate) bodies: BTreeMap<String, Body>,
+    /// Names of those that are free.
+    pub(crate) objects: BTreeSet<String>,
     poses: BTreeMap<String, Pose>,
     first: Option<Frame>,
     last: Option<Frame>,
+    /// Largest force on the foot, N.
     strongest: Option<(f64, Frame)>,
-    turned: Option<(f64, Frame)>,
+    /// Fastest turn of a box, degrees/s.
+    tipping: Option<(f64, Frame)>,
+    /// First contacts of the robot, or of an object, with an object.
+    meetings: Vec<Frame>,
+    /// Other first contacts.
     pairs: Vec<Frame>,
     spread: Vec<Frame>,
     /// One frame of so many is kept for being spread over the run.
@@ -46,11 +57,13 @@ impl Default for Frames {
     fn default() -> Self {
         Self {
             bodies: BTreeMap::new(),
+            objects: BTreeSet::new(),
             poses: BTreeMap::new(),
             first: None,
             last: None,
             strongest: None,
-            turned: None,
+            tipping: None,
+            meetings: Vec::new(),
             pairs: Vec::new(),
             spread: Vec::new(),
             stride: 1,
@@ -69,9 +82,21 @@ impl Frames {
         }
     }
 
-    /// A frame is whole. `turned` is the object that has turned furthest, and how far, degrees; `touching` names a pair that
-    /// touches for the first time in the run.
-    pub(crate) fn shown(&mut self, tick: i64, update: Update, turned: Option<(&str, f64)>, touching: Option<String>) {
+    /// A frame is whole. `objects` are the names of the free bodies; `foot` is where the foot is, m, and the force on it, N;
+    /// `touched` are the pairs that have touched for the first time in the run since the frame before.
+    pub(crate) fn shown<'a>(
+        &mut self,
+        tick: i64,
+        update: Update,
+        objects: impl Iterator<Item = &'a str>,
+        foot: Option<(Vector, f64)>,
+        touched: Vec<(String, String)>,
+    ) {
+        for name in objects {
+            if self.objects.len() < MOST_BODIES && !self.objects.contains(name) {
+                self.objects.insert(name.to_owned());
+            }
+        }
         for (name, body) in update.bodies {
             if self.bodies.len() < MOST_BODIES || self.bodies.contains_key(&name) {
                 self.bodies.insert(name, body);
@@ -83,21 +108,25 @@ impl Frames {
             arrows: update.arrows,
             reference: update.reference,
             target: update.target,
+            foot: foot.map(|(place, _)| place),
             reason: String::new(),
         };
-        let force = frame.arrows.iter().map(|(from, to)| norm(add(*to, scale(*from, -1.0)))).fold(0.0, f64::max);
+        let force = foot.map_or(0.0, |(_, force)| force);
         if force > self.strongest.as_ref().map_or(0.0, |best| best.0) {
-            self.strongest = Some((force, Frame { reason: "largest contact force".to_owned(), ..frame.clone() }));
+            self.strongest = Some((force, Frame { reason: "largest force on the foot".to_owned(), ..frame.clone() }));
         }
-        if let Some((name, angle)) = turned
-            && angle > self.turned.as_ref().map_or(SMALLEST_TURN_DEG, |best| best.0)
+        if let Some((name, rate)) = self.fastest_turn(tick)
+            && rate > self.tipping.as_ref().map_or(SLOWEST_TURN_DEG_PER_S, |best| best.0)
         {
-            self.turned = Some((angle, Frame { reason: format!("{name} turned by {angle:.0}°"), ..frame.clone() }));
+            self.tipping = Some((rate, Frame { reason: format!("{name} turns fastest"), ..frame.clone() }));
         }
-        if let Some(pair) = touching
-            && self.pairs.len() < MOST_PAIRS
-        {
-            self.pairs.push(Frame { reason: format!("{pair} touch"), ..frame.clone() });
+        for (body, against) in touched {
+            let is_object = |name: &str| self.objects.contains(name);
+            let telling = (is_object(&body) && !self.is_floor(&against)) || (is_object(&against) && !self.is_floor(&body));
+            let list = if telling { &mut self.meetings } else { &mut self.pairs };
+            if list.len() < MOST_PAIRS {
+                list.push(Frame { reason: format!("{body} and {against} touch"), ..frame.clone() });
+            }
         }
         if self.count.is_multiple_of(self.stride) {
             self.spread.push(frame.clone());
@@ -117,6 +146,24 @@ impl Frames {
         self.last = Some(Frame { reason: "end".to_owned(), ..frame });
     }
 
+    /// The box that turns fastest, and how fast, degrees/s: since the frame before. Of a ball it says nothing that it turns.
+    fn fastest_turn(&self, tick: i64) -> Option<(&str, f64)> {
+        let last = self.last.as_ref().filter(|last| last.tick < tick)?;
+        let rate = |name: &String| {
+            let body = self.bodies.get(name)?;
+            let is_box = body.solids.iter().any(|solid| matches!(solid.form, Form::Block { .. }));
+            let (before, now) = (last.poses.get(&body.frame)?, self.poses.get(&body.frame)?);
+            let turn = angle_between(before.orientation, now.orientation).to_degrees();
+            is_box.then(|| turn / seconds(tick - last.tick))
+        };
+        let rates = self.objects.iter().filter_map(|name| Some((name.as_str(), rate(name)?)));
+        rates.max_by(|a, b| a.1.total_cmp(&b.1))
+    }
+
+    fn is_floor(&self, name: &str) -> bool {
+        self.bodies.get(name).is_some_and(|body| body.solids.iter().any(|solid| solid.form == Form::Floor))
+    }
+
     /// The frames to draw, in the order of time: the first, the last, and between them the most telling ones that are not too
     /// close to each other.
     pub(crate) fn choose(&self, most: usize) -> Vec<&Frame> {
@@ -125,22 +172,25 @@ impl Frames {
         if last.tick > first.tick {
             chosen.push(last);
         }
-        let apart = ((last.tick - first.tick) / 30).max(1);
+        let apart = ((last.tick - first.tick) / 30).max(1).unsigned_abs();
         let distance = |frame: &Frame, chosen: &[&Frame]| {
             chosen.iter().map(|other| frame.tick.abs_diff(other.tick)).min().unwrap_or(u64::MAX)
         };
-        let best = [&self.turned, &self.strongest].into_iter().flatten().map(|(_, frame)| frame);
-        for frame in best {
-            if chosen.len() < most && distance(frame, &chosen) >= apart.unsigned_abs() {
+        let (strongest, tipping) = (self.strongest.iter().map(|best| &best.1), self.tipping.iter().map(|best| &best.1));
+        for candidates in [strongest.collect::<Vec<_>>(), self.meetings.iter().collect(), tipping.collect()] {
+            let telling = candidates.into_iter().find(|frame| distance(frame, &chosen) >= apart);
+            if let Some(frame) = telling
+                && chosen.len() < most
+            {
                 chosen.push(frame);
             }
         }
         // First contacts while there are any, then whatever is furthest from all others.
-        for candidates in [&self.pairs, &self.spread] {
+        for candidates in [&self.meetings, &self.pairs, &self.spread] {
             while chosen.len() < most {
                 let furthest = candidates.iter().max_by_key(|frame| (distance(frame, &chosen), std::cmp::Reverse(frame.tick)));
                 match furthest {
-                    Some(frame) if distance(frame, &chosen) >= apart.unsigned_abs() => chosen.push(frame),
+                    Some(frame) if distance(frame, &chosen) >= apart => chosen.push(frame),
                     _ => break,
                 }
             }
@@ -153,28 +203,58 @@ impl Frames {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::Solid;
+
+    /// A box, a ball and a floor.
+    fn bodies() -> Vec<(String, Body)> {
+        let body = |name: &str, form| {
+            let solids = vec![Solid { pose: Pose::WORLD, form, color: [0.5; 3] }];
+            (name.to_owned(), Body { frame: name.to_owned(), solids })
+        };
+        vec![body("box", Form::Block { size: [0.1; 3] }), body("ball", Form::Ball { radius: 0.1 }), body("floor", Form::Floor)]
+    }
+
+    fn turned(angle_deg: f64) -> Pose {
+        let half = 0.5 * angle_deg.to_radians();
+        Pose { orientation: [half.sin(), 0.0, 0.0, half.cos()], ..Pose::WORLD }
+    }
 
     #[test]
-    fn the_extremes_and_the_ends_are_chosen_in_bounded_memory() {
+    fn the_telling_moments_and_the_ends_are_chosen_in_bounded_memory() {
         let mut frames = Frames::default();
-        for tick in 0..100_000 {
-            let length = if tick == 33_333 { 0.2 } else { 0.1 };
-            let update = Update { arrows: vec![([0.0; 3], [0.0, 0.0, length])], ..Update::default() };
-            let turned = if tick == 70_000 { 88.0 } else { 2.0 };
-            let touching = (tick == 12_000).then(|| "foot-box".to_owned());
-            frames.shown(tick, update, Some(("box", turned)), touching);
+        for tick in (0..100_000).step_by(10) {
+            // The ball turns faster than the box falls over, which means nothing; the box creeps on afterwards.
+            let fall = if tick < 70_000 { 0.0 } else { (tick - 70_000) as f64 * 0.1 };
+            frames.moved(vec![
+                ("box".to_owned(), turned(fall.min(90.0) + tick as f64 * 1e-4)),
+                ("ball".to_owned(), turned((tick % 3000) as f64)),
+            ]);
+            let update = Update { bodies: if tick == 0 { bodies() } else { Vec::new() }, ..Update::default() };
+            let pair = |a: &str, b: &str| (a.to_owned(), b.to_owned());
+            let touched = match tick {
+                5_000 => vec![pair("ball", "floor")],
+                12_000 => vec![pair("shank", "ball")],
+                20_000 => vec![pair("foot", "floor")],
+                _ => Vec::new(),
+            };
+            let force = if tick == 33_330 { 99.0 } else { 10.0 };
+            frames.shown(tick, update, ["box", "ball"].into_iter(), Some(([0.0; 3], force)), touched);
         }
         assert!(frames.spread.len() <= MOST_SPREAD && frames.spread.len() > MOST_SPREAD / 4);
         let chosen = frames.choose(5);
-        assert_eq!(chosen.iter().map(|frame| frame.tick).collect::<Vec<_>>(), [0, 12_000, 33_333, 70_000, 99_999]);
-        assert_eq!(chosen[3].reason, "box turned by 88°");
+        let reasons: Vec<_> = chosen.iter().map(|frame| frame.reason.as_str()).collect();
+        assert_eq!(reasons, ["start", "shank and ball touch", "largest force on the foot", "box turns fastest", "end"]);
+        assert_eq!((chosen[1].tick, chosen[2].tick), (12_000, 33_330));
+        assert!((70_000..71_000).contains(&chosen[3].tick), "{}", chosen[3].tick);
+        let six: Vec<_> = frames.choose(6).iter().map(|frame| frame.tick).collect();
+        assert!(six.contains(&20_000), "the other first contact that is not close to the start: {six:?}");
     }
 
     #[test]
     fn without_anything_telling_they_are_spread_evenly() {
         let mut frames = Frames::default();
         for tick in 0..1000 {
-            frames.shown(tick, Update::default(), None, None);
+            frames.shown(tick, Update::default(), std::iter::empty(), None, Vec::new());
         }
         let ticks: Vec<_> = frames.choose(5).iter().map(|frame| frame.tick).collect();
         assert_eq!(ticks.len(), 5);

@@ -69,22 +69,6 @@ pub(crate) fn rotate(q: [f64; 4], v: Vector) -> Vector {
     add(add(v, scale(t, q[3])), cross(axis, t))
 }
 
-/// Angle of the turn between two orientations, degrees, 0 to 180.
-pub(crate) fn turn_deg(a: [f64; 4], b: [f64; 4]) -> f64 {
-    // The sine is exact for small turns, where the cosine is not.
-    let cosine: f64 = a.iter().zip(b).map(|(a, b)| a * b).sum();
-    let sine = {
-        let [ax, ay, az, aw] = a;
-        let [bx, by, bz, bw] = b;
-        norm([
-            aw * bx - ax * bw - ay * bz + az * by,
-            aw * by + ax * bz - ay * bw - az * bx,
-            aw * bz - ax * by + ay * bx - az * bw,
-        ])
-    };
-    2.0 * sine.atan2(cosine.abs()).to_degrees()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -97,17 +81,5 @@ mod tests {
         assert!(near(quarter.point([1.0, 0.0, 0.0]), [1.0, 1.0, 0.0]));
         let half_turn = quarter.pose(&quarter);
         assert!(near(half_turn.point([1.0, 0.0, 0.0]), [0.0, 1.0, 0.0]));
-        assert!((turn_deg(quarter.orientation, Pose::WORLD.orientation) - 90.0).abs() < 1e-9);
-        assert!((turn_deg(half_turn.orientation, quarter.orientation) - 90.0).abs() < 1e-9);
-    }
-
-    #[test]
-    fn a_turn_has_no_sign_and_small_ones_are_exact() {
-        let (sine, cosine) = (0.5e-9_f64).sin_cos();
-        let little = [sine, 0.0, 0.0, cosine];
-        let opposite = little.map(|v| -v);
-        for q in [little, opposite] {
-            assert!((turn_deg(Pose::WORLD.orientation, q).to_radians() - 1e-9).abs() < 1e-20);
-        }
     }
 }

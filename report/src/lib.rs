@@ -37,11 +37,12 @@ mod snapshots;
 mod table;
 mod ticks;
 pub mod timing;
+mod view;
 
 pub use error::ReportError;
 pub use events::{LoggedEvent, MOST_EVENTS};
 pub use figure::Figure;
-pub use output::Picture;
+pub use output::{Picture, Places};
 pub use report::Report;
 pub use run::RunInfo;
 pub use snapshots::SNAPSHOTS;

@@ -1,53 +1,76 @@
 //! Which parameter set is in force at a tick.
 
 use crate::vector;
-use hapfic_log::proto;
+use hapfic_log::{proto, timeline};
+use serde_json::Value;
 
 /// Most sets that may wait for their tick; the operator announces one at a time.
 const MOST_SETS: usize = 64;
 
-/// What figures show of a parameter set.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// What changes of parameters are called in short, and their units.
+const SHORT: [(&str, &str, &str); 9] = [
+    ("target_position", "target", " m"),
+    ("desired_force", "F_d", " N"),
+    ("stiffness", "K0", " N/m"),
+    ("max_force", "F_max", " N"),
+    ("position_bound", "x_b", " m"),
+    ("reset_policy", "reset", ""),
+    ("mean_speed", "mean_speed", " m/s"),
+    ("max_acceleration", "max_acceleration", " m/s²"),
+    ("force_resolution", "force_resolution", " N"),
+];
+/// Those of them that tell most about the set a run starts with.
+const TELLING: usize = 5;
+
+/// A parameter set, and what figures show of it.
+#[derive(Clone, Debug, PartialEq)]
 pub(crate) struct ParameterSet {
     pub(crate) version: u64,
     pub(crate) effective_tick: i64,
-    pub(crate) target: [f64; 3],
     pub(crate) desired_force: [f64; 3],
-    pub(crate) stiffness: [f64; 3],
     pub(crate) max_force: [f64; 3],
     pub(crate) bound: [f64; 3],
+    message: proto::Operator,
 }
 
 impl ParameterSet {
     /// `None` if a vector has not three finite elements.
     pub(crate) fn new(message: &proto::Operator) -> Option<Self> {
+        vector(&message.target_position)?;
+        vector(&message.stiffness)?;
         Some(Self {
             version: message.version,
             effective_tick: message.effective_tick,
-            target: vector(&message.target_position)?,
             desired_force: vector(&message.desired_force)?,
-            stiffness: vector(&message.stiffness)?,
             max_force: vector(&message.max_force)?,
             bound: vector(&message.position_bound)?,
+            message: message.clone(),
         })
     }
 
     /// What is new in it, in words.
     pub(crate) fn changes(&self, before: Option<&Self>) -> String {
-        let list = |v: [f64; 3]| format!("({}, {}, {})", v[0], v[1], v[2]);
-        let fields: [(&str, &str, fn(&Self) -> [f64; 3]); 5] = [
-            ("target", "m", |set| set.target),
-            ("F_d", "N", |set| set.desired_force),
-            ("K0", "N/m", |set| set.stiffness),
-            ("F_max", "N", |set| set.max_force),
-            ("x_b", "m", |set| set.bound),
-        ];
-        let changed: Vec<_> = fields
-            .iter()
-            .filter(|(_, _, field)| before.is_none_or(|before| field(before) != field(self)))
-            .map(|(name, unit, field)| format!("{name} {} {unit}", list(field(self))))
-            .collect();
-        if changed.is_empty() { "no change of a vector".to_owned() } else { changed.join(", ") }
+        let telling = |name: &str| before.is_some() || SHORT[..TELLING].iter().any(|short| short.0 == name);
+        let changed = timeline::changed(before.map(|before| &before.message), &self.message);
+        let words: Vec<_> = changed.iter().filter(|change| telling(&change.name)).map(words).collect();
+        if words.is_empty() { "no change".to_owned() } else { words.join(", ") }
+    }
+}
+
+fn words(change: &timeline::Changed) -> String {
+    let short = SHORT.iter().find(|short| short.0 == change.name);
+    let (name, unit) = short.map_or((change.name.as_str(), ""), |short| (short.1, short.2));
+    format!("{name} {}{unit}", text(&change.now))
+}
+
+fn text(value: &Value) -> String {
+    match value {
+        Value::Array(list) => format!("({})", list.iter().map(text).collect::<Vec<_>>().join(", ")),
+        Value::String(text) => text.clone(),
+        Value::Bool(true) => "on".to_owned(),
+        Value::Bool(false) => "off".to_owned(),
+        // Without the point that JSON gives to whole numbers.
+        value => value.as_f64().map_or_else(|| value.to_string(), |number| number.to_string()),
     }
 }
 
@@ -84,24 +107,53 @@ impl Sets {
 mod tests {
     use super::*;
 
-    fn set(version: u64, effective_tick: i64, force: f64) -> ParameterSet {
-        ParameterSet {
+    fn message(version: u64, effective_tick: i64, force: f64) -> proto::Operator {
+        proto::Operator {
             version,
             effective_tick,
-            target: [0.0; 3],
-            desired_force: [0.0, 0.0, force],
-            stiffness: [1.0; 3],
-            max_force: [1.0; 3],
-            bound: [1.0; 3],
+            target_position: vec![0.0; 3],
+            desired_force: vec![0.0, 0.0, force],
+            stiffness: vec![1.0; 3],
+            max_force: vec![1.0; 3],
+            position_bound: vec![1.0; 3],
+            reset_policy: "contact_loss".to_owned(),
+            search: "tapered".to_owned(),
+            ..proto::Operator::default()
         }
+    }
+
+    fn announce(sets: &mut Sets, message: &proto::Operator) -> Option<String> {
+        ParameterSet::new(message).map(|set| sets.announce(set))
     }
 
     #[test]
     fn a_set_counts_from_its_tick_on_and_says_what_it_changes() {
         let mut sets = Sets::default();
-        assert!(sets.announce(set(1, 0, 10.0)).starts_with("target"));
-        assert_eq!(sets.announce(set(2, 100, 50.0)), "F_d (0, 0, 50) N");
+        let start = announce(&mut sets, &message(1, 0, 10.0)).unwrap_or_default();
+        assert!(start.contains("F_d (0, 0, 10) N") && !start.contains("search"), "{start}");
+        assert_eq!(announce(&mut sets, &message(2, 100, 50.0)).as_deref(), Some("F_d (0, 0, 50) N"));
         let mut version = |tick| sets.in_force(tick).map(|set| set.version);
         assert_eq!([-1, 0, 99, 100, 5000].map(&mut version), [None, Some(1), Some(1), Some(2), Some(2)]);
+        let cut_off = proto::Operator { stiffness: vec![1.0], ..message(3, 200, 50.0) };
+        assert_eq!(announce(&mut sets, &cut_off), None);
+    }
+
+    #[test]
+    fn changes_of_policies_and_speeds_are_told_too() {
+        let mut sets = Sets::default();
+        let mut next = message(1, 0, 10.0);
+        let mut change = |alter: fn(&mut proto::Operator)| {
+            alter(&mut next);
+            next.version += 1;
+            next.effective_tick += 10;
+            announce(&mut sets, &next).unwrap_or_default()
+        };
+        change(|_| {});
+        assert_eq!(change(|set| set.reset_policy = "never".to_owned()), "reset never");
+        assert_eq!(change(|set| set.search = "sign".to_owned()), "search sign");
+        assert_eq!(change(|set| set.taper = 0.2), "taper 0.2");
+        assert_eq!(change(|set| set.mean_speed = 0.3), "mean_speed 0.3 m/s");
+        assert_eq!(change(|set| set.stall_release = true), "stall_release on");
+        assert_eq!(change(|_| {}), "no change");
     }
 }

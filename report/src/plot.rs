@@ -109,7 +109,17 @@ impl Plot {
     }
 
     fn area(&mut self, area: &Area, x: &str, y: &str) {
-        let (across, up) = columns(&area.outline());
+        let (mut across, mut up) = (Vec::new(), Vec::new());
+        for outline in area.outlines() {
+            // A gap parts it from the piece before.
+            if let Some(first) = outline.first().filter(|_| !across.is_empty()) {
+                across.push(digits(first.0, 9.0));
+                up.push(f64::NAN);
+            }
+            let (xs, ys) = columns(&outline);
+            across.extend(xs);
+            up.extend(ys);
+        }
         let trace = json!({
             "x": across, "y": up, "mode": "lines", "line": { "width": 0 }, "fill": "toself",
             "fillcolor": css(area.color, 0.28), "hoverinfo": "skip",
@@ -121,7 +131,7 @@ impl Plot {
         let (across, up) = columns(&curve.path());
         let (width, dash) = match curve.style {
             Style::Line => (1.6, "solid"),
-            Style::Thin => (1.0, "solid"),
+            Style::Wide => (5.0, "solid"),
             Style::DashedSteps => (1.6, "dash"),
         };
         let line = json!({ "color": css(curve.color, 1.0), "width": width, "dash": dash });
@@ -208,6 +218,7 @@ fn lane_trace(lane: &Lane, x: &str, y: &str) -> Value {
     })
 }
 
+/// Coordinates, rounded. A gap, NaN, becomes null: there the library interrupts a line.
 fn columns(points: &[(f64, f64)]) -> (Vec<f64>, Vec<f64>) {
     points.iter().map(|(x, y)| (digits(*x, 9.0), digits(*y, 7.0))).unzip()
 }
@@ -228,6 +239,12 @@ fn css(color: Color, opacity: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_gap_is_null() {
+        let (_, up) = columns(&[(0.0, 1.0), (0.001, f64::NAN), (0.5, 2.0)]);
+        assert_eq!(json!(up), json!([1.0, null, 2.0]));
+    }
 
     #[test]
     fn numbers_keep_what_can_be_seen_of_them() {

@@ -3,7 +3,7 @@
 use crate::collect::Collected;
 use crate::error::ReportError;
 use crate::figure::Figure;
-use crate::output::{self, Picture};
+use crate::output::{self, Picture, Places};
 use crate::run::RunInfo;
 use crate::{LoggedEvent, figures, html, snapshots, table};
 use hapfic_log::{Names, Reader};
@@ -70,7 +70,8 @@ impl Report {
         &self.metrics
     }
 
-    /// The events that are listed, in the order of time; at most [`crate::MOST_EVENTS`] with and as many without harm.
+    /// The events that are listed, in the order of time; at most [`crate::MOST_EVENTS`] faults, changes by the operator
+    /// and others each.
     #[must_use]
     pub fn events(&self) -> &[LoggedEvent] {
         self.collected.events.kept()
@@ -159,8 +160,36 @@ impl Report {
     /// # Errors
     /// [`ReportError::SameFile`], [`ReportError::Write`] and those of [`Report::html`].
     pub fn write_html(&self, path: &Path) -> Result<(), ReportError> {
-        output::check(path, &self.run.log, "page")?;
+        output::check(path, &self.run.log, output::PAGE)?;
         output::write(path, self.html()?.as_bytes())
+    }
+
+    /// Writes all parts that have a place. The places are checked and everything is made before the first is written; `written`
+    /// is told of each that is there: what it is and where.
+    ///
+    /// # Errors
+    /// [`ReportError::SameFile`], [`ReportError::Place`], [`ReportError::Draw`], with nothing written; [`ReportError::Write`].
+    pub fn write(&self, places: &Places, mut written: impl FnMut(&str, &Path)) -> Result<(), ReportError> {
+        places.check(&self.run.log)?;
+        let page = places.page.as_deref().map(|path| Ok::<_, ReportError>((path, self.html()?))).transpose()?;
+        let pictures = places.pictures.as_deref().map(|folder| Ok::<_, ReportError>((folder, self.pictures()?))).transpose()?;
+        if let Some((path, page)) = page {
+            output::write(path, page.as_bytes())?;
+            written("page", path);
+        }
+        if let Some((folder, pictures)) = pictures {
+            output::pictures(folder, &pictures)?;
+            written(&format!("{} pictures", pictures.len()), folder);
+        }
+        if let Some(path) = places.json.as_deref() {
+            output::write(path, self.json_text().as_bytes())?;
+            written("JSON", path);
+        }
+        Ok(())
+    }
+
+    fn json_text(&self) -> String {
+        format!("{:#}\n", self.json())
     }
 
     /// Writes what programs read.
@@ -168,8 +197,8 @@ impl Report {
     /// # Errors
     /// [`ReportError::SameFile`] and [`ReportError::Write`].
     pub fn write_json(&self, path: &Path) -> Result<(), ReportError> {
-        output::check(path, &self.run.log, "JSON")?;
-        output::write(path, format!("{:#}\n", self.json()).as_bytes())
+        output::check(path, &self.run.log, output::JSON)?;
+        output::write(path, self.json_text().as_bytes())
     }
 
     /// Writes the figures for print into a folder, which is made if there is none; returns how many there are.
@@ -177,11 +206,8 @@ impl Report {
     /// # Errors
     /// [`ReportError::Write`] and those of [`Report::pictures`].
     pub fn write_pictures(&self, folder: &Path) -> Result<usize, ReportError> {
-        output::folder(folder)?;
         let pictures = self.pictures()?;
-        for picture in &pictures {
-            output::write(&folder.join(format!("{}.png", picture.name)), &picture.png)?;
-        }
+        output::pictures(folder, &pictures)?;
         Ok(pictures.len())
     }
 }

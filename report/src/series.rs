@@ -8,7 +8,8 @@ pub const CAPACITY: usize = 2048;
 /// A quantity over time as an envelope: the least and the largest value of each bucket, and when they were.
 ///
 /// A bucket is one tick wide at first, and twice as wide each time there are more than [`CAPACITY`] of them. So a run of twice
-/// as many ticks as that keeps every value, and a run of any length every peak, at its tick.
+/// as many ticks as that keeps every value, and a run of any length every peak, at its tick. A bucket that is empty between others
+/// is a gap: ticks that are lost, as long as they are wide enough to be seen.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Series {
     /// A bucket is 2^shift ticks wide.
@@ -96,14 +97,20 @@ impl Series {
         self.buckets.len()
     }
 
-    /// Time, s, and value times `factor`, in the order of time. Of a stretch of equal values only the ends are given.
+    /// Time, s, and value times `factor`, in the order of time. Of a stretch of equal values only the ends are given. In a gap
+    /// there is one point whose value is NaN.
     #[must_use]
     pub fn points(&self, factor: f64) -> Vec<(f64, f64)> {
         let mut points = Points { list: Vec::with_capacity(2 * self.buckets.len() + 2), newest: -1, factor };
         if let Some(first) = self.first {
             points.add(first);
         }
+        let mut before = None;
         for bucket in &self.buckets {
+            if before.is_some_and(|before: i64| bucket.key - before > 1) {
+                points.gap();
+            }
+            before = Some(bucket.key);
             let (a, b) = (bucket.least, bucket.most);
             for sample in if a.tick <= b.tick { [a, b] } else { [b, a] } {
                 points.add(sample);
@@ -137,6 +144,12 @@ impl Points {
             self.list.pop();
         }
         self.list.push((seconds(sample.tick), value));
+    }
+
+    /// Nothing is known from the next tick on.
+    fn gap(&mut self) {
+        self.newest += 1;
+        self.list.push((seconds(self.newest), f64::NAN));
     }
 }
 
@@ -200,6 +213,31 @@ mod tests {
         assert!(series.is_empty());
         series.push(LATEST_TICK, 1.0);
         series.push(5, 2.0);
-        assert_eq!(series.points(1.0), [(seconds(5), 2.0), (seconds(LATEST_TICK), 1.0)]);
+        let points = series.points(1.0);
+        assert_eq!((points[0], points[2]), ((seconds(5), 2.0), (seconds(LATEST_TICK), 1.0)));
+        assert!(points.len() == 3 && points[1].1.is_nan());
+    }
+
+    #[test]
+    fn lost_ticks_are_a_gap_in_a_short_run_and_in_a_long_one() {
+        let gaps = |series: &Series| {
+            let points = series.points(1.0);
+            assert!(points.is_sorted_by(|a, b| a.0 < b.0));
+            points.iter().filter(|point| point.1.is_nan()).map(|point| point.0).collect::<Vec<_>>()
+        };
+        let mut short = filled(100, |_| 1.0);
+        for tick in (101..200).chain(300..400) {
+            short.push(tick, 1.0);
+        }
+        assert_eq!(gaps(&short), [seconds(100), seconds(200)]);
+        assert_eq!(short.points(1.0).len(), 3 * 2 + 2, "the ends of three stretches, and two gaps");
+        // A bucket is 64 ticks wide by then: one lost tick is too little to be seen, 1000 are not.
+        let mut long = filled(50_000, |tick| (tick % 2) as f64);
+        for tick in (50_001..60_000).chain(61_000..100_000) {
+            long.push(tick, (tick % 2) as f64);
+        }
+        let found = gaps(&long);
+        assert_eq!(found.len(), 1, "{found:?}");
+        assert!((59.9..60.2).contains(&found[0]), "{found:?}");
     }
 }

@@ -3,34 +3,26 @@
 use crate::canvas::{Anchor, Canvas, Pen, Spot};
 use crate::error::ReportError;
 use crate::figure::Color;
-use crate::frames::{Frame, Frames};
-use crate::geometry::{Pose, Vector, add, cross, dot, norm, scale, unit};
+use crate::frames::Frames;
+use crate::geometry::{Vector, add, cross, dot, norm, scale, unit};
 use crate::scene::{Form, Solid};
 use crate::seconds;
+use crate::view::{AMBIENT, Sight, View, WIDTH};
 
 /// How many moments are drawn.
 pub const SNAPSHOTS: usize = 5;
 
-/// Size of one snapshot, and of the text below it, px.
-const WIDTH: f32 = 400.0;
-const HEIGHT: f32 = 560.0;
+/// Size of the text below a snapshot, px.
 const CAPTION: f32 = 84.0;
 const FONT: f32 = 21.0;
-const MARGIN: f32 = 24.0;
-/// From the scene to the eye: to the right of the x axis's back, and from above.
-const EYE: Vector = [0.5, -1.0, 0.38];
-/// From the scene to the light.
-const LIGHT: Vector = [-0.35, -0.7, 0.9];
-/// Share of the light that is everywhere.
-const AMBIENT: f64 = 0.55;
 /// Faces of boxes are drawn in patches no larger than this, so that what is in front of a part of a face is, m.
 const PATCH_M: f64 = 0.04;
 const MOST_PATCHES: usize = 10;
 /// Strips across a rod, and rings of a ball: their shading.
 const STRIPS: usize = 9;
-/// Spacing of the floor's lines, and how far it is drawn around what stands on it, m.
+/// Spacing of the floor's lines, m, and how many there are at most: on a larger floor they are further apart.
 const GRID_M: f64 = 0.05;
-const FLOOR_AROUND_M: f64 = 0.08;
+const MOST_LINES: f64 = 60.0;
 
 /// When the snapshots are from, s, and why.
 pub(crate) fn times(frames: &Frames) -> Vec<(f64, String)> {
@@ -40,122 +32,19 @@ pub(crate) fn times(frames: &Frames) -> Vec<(f64, String)> {
 /// The snapshots side by side, as PNG; `None` if there is nothing to draw.
 pub(crate) fn draw(frames: &Frames) -> Result<Option<Vec<u8>>, ReportError> {
     let chosen = frames.choose(SNAPSHOTS);
-    let scenes: Vec<_> = chosen.iter().map(|frame| solids(frames, frame)).collect();
-    let Some(mut view) = View::around(&scenes, &chosen) else { return Ok(None) };
-    let mut canvas = Canvas::new("snapshots", WIDTH as u32 * SNAPSHOTS as u32, (HEIGHT + CAPTION) as u32)?;
-    for (i, (frame, solids)) in chosen.iter().zip(&scenes).enumerate() {
-        let left = WIDTH * i as f32;
-        view.left = left;
-        snapshot(&mut canvas, &view, frame, solids);
-        let middle = left + 0.5 * WIDTH;
+    let sights: Vec<_> = chosen.iter().map(|frame| Sight::new(frames, frame)).collect();
+    let Some(mut view) = View::around(&sights) else { return Ok(None) };
+    let mut canvas = Canvas::new("snapshots", WIDTH as u32 * SNAPSHOTS as u32, (view.height + CAPTION) as u32)?;
+    for (i, (frame, sight)) in chosen.iter().zip(&sights).enumerate() {
+        view.left = WIDTH * i as f32;
+        snapshot(&mut canvas, &view, sight);
+        let middle = view.left + 0.5 * WIDTH;
         let time = format!("t = {:.2} s", seconds(frame.tick));
-        canvas.text((middle, HEIGHT + 26.0), Anchor::Middle, FONT + 3.0, Color::INK, &time);
+        canvas.text((middle, view.height + 26.0), Anchor::Middle, FONT + 3.0, Color::INK, &time);
         let reason: String = frame.reason.chars().take(34).collect();
-        canvas.text((middle, HEIGHT + 58.0), Anchor::Middle, FONT, Color::GREY, &reason);
+        canvas.text((middle, view.height + 58.0), Anchor::Middle, FONT, Color::GREY, &reason);
     }
     canvas.png("snapshots").map(Some)
-}
-
-/// The shapes of a moment, in the world.
-fn solids(frames: &Frames, frame: &Frame) -> Vec<Solid> {
-    let mut solids = Vec::new();
-    for body in frames.bodies.values() {
-        // What has no pose of its own stands still.
-        let pose = frame.poses.get(&body.frame).copied().unwrap_or(Pose::WORLD);
-        solids.extend(body.solids.iter().map(|solid| Solid { pose: pose.pose(&solid.pose), ..*solid }));
-    }
-    solids
-}
-
-/// From the world to the picture, without perspective.
-struct View {
-    right: Vector,
-    up: Vector,
-    eye: Vector,
-    light: Vector,
-    /// What is in the middle, in the picture's plane, m.
-    middle: (f64, f64),
-    /// px per m.
-    scale: f64,
-    /// Left edge of the snapshot, px.
-    left: f32,
-    /// Where the floor is drawn: least and largest x and y, m.
-    floor: [(f64, f64); 2],
-}
-
-impl View {
-    /// The same view for all snapshots, in which all of them have room; `None` if there is nothing to see.
-    fn around(scenes: &[Vec<Solid>], frames: &[&Frame]) -> Option<Self> {
-        let eye = unit(EYE);
-        let right = unit(cross([0.0, 0.0, 1.0], eye));
-        let up = cross(eye, right);
-        let (mut across, mut along) = ((f64::MAX, f64::MIN), (f64::MAX, f64::MIN));
-        let mut floor = [across, across];
-        let mut ground = None;
-        let mut room = |centre: Vector, radius: f64| {
-            widen(&mut across, dot(centre, right), radius);
-            widen(&mut along, dot(centre, up), radius);
-            widen(&mut floor[0], centre[0], radius);
-            widen(&mut floor[1], centre[1], radius);
-        };
-        for solid in scenes.iter().flatten() {
-            match solid.form {
-                Form::Ball { radius } => room(solid.pose.position, radius),
-                Form::Rod { radius, length } => {
-                    let reach = (0.5 * length - radius).max(0.0);
-                    for end in [-reach, reach] {
-                        room(solid.pose.point([0.0, 0.0, end]), radius);
-                    }
-                }
-                Form::Block { size } => room(solid.pose.position, 0.5 * norm(size)),
-                Form::Floor => ground = Some(solid.pose.position[2]),
-            }
-        }
-        for mark in frames.iter().flat_map(|frame| [frame.reference, frame.target]).flatten() {
-            room(mark, 0.02);
-        }
-        if !(across.1 > across.0 && along.1 > along.0) {
-            return None;
-        }
-        if let Some(height) = ground {
-            floor = floor.map(|(low, high)| (low - FLOOR_AROUND_M, high + FLOOR_AROUND_M));
-            let [(x0, x1), (y0, y1)] = floor;
-            for corner in [[x0, y0, height], [x1, y0, height], [x0, y1, height], [x1, y1, height]] {
-                widen(&mut across, dot(corner, right), 0.0);
-                widen(&mut along, dot(corner, up), 0.0);
-            }
-        }
-        let (wide, high) = (f64::from(WIDTH - 2.0 * MARGIN), f64::from(HEIGHT - 2.0 * MARGIN));
-        let scale = (wide / (across.1 - across.0)).min(high / (along.1 - along.0));
-        let middle = (0.5 * (across.0 + across.1), 0.5 * (along.0 + along.1));
-        Some(Self { right, up, eye, light: unit(LIGHT), middle, scale, left: 0.0, floor })
-    }
-
-    fn spot(&self, point: Vector) -> Spot {
-        let x = (dot(point, self.right) - self.middle.0) * self.scale;
-        let y = (dot(point, self.up) - self.middle.1) * self.scale;
-        (self.left + 0.5 * WIDTH + x as f32, 0.5 * HEIGHT - y as f32)
-    }
-
-    fn pixels(&self, length: f64) -> f32 {
-        (length * self.scale) as f32
-    }
-
-    /// Nearer is larger.
-    fn depth(&self, point: Vector) -> f64 {
-        dot(point, self.eye)
-    }
-
-    /// A colour in the light, on a surface with this outward normal.
-    fn lit(&self, color: [f64; 3], normal: Vector) -> Color {
-        let light = AMBIENT + (1.0 - AMBIENT) * dot(normal, self.light).max(0.0);
-        let [r, g, b] = color.map(|v| (255.0 * (v * light).clamp(0.0, 1.0)).round() as u8);
-        Color(r, g, b)
-    }
-}
-
-fn widen(range: &mut (f64, f64), value: f64, radius: f64) {
-    *range = (range.0.min(value - radius), range.1.max(value + radius));
 }
 
 /// Something flat enough to have one depth.
@@ -165,12 +54,12 @@ enum Piece {
     Ball { centre: Vector, radius: f64, color: [f64; 3] },
 }
 
-fn snapshot(canvas: &mut Canvas, view: &View, frame: &Frame, solids: &[Solid]) {
-    for solid in solids.iter().filter(|solid| solid.form == Form::Floor) {
-        floor(canvas, view, solid.pose.position[2]);
+fn snapshot(canvas: &mut Canvas, view: &View, sight: &Sight) {
+    if let Some(height) = sight.ground {
+        floor(canvas, view, height);
     }
     let mut pieces = Vec::new();
-    for solid in solids {
+    for solid in &sight.solids {
         match solid.form {
             Form::Ball { radius } => ball(&mut pieces, view, solid.pose.position, radius, solid.color),
             Form::Rod { radius, length } => rod(&mut pieces, view, solid, radius, length),
@@ -193,23 +82,27 @@ fn snapshot(canvas: &mut Canvas, view: &View, frame: &Frame, solids: &[Solid]) {
             Piece::Ball { centre, radius, color } => shaded(canvas, view, *centre, *radius, *color),
         }
     }
-    if let Some(target) = frame.target {
+    if let Some(target) = sight.target {
         canvas.ring(view.spot(target), 9.0, Pen::solid(Color::BLUE, 3.0));
     }
-    if let Some(reference) = frame.reference {
+    if let Some(reference) = sight.reference {
         canvas.disc(view.spot(reference), 5.0, Color::GREEN);
     }
-    for (from, to) in &frame.arrows {
+    for (from, to) in &sight.arrows {
         arrow(canvas, view.spot(*from), view.spot(*to));
     }
 }
 
 /// The lines of the floor below what stands on it.
 fn floor(canvas: &mut Canvas, view: &View, height: f64) {
-    let ends = view.floor.map(|(low, high)| ((low / GRID_M).ceil() as i64, (high / GRID_M).floor() as i64));
-    // A scene of any size has a floor of so many lines at most.
-    let [(x0, x1), (y0, y1)] = ends.map(|(low, high)| (low, high.min(low.saturating_add(60))));
-    let point = |x: i64, y: i64| view.spot([x as f64 * GRID_M, y as f64 * GRID_M, height]);
+    let width = view.floor.iter().map(|(low, high)| high - low).fold(0.0, f64::max);
+    let mut spacing = GRID_M;
+    while width > MOST_LINES * spacing {
+        spacing *= 2.0;
+    }
+    let ends = view.floor.map(|(low, high)| ((low / spacing).ceil() as i64, (high / spacing).floor() as i64));
+    let [(x0, x1), (y0, y1)] = ends;
+    let point = |x: i64, y: i64| view.spot([x as f64 * spacing, y as f64 * spacing, height]);
     canvas.polygon(&[point(x0, y0), point(x1, y0), point(x1, y1), point(x0, y1)], Color(246, 245, 240), 255);
     let pen = Pen::solid(Color(214, 212, 204), 1.0);
     for x in x0..=x1 {

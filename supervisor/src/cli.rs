@@ -136,7 +136,7 @@ pub struct ReportArgs {
     /// A folder for the figures as PNG, for print.
     #[arg(long, value_name = "DIR")]
     pub png: Option<PathBuf>,
-    /// The figures' numbers as JSON.
+    /// The summary, the events and the moments of the pictures as JSON.
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
 }

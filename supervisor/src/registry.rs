@@ -101,7 +101,7 @@ impl Place {
     pub fn take(scenario: &str, log: &Path) -> Result<Self> {
         let folder = runtime_folder()?;
         // One start or end at a time, so that none takes another's half-made registration for a dead run's.
-        let _turn = Turn::take(&folder)?;
+        let turn = Turn::take(&folder)?;
         let others = sweep(&folder);
         let mut salt = hapfic_ipc::clock::unix_ns();
         loop {
@@ -126,13 +126,19 @@ impl Place {
                 log: std::path::absolute(log).unwrap_or_else(|_| log.to_owned()),
             };
             let place = Self { run, file, others, _registration: registration };
-            serde_json::to_writer_pretty(&place._registration, &content).context("cannot write the run's registration")?;
-            DirBuilder::new()
-                .mode(0o700)
-                .create(place.root())
-                .with_context(|| format!("cannot make {}, the run's folder in shared memory", place.root()))?;
-            return Ok(place);
+            let furnished = place.furnish(&content);
+            // A place that is dropped asks for the turn itself.
+            drop(turn);
+            return furnished.map(|()| place);
         }
+    }
+
+    fn furnish(&self, content: &Registration) -> Result<()> {
+        serde_json::to_writer_pretty(&self._registration, content).context("cannot write the run's registration")?;
+        DirBuilder::new()
+            .mode(0o700)
+            .create(self.root())
+            .with_context(|| format!("cannot make {}, the run's folder in shared memory", self.root()))
     }
 
     /// Prefix of the run's shared memory.
@@ -182,7 +188,10 @@ impl Turn {
                 Ok(handle) => handle,
                 // Another run has just removed it.
                 Err(e) if e.kind() == std::io::ErrorKind::NotFound => {
-                    let _ = runtime_folder()?;
+                    // Made anew, unless the user's own folder has gone away altogether, as at the end of a session.
+                    if runtime_folder()? != folder {
+                        return Err(e).with_context(problem);
+                    }
                     continue;
                 }
                 Err(e) => return Err(e).with_context(problem),

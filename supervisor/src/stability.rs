@@ -30,6 +30,8 @@ pub struct Verdict {
     pub amplitude_m: f64,
     /// Fastest joint at the end, rad/s (m/s for a prismatic joint). Infinite as above.
     pub joint_speed: f64,
+    /// Whether the foot was, on the average, within x_b of where it is held at the end.
+    pub carried: bool,
 }
 
 /// A set of parameters that a scenario uses and under which the limb does not come to rest.
@@ -49,7 +51,7 @@ impl Unstable {
     pub fn warning(&self) -> String {
         let p = &self.parameters;
         let place =
-            if self.at_tick == 0 { "controller".to_owned() } else { format!("operator at {} s", self.at_tick as f64 * PERIOD_S) };
+            if self.at_tick == 0 { "controller".to_owned() } else { format!("operator at {} s", self.at_tick as f64 / 1000.0) };
         let motion = if self.verdict.amplitude_m.is_finite() {
             format!("oscillates ({:.2} mm at the end of {} s)", self.verdict.amplitude_m * 1e3, f64::from(TICKS) * PERIOD_S)
         } else {
@@ -57,8 +59,15 @@ impl Unstable {
         };
         format!(
             "warning: {place}: with stiffness {:?} N/m, max_force {:?} N and position_bound {:?} m the limb, held in free air at \
-             the start posture, {motion}; lower the stiffness or add joint damping",
-            p.stiffness, p.max_force, p.position_bound
+             the start posture, {motion}; {}",
+            p.stiffness,
+            p.max_force,
+            p.position_bound,
+            if self.verdict.carried {
+                "lower the stiffness or add joint damping"
+            } else {
+                "it sinks out of its bound: max_force does not carry it"
+            }
         )
     }
 }
@@ -78,7 +87,8 @@ pub fn settles(settings: &Settings, gains: &Parameters, dead_time: DeadTime) -> 
     free.operator.clear();
     free.initial = Parameters { target_position: None, desired_force: [0.0; 3], ..*gains };
     let mut simulation = Simulation::with_dead_time(&free, dead_time)?;
-    Ok(watch(&mut simulation).unwrap_or(Verdict { settles: false, amplitude_m: f64::INFINITY, joint_speed: f64::INFINITY }))
+    let lost = Verdict { settles: false, amplitude_m: f64::INFINITY, joint_speed: f64::INFINITY, carried: true };
+    Ok(watch(&mut simulation, &gains.position_bound).unwrap_or(lost))
 }
 
 /// Every set of parameters of a scenario that does not settle with the stack's own dead time; sets with the same gains once.
@@ -111,11 +121,15 @@ fn same_loop(a: &Parameters, b: &Parameters) -> bool {
     gains(a) == gains(b) && rules(a) == rules(b)
 }
 
-fn watch(simulation: &mut Simulation) -> Result<Verdict, SimulationError> {
+fn watch(simulation: &mut Simulation, bound: &[f64; 3]) -> Result<Verdict, SimulationError> {
     let (mut lowest, mut highest) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
     let mut joint_speed = 0.0_f64;
+    let mut start = [0.0; 3];
     for tick in 0..TICKS {
         let state = simulation.step()?.state;
+        if tick == 0 {
+            start = state.foot_position;
+        }
         if tick >= TICKS - LATE {
             for axis in 0..3 {
                 lowest[axis] = lowest[axis].min(state.foot_position[axis]);
@@ -131,7 +145,8 @@ fn watch(simulation: &mut Simulation) -> Result<Verdict, SimulationError> {
         }
     }
     let amplitude_m = (0..3).map(|axis| highest[axis] - lowest[axis]).fold(0.0, f64::max);
-    Ok(Verdict { settles: amplitude_m <= STILL_M && joint_speed <= STILL_RAD_PER_S, amplitude_m, joint_speed })
+    let carried = (0..3).all(|axis| (0.5 * (lowest[axis] + highest[axis]) - start[axis]).abs() <= bound[axis]);
+    Ok(Verdict { settles: amplitude_m <= STILL_M && joint_speed <= STILL_RAD_PER_S, amplitude_m, joint_speed, carried })
 }
 
 #[cfg(test)]

@@ -84,7 +84,7 @@ pub struct Fault {
     pub process: String,
     /// What happened.
     pub what: String,
-    /// Who saw it: `exit`, `heartbeat`, `tick`, `signal`, `recorder`, `start`.
+    /// Who saw it: `exit`, `heartbeat`, `tick`, `signal`, `operator`, `recorder`, `start`.
     pub detector: &'static str,
     /// Last tick whose command had gone out.
     pub tick: i64,
@@ -197,13 +197,17 @@ impl Summary {
         let outside = &self.tracking.outside;
         for (axis, name) in ["x", "y", "z"].iter().enumerate().filter(|&(axis, _)| outside.ticks[axis] > 0) {
             let seconds = |ticks: [u64; 3]| ticks[axis] as f64 * hapfic_config::PERIOD_S;
-            writeln!(
-                out,
-                "  outside x_b        {name} {:.3} s, of which {:.3} s with F_c at F_max, {:.3} s unexplained",
-                seconds(outside.ticks),
-                seconds(outside.force_limited_ticks),
-                seconds(outside.unexplained_ticks)
-            )?;
+            let causes = [
+                (outside.force_limited_ticks, "with F_c at F_max"),
+                (outside.torque_limited_ticks, "with the torque cut"),
+                (outside.force_held_ticks, "holding a force"),
+                (outside.converging_ticks, "on the way back"),
+                (outside.inactive_ticks, "without command"),
+                (outside.unexplained_ticks, "unexplained"),
+            ];
+            let named = causes.into_iter().filter(|(ticks, _)| ticks[axis] > 0);
+            let named: Vec<_> = named.map(|(ticks, what)| format!("{:.3} s {what}", seconds(ticks))).collect();
+            writeln!(out, "  outside x_b        {name} {:.3} s: {}", seconds(outside.ticks), named.join(", "))?;
         }
         for object in self.moments.objects.iter() {
             write!(out, "  {:<18} turned {:.1} deg", object.name, object.max_turn_deg)?;

@@ -20,7 +20,7 @@ use std::time::{Duration, Instant};
 /// How often the supervisor looks at its processes when nothing calls.
 const LOOK_EVERY: Duration = Duration::from_millis(20);
 /// In lockstep nothing is lost while a process stands still, so a busy host gets so many times as long.
-const LOCKSTEP_PATIENCE: u64 = 10;
+const LOCKSTEP_PATIENCE: u64 = 5;
 /// Processes started, in this order.
 pub const STARTED: [Process; 3] = [Process::Plant, Process::Planner, Process::Controller];
 

@@ -71,7 +71,7 @@ impl Stack {
     /// Starts the program.
     #[must_use]
     pub fn start(&self, arguments: &[&str]) -> Started {
-        Started { child: self.command(arguments).spawn().expect("the binary starts") }
+        Started { child: Some(self.command(arguments).spawn().expect("the binary starts")) }
     }
 
     /// Runs the program to its end.
@@ -90,19 +90,45 @@ impl Stack {
 /// A program that runs.
 #[derive(Debug)]
 pub struct Started {
-    child: Child,
+    /// Taken by whoever waits for its end.
+    child: Option<Child>,
+}
+
+impl Drop for Started {
+    /// A test that failed in between leaves nothing running: as by Ctrl-C, and if that does not help, by force.
+    fn drop(&mut self) {
+        let Some(mut child) = self.child.take() else { return };
+        let _ = rustix::process::kill_process(rustix::process::Pid::from_child(&child), rustix::process::Signal::INT);
+        let start = Instant::now();
+        while matches!(child.try_wait(), Ok(None)) {
+            if start.elapsed() > Duration::from_secs(5) {
+                let _ = child.kill();
+                let _ = child.wait();
+                return;
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    }
 }
 
 impl Started {
+    fn child(&self) -> &Child {
+        self.child.as_ref().expect("it has not ended")
+    }
+
+    fn child_mut(&mut self) -> &mut Child {
+        self.child.as_mut().expect("it has not ended")
+    }
+
     /// Its process id.
     #[must_use]
     pub fn pid(&self) -> u32 {
-        self.child.id()
+        self.child().id()
     }
 
     /// Sends it a signal.
     pub fn signal(&self, signal: rustix::process::Signal) {
-        let pid = rustix::process::Pid::from_child(&self.child);
+        let pid = rustix::process::Pid::from_child(self.child());
         rustix::process::kill_process(pid, signal).expect("the program still runs");
     }
 
@@ -115,7 +141,7 @@ impl Started {
             if names.iter().all(|n| children.iter().any(|(c, _)| c == n)) {
                 return children;
             }
-            assert!(self.child.try_wait().expect("a status").is_none(), "it has ended before it started {names:?}");
+            assert!(self.child_mut().try_wait().expect("a status").is_none(), "it has ended before it started {names:?}");
             assert!(start.elapsed() < PATIENCE, "{names:?} did not all start: {children:?}");
             std::thread::yield_now();
         }
@@ -125,7 +151,7 @@ impl Started {
     pub fn wait_for(&mut self, file: &std::path::Path, bytes: u64) {
         let start = Instant::now();
         while std::fs::metadata(file).map_or(0, |m| m.len()) < bytes {
-            assert!(self.child.try_wait().expect("a status").is_none(), "it has ended before {file:?} had {bytes} bytes");
+            assert!(self.child_mut().try_wait().expect("a status").is_none(), "it has ended before {file:?} had {bytes} bytes");
             assert!(start.elapsed() < PATIENCE, "{file:?} does not grow to {bytes} bytes");
             std::thread::yield_now();
         }
@@ -134,16 +160,18 @@ impl Started {
     /// Kills it and waits for its end; what it said is lost, since processes it has left behind may hold on to its output.
     #[must_use]
     pub fn kill(mut self) -> Finished {
-        self.child.kill().expect("the program still runs");
-        let status = self.child.wait().expect("a status");
-        Finished { supervisor: self.pid(), code: status.code(), out: String::new(), err: String::new() }
+        let supervisor = self.pid();
+        let mut child = self.child.take().expect("it has not ended");
+        child.kill().expect("the program still runs");
+        let status = child.wait().expect("a status");
+        Finished { supervisor, code: status.code(), out: String::new(), err: String::new() }
     }
 
     /// Waits for its end.
     #[must_use]
-    pub fn finish(self) -> Finished {
+    pub fn finish(mut self) -> Finished {
         let supervisor = self.pid();
-        let output = self.child.wait_with_output().expect("the program's output");
+        let output = self.child.take().expect("it has not ended").wait_with_output().expect("the program's output");
         Finished {
             supervisor,
             code: output.status.code(),

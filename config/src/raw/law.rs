@@ -33,7 +33,7 @@ pub(crate) struct RawController {
     #[schemars(extend("default" = "continuous"))]
     pub(crate) saturation: Option<Saturation>,
 
-    /// Keeps the searched offset from moving further while F_max holds the force, and refits it to a new K0 or F_max, so that the
+    /// Keeps the searched offset from moving further while F_max holds the force, and refits it to a new K0, F_max or x_b, so that the
     /// contact force stays. Without it the offset winds up at F_max and has to be searched back.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(extend("default" = true))]

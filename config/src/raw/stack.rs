@@ -26,7 +26,7 @@ pub(crate) struct RawSupervisor {
     /// How long a process may take to get ready, ms, an integer in [100, 600000]. Raising it forgives slow starts.
     pub(crate) ready_timeout_ms: u32,
 
-    /// Age of the last sign of life at which a process counts as lost, ms, an integer in [200, 60000]. Ten times as long
+    /// Age of the last sign of life at which a process counts as lost, ms, an integer in [200, 60000]. Five times as long
     /// in lockstep. Raising it detects hangs later and raises fewer false alarms.
     pub(crate) heartbeat_timeout_ms: u32,
 

@@ -10,10 +10,10 @@ use super::posture::{Air, Joints};
 use super::sample::{CommandSample, ParameterSample, StateSample};
 use super::summary::{ForceCommandSummary, ForceSummary, TickSummary, TrackingSummary};
 use super::tracking::Tracking;
-use super::window::Slot;
+use super::window::{Slot, WINDOW};
 
-/// Most parameter sets kept; the operator announces one at a time.
-const MOST_SETS: usize = 64;
+/// Most parameter sets kept: ticks are summed up to [`WINDOW`] ticks after they came, and sets come at least 5 ticks apart.
+const MOST_SETS: usize = WINDOW as usize / 5 + 8;
 
 /// Sums over the ticks that have left the window.
 #[derive(Clone, Debug, Default)]
@@ -64,9 +64,12 @@ impl Account {
         }
         if let (Some(state), Some(reference)) = (&slot.state, &slot.reference) {
             self.tracking.tick(state, reference, slot.command.as_ref(), set.as_ref());
-            if let Some(set) = &set {
-                self.force.tick(slot.tick, state, reference, set);
+            match &set {
+                Some(set) => self.force.tick(slot.tick, state, reference, set),
+                None => self.force.gap(),
             }
+        } else {
+            self.force.gap();
         }
         if let Some(command) = &slot.command {
             self.obey(slot.tick, command, set.as_ref());

@@ -98,6 +98,11 @@ impl Force {
         }
     }
 
+    /// A tick of which nothing is known: holds end before it.
+    pub(super) fn gap(&mut self) {
+        self.axes.iter_mut().for_each(Axis::close_hold);
+    }
+
     /// No force is asked for: what was reached has to be reached anew.
     pub(super) fn inactive(&mut self, tick: i64) {
         self.rest_since = None;

@@ -11,9 +11,24 @@ pub(super) struct Integration {
     contact_substeps: u64,
     newton_iterations: u64,
     unconverged: u64,
-    /// Least of the contacts' account so far, J.
-    least_j: Option<f64>,
-    created_j: f64,
+    /// Of the work of the contacts, and of it with what they store.
+    returned: Rise,
+    created: Rise,
+}
+
+/// The largest rise above the least before.
+#[derive(Clone, Copy, Debug, Default)]
+struct Rise {
+    least: Option<f64>,
+    largest: f64,
+}
+
+impl Rise {
+    fn see(&mut self, value: f64) {
+        let least = self.least.map_or(value, |least| least.min(value));
+        self.least = Some(least);
+        self.largest = self.largest.max(value - least);
+    }
 }
 
 impl Integration {
@@ -24,10 +39,8 @@ impl Integration {
         self.contact_substeps += physics.contact_substeps;
         self.newton_iterations += physics.newton_iterations;
         self.unconverged += physics.unconverged;
-        let account = physics.contact_account_j;
-        let least = self.least_j.map_or(account, |least| least.min(account));
-        self.least_j = Some(least);
-        self.created_j = self.created_j.max(account - least);
+        self.returned.see(physics.contact_work_j);
+        self.created.see(physics.contact_work_j + physics.contact_stored_j);
     }
 
     pub(super) fn summary(&self) -> IntegrationSummary {
@@ -39,7 +52,8 @@ impl Integration {
             newton_iterations: self.newton_iterations,
             newton_per_contact_substep: (self.contact_substeps > 0).then_some(per_substep),
             unconverged: self.unconverged,
-            contact_energy_created_j: self.created_j,
+            contact_energy_returned_j: self.returned.largest,
+            contact_energy_created_j: self.created.largest,
         }
     }
 }

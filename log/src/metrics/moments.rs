@@ -88,6 +88,8 @@ pub struct IntegrationSummary {
     pub newton_per_contact_substep: Option<f64>,
     /// Implicit sub-steps that ended above the tolerance.
     pub unconverged: u64,
+    /// Largest rise of the work done by the contacts above its least value so far, J: what compressed contacts gave back.
+    pub contact_energy_returned_j: f64,
     /// Largest rise of the work done by the contacts, and the elastic energy stored in them, above its least value so far, J.
     /// Contacts only dissipate: any rise was created by the integration.
     pub contact_energy_created_j: f64,

@@ -74,8 +74,9 @@ impl Body {
     }
 }
 
-/// Rotation angle of a^-1 b, 0 to pi; quaternions are x y z w. Exact near 0 too, unlike the arc cosine.
-fn angle_between(a: [f64; 4], b: [f64; 4]) -> f64 {
+/// Angle of the turn from orientation `a` to `b`, rad, 0 to pi; quaternions are x y z w. Exact near 0 too, unlike the arc cosine.
+#[must_use]
+pub fn angle_between(a: [f64; 4], b: [f64; 4]) -> f64 {
     let (u, v) = ([a[0], a[1], a[2]], [b[0], b[1], b[2]]);
     let across = cross(u, v);
     let vector: [f64; 3] = std::array::from_fn(|i| a[3] * v[i] - b[3] * u[i] - across[i]);

@@ -93,19 +93,22 @@ pub(super) struct PhysicsSample {
     pub(super) contact_substeps: u64,
     pub(super) newton_iterations: u64,
     pub(super) unconverged: u64,
-    /// Work done by the contacts since the start, and the elastic energy stored in them now, J: only falls.
-    pub(super) contact_account_j: f64,
+    /// Work done by the contacts since the start, J.
+    pub(super) contact_work_j: f64,
+    /// Elastic energy in them now, J.
+    pub(super) contact_stored_j: f64,
 }
 
 impl PhysicsSample {
     fn new(message: &proto::Physics) -> Option<Self> {
-        let account = message.contact_work_j + message.contact_stored_j;
+        let joule = |value: f64| believable(value).then_some(value);
         Some(Self {
             substeps: message.substeps.into(),
             contact_substeps: message.contact_substeps.into(),
             newton_iterations: message.newton_iterations.into(),
             unconverged: message.unconverged.into(),
-            contact_account_j: believable(account).then_some(account)?,
+            contact_work_j: joule(message.contact_work_j)?,
+            contact_stored_j: joule(message.contact_stored_j)?,
         })
     }
 }

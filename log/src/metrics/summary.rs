@@ -57,6 +57,8 @@ pub struct OutsideSummary {
     pub force_held_ticks: [u64; 3],
     /// The axis converges: on the way back the law gives less than its profile (eq. 1).
     pub converging_ticks: [u64; 3],
+    /// The axis converges and stands still, at less than 1 mm/s: stuck on its way back, whatever cause it is counted with.
+    pub standing_ticks: [u64; 3],
     /// There was no active command.
     pub inactive_ticks: [u64; 3],
     /// None of these.

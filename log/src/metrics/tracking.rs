@@ -7,6 +7,9 @@ use super::summary::{OutsideSummary, TrackingSummary};
 /// F_c counts as at its limit from this share of F_max on: the profile comes near it, but for a small step at the end.
 pub(super) const AT_LIMIT: f64 = 0.999;
 
+/// An axis slower than this against its reference stands still, m/s.
+const STANDING_M_PER_S: f64 = 1e-3;
+
 /// Sums over the ticks that have a state and a reference.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Tracking {
@@ -25,6 +28,7 @@ struct Axis {
     torque_limited: u64,
     force_held: u64,
     converging: u64,
+    standing: u64,
     inactive: u64,
     unexplained: u64,
 }
@@ -51,6 +55,8 @@ impl Tracking {
                 outside = true;
                 axis.outside += 1;
                 *axis.cause(i, state, command, set) += 1;
+                let stands = (state.velocity[i] - reference.velocity[i]).abs() < STANDING_M_PER_S;
+                axis.standing += u64::from(stands && command.is_some_and(|command| command.active && command.converging[i]));
             }
         }
         self.outside += u64::from(outside);
@@ -70,6 +76,7 @@ impl Tracking {
                 torque_limited_ticks: self.axes.map(|axis| axis.torque_limited),
                 force_held_ticks: self.axes.map(|axis| axis.force_held),
                 converging_ticks: self.axes.map(|axis| axis.converging),
+                standing_ticks: self.axes.map(|axis| axis.standing),
                 inactive_ticks: self.axes.map(|axis| axis.inactive),
                 unexplained_ticks: self.axes.map(|axis| axis.unexplained),
             },

@@ -4,14 +4,11 @@ use super::RecoverError;
 use super::bytes::Fields;
 use super::found::Recovery;
 use super::judge::{Judge, Verdict};
-use super::output::Output;
+use super::output::{Output, PROTOBUF};
 use super::records::Message;
 use crate::topic::Topic;
 use mcap::records::{self, MessageHeader, Metadata, op};
 use std::collections::BTreeMap;
-
-/// How the writer encodes messages and schemas.
-const PROTOBUF: &str = "protobuf";
 
 /// Takes records and writes what is to be kept.
 pub(super) struct Carry {
@@ -19,6 +16,8 @@ pub(super) struct Carry {
     output: Option<Output>,
     schemas: BTreeMap<u16, Schema>,
     channels: BTreeMap<u16, Channel>,
+    /// Whether the new log has a channel for every topic.
+    numbered: bool,
     judge: Judge,
     /// What was found so far.
     pub(super) found: Recovery,
@@ -52,7 +51,14 @@ pub(super) struct Taken {
 
 impl Carry {
     pub(super) fn new(output: Option<Output>) -> Self {
-        Self { output, schemas: BTreeMap::new(), channels: BTreeMap::new(), judge: Judge::default(), found: Recovery::default() }
+        Self {
+            output,
+            schemas: BTreeMap::new(),
+            channels: BTreeMap::new(),
+            numbered: false,
+            judge: Judge::default(),
+            found: Recovery::default(),
+        }
     }
 
     pub(super) fn into_parts(self) -> (Option<Output>, Recovery) {
@@ -159,8 +165,15 @@ impl Carry {
         let number = match &mut self.output {
             None => 0,
             Some(output) => {
-                let data = topic.schema();
-                output.channel(topic.name(), PROTOBUF, &BTreeMap::new(), Some((topic.schema_name(), PROTOBUF, &*data)))?
+                // All that are missing at once, in the writer's order: so each gets the number it had, whichever comes first.
+                if !self.numbered {
+                    let known = |topic: Topic| self.channels.values().any(|channel| channel.name == topic.name());
+                    for missing in Topic::ALL.into_iter().filter(|&topic| !known(topic)) {
+                        output.own_channel(missing)?;
+                    }
+                    self.numbered = true;
+                }
+                output.own_channel(topic)?
             }
         };
         self.found.rebuilt.insert(topic.name().to_owned());

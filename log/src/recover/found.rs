@@ -155,8 +155,10 @@ impl Loss {
     /// Where, how long, and what it is.
     #[must_use]
     pub fn text(&self) -> String {
-        let Self { byte, bytes, what, .. } = self;
-        if *bytes == 0 { format!("byte {byte}: {what}") } else { format!("byte {byte}, {bytes} bytes: {what}") }
+        let Self { byte, bytes, rescued, what } = self;
+        let length = if *bytes == 0 { String::new() } else { format!(", {bytes} bytes") };
+        let kept = if *rescued == 0 { String::new() } else { format!(", {rescued} messages rescued without a checksum") };
+        format!("byte {byte}{length}{kept}: {what}")
     }
 }
 
@@ -177,6 +179,14 @@ mod tests {
         }
         assert_eq!(gaps.ranges.len(), LISTED);
         assert!(gaps.text().ends_with(&format!("and {} more", 103 - LISTED)), "{}", gaps.text());
+    }
+
+    #[test]
+    fn a_loss_says_what_was_rescued_of_it() {
+        let loss = |bytes, rescued| Loss { byte: 10, bytes, rescued, what: "a chunk is damaged".to_owned() }.text();
+        assert_eq!(loss(0, 0), "byte 10: a chunk is damaged");
+        assert_eq!(loss(20, 0), "byte 10, 20 bytes: a chunk is damaged");
+        assert_eq!(loss(20, 3), "byte 10, 20 bytes, 3 messages rescued without a checksum: a chunk is damaged");
     }
 
     #[test]

@@ -75,7 +75,7 @@ impl Judge {
             Topic::Command => {
                 proto::Command::decode(data).ok().filter(|m| are_finite(&[&m.torque, &m.torque_raw])).map(|m| m.tick)
             }
-            Topic::Operator => proto::Operator::decode(data).ok().map(|m| m.effective_tick),
+            Topic::Operator => proto::Operator::decode(data).ok().filter(operator_is_finite).map(|m| m.effective_tick),
             Topic::Event => proto::Event::decode(data).ok().map(|m| m.tick),
             Topic::Timing => {
                 // Its time is its own.
@@ -124,9 +124,84 @@ fn start_of(topic: Topic, message: &Message<'_>) -> Option<u64> {
 fn state_is_finite(m: &proto::State) -> bool {
     let joints = [&m.joint_position, &m.joint_velocity, &m.joint_torque];
     let foot = [&m.foot_position, &m.foot_velocity, &m.foot_force];
-    are_finite(&joints) && are_finite(&foot)
+    let object = |o: &proto::Object| are_finite(&[&o.position, &o.orientation, &o.linear_velocity, &o.angular_velocity]);
+    let contact = |c: &proto::Contact| are_finite(&[&c.point, &c.force]) && c.depth.is_finite();
+    let physics = m.physics.as_ref().is_none_or(|p| {
+        let sums = [p.energy_j, p.contact_work_j, p.contact_stored_j];
+        sums.into_iter().all(f64::is_finite)
+    });
+    are_finite(&joints) && are_finite(&foot) && m.objects.iter().all(object) && m.contacts.iter().all(contact) && physics
+}
+
+fn operator_is_finite(m: &proto::Operator) -> bool {
+    let vectors = [&m.target_position, &m.desired_force, &m.stiffness, &m.max_force, &m.position_bound];
+    let numbers = [m.taper, m.mean_speed, m.search_scale, m.force_resolution, m.max_acceleration];
+    are_finite(&vectors) && numbers.into_iter().all(f64::is_finite)
 }
 
 fn are_finite(lists: &[&Vec<f64>]) -> bool {
     lists.iter().all(|list| list.iter().all(|value| value.is_finite()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TICK: i64 = 7;
+
+    /// Whether a message of tick 7 is believed that has no checksum.
+    fn is_believed(topic: Topic, message: &impl prost::Message) -> bool {
+        let data = message.encode_to_vec();
+        let log_time = time_of(0, TICK);
+        let message = Message { channel: 1, sequence: TICK as u32, log_time, publish_time: log_time, data: &data };
+        Judge::default().judge(topic, &message, false) == Verdict::Good
+    }
+
+    #[test]
+    fn a_state_is_believed_if_every_number_of_it_is_finite() {
+        let sound = || proto::State {
+            tick: TICK,
+            foot_force: vec![0.0, 0.0, 50.0],
+            objects: vec![proto::Object { position: vec![1.0; 3], orientation: vec![0.5; 4], ..proto::Object::default() }],
+            contacts: vec![proto::Contact { point: vec![1.0; 3], force: vec![2.0; 3], ..proto::Contact::default() }],
+            physics: Some(proto::Physics::default()),
+            ..proto::State::default()
+        };
+        assert!(is_believed(Topic::State, &sound()));
+        assert!(is_believed(Topic::State, &proto::State { tick: TICK, ..proto::State::default() }));
+        let damages: [fn(&mut proto::State, f64); 11] = [
+            |m, v| m.joint_torque.push(v),
+            |m, v| m.foot_force[1] = v,
+            |m, v| m.objects[0].position[2] = v,
+            |m, v| m.objects[0].orientation[3] = v,
+            |m, v| m.objects[0].linear_velocity.push(v),
+            |m, v| m.objects[0].angular_velocity.push(v),
+            |m, v| m.contacts[0].point[0] = v,
+            |m, v| m.contacts[0].force[1] = v,
+            |m, v| m.contacts[0].depth = v,
+            |m, v| m.physics.get_or_insert_default().energy_j = v,
+            |m, v| m.physics.get_or_insert_default().contact_stored_j = v,
+        ];
+        for (place, damage) in damages.into_iter().enumerate() {
+            for value in [f64::NAN, f64::NEG_INFINITY] {
+                let mut damaged = sound();
+                damage(&mut damaged, value);
+                assert!(!is_believed(Topic::State, &damaged), "damage {place}, {value}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_parameter_set_is_believed_if_every_number_of_it_is_finite() {
+        let sound =
+            || proto::Operator { effective_tick: TICK, desired_force: vec![0.0, 0.0, 50.0], ..proto::Operator::default() };
+        assert!(is_believed(Topic::Operator, &sound()));
+        let damages: [fn(&mut proto::Operator, f64); 4] =
+            [|m, v| m.desired_force[2] = v, |m, v| m.position_bound.push(v), |m, v| m.taper = v, |m, v| m.max_acceleration = v];
+        for (place, damage) in damages.into_iter().enumerate() {
+            let mut damaged = sound();
+            damage(&mut damaged, f64::INFINITY);
+            assert!(!is_believed(Topic::Operator, &damaged), "damage {place}");
+        }
+    }
 }

@@ -3,6 +3,7 @@
 use super::RecoverError;
 use super::found::Recovery;
 use crate::error::LogError;
+use crate::topic::Topic;
 use crate::writer::WriterOptions;
 use mcap::McapError;
 use mcap::records::{MessageHeader, Metadata};
@@ -13,6 +14,8 @@ use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
+/// How the writer encodes messages and schemas.
+pub(super) const PROTOBUF: &str = "protobuf";
 /// The name of the metadata record that says what was lost.
 const RECOVERY: &str = "recovery";
 
@@ -83,6 +86,12 @@ impl Output {
             None => 0,
         };
         self.mcap.add_channel(schema, topic, encoding, metadata).map_err(failed)
+    }
+
+    /// Adds the channel of a topic as this program writes it, or finds it; returns its number.
+    pub(super) fn own_channel(&mut self, topic: Topic) -> Result<u16, RecoverError> {
+        let schema = topic.schema();
+        self.channel(topic.name(), PROTOBUF, &BTreeMap::new(), Some((topic.schema_name(), PROTOBUF, &*schema)))
     }
 
     pub(super) fn message(&mut self, header: &MessageHeader, data: &[u8]) -> Result<(), RecoverError> {

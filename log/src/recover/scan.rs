@@ -63,7 +63,12 @@ impl Scan<'_> {
     fn step(&mut self, at: u64) -> Result<u64, RecoverError> {
         self.source.read(at, HEAD, &mut self.body)?;
         let Some((opcode, length)) = records::head(&self.body) else {
-            // Its opcode alone may be wrong.
+            // Its length alone may be wrong, or its opcode.
+            if self.body.first() == Some(&op::CHUNK)
+                && let Some(next) = self.chunk_of_another_length(at)?
+            {
+                return Ok(next);
+            }
             let length = self.body.get(1..HEAD as usize).map(|bytes| super::bytes::Fields::new(bytes).u64().unwrap_or(u64::MAX));
             return match length {
                 Some(length) if self.is_chunk(at, length)? => self.chunk(at, length),
@@ -130,15 +135,21 @@ impl Scan<'_> {
 
     fn chunk_of(&mut self, at: u64, length: u64, body: &[u8]) -> Result<u64, RecoverError> {
         let next = at + HEAD + length;
-        let Some(head) = ChunkHead::parse(body) else { return self.lose(at, "the header of a chunk is damaged".to_owned()) };
+        let Some(head) = ChunkHead::parse(body) else {
+            // The length may say that there is next to nothing.
+            return match self.chunk_of_another_length(at)? {
+                Some(next) => Ok(next),
+                None => self.lose(at, "the header of a chunk is damaged".to_owned()),
+            };
+        };
         let complete = body.len() as u64 == length;
         let fits = head.fits(length, body);
         // A checksum of zero means that there is none.
         if complete && fits && head.checksum != 0 && self.decompress(body) {
-            let taken = self.carry.chunk(&self.records, true)?;
-            if let Some(what) = taken.stopped {
-                self.carry.found.lose(at, next - at, 0, format!("not all of a chunk could be used: {what}"));
-            }
+            self.keep(at, next)?;
+            return Ok(next);
+        }
+        if !fits && let Some(next) = self.chunk_of_another_length(at)? {
             return Ok(next);
         }
         let data = body.get(head.length..).unwrap_or_default();
@@ -153,15 +164,44 @@ impl Scan<'_> {
         let taken = self.carry.chunk(&self.records, false)?;
         let end = if complete && fits && self.is_head(next)? { next } else { self.find(at + HEAD + head.length as u64)? };
         let state = if complete { "damaged" } else { "cut off" };
-        let mut what = format!("a chunk is {state}; {} of its messages rescued without a checksum", taken.messages);
+        let mut what = format!("a chunk is {state}");
         if let Some((first, last)) = taken.ticks {
-            what += &format!(", of ticks {} to {}", first as i32, last as i32);
+            what += &format!("; what was rescued of it is of ticks {} to {}", first as i32, last as i32);
         }
         if let Some(stopped) = taken.stopped {
             what += &format!("; then {stopped}");
         }
         self.carry.found.lose(at, end - at, taken.messages, what);
         Ok(end)
+    }
+
+    /// Takes the chunk at `at` whole by the lengths in it, if its checksum is right: then only the record's own length is wrong.
+    /// Returns where to go on, `None` if it is another damage.
+    fn chunk_of_another_length(&mut self, at: u64) -> Result<Option<u64>, RecoverError> {
+        let mut body = Vec::new();
+        self.source.read(at + HEAD, START, &mut body)?;
+        let Some(head) = ChunkHead::parse(&body) else { return Ok(None) };
+        let length = (head.length as u64).saturating_add(head.compressed_size);
+        if length > LONGEST_RECORD || head.checksum == 0 || !head.fits(length, &body) {
+            return Ok(None);
+        }
+        self.source.read(at + HEAD, length, &mut body)?;
+        if (body.len() as u64) < length || !self.decompress(&body) {
+            return Ok(None);
+        }
+        let next = at + HEAD + length;
+        self.carry.found.lose(at, HEAD, 0, "the length of a chunk is wrong; its content is right".to_owned());
+        self.keep(at, next)?;
+        Ok(Some(next))
+    }
+
+    /// Takes the records of a chunk whose checksum is right; it is the one from `at` to `next`.
+    fn keep(&mut self, at: u64, next: u64) -> Result<(), RecoverError> {
+        let taken = self.carry.chunk(&self.records, true)?;
+        if let Some(what) = taken.stopped {
+            self.carry.found.lose(at, next - at, 0, format!("not all of a chunk could be used: {what}"));
+        }
+        Ok(())
     }
 
     /// Decompresses a chunk into `records`; whether all of it is there and its checksum right.

@@ -137,6 +137,21 @@ fn a_log_with_any_bit_altered_keeps_all_other_chunks() {
 }
 
 #[test]
+fn a_wrong_length_costs_no_chunk() {
+    let (sample, folder) = (sample(), folder("length"));
+    let (start, ..) = sample.chunks[sample.chunks.len() / 2];
+    for bit in (0..64).step_by(3) {
+        let mut damaged = sample.bytes.clone();
+        // Behind the opcode.
+        damaged[start + 1 + bit / 8] ^= 1 << (bit % 8);
+        let (found, kept) = recovered(&folder, &damaged).unwrap();
+        assert!(kept == sample.messages, "bit {bit}: {} of {} messages", kept.len(), sample.messages.len());
+        assert_eq!((found.unchecked, found.loss_count, found.losses[0].byte), (0, 1, start as u64), "bit {bit}");
+        assert!(found.losses[0].what.contains("length"), "bit {bit}: {}", found.losses[0].text());
+    }
+}
+
+#[test]
 fn a_log_with_a_hole_keeps_all_other_chunks() {
     let (sample, folder, mut random) = (sample(), folder("hole"), Random(13));
     for _ in 0..50 {
@@ -174,6 +189,12 @@ fn a_lost_first_chunk_costs_no_schema() {
     let (found, kept) = recovered(&folder, &damaged).unwrap();
     assert_eq!(kept, sample.messages[until..]);
     assert_eq!(found.rebuilt.len(), Topic::COUNT);
+    // The first message is one of the operator: the order in which topics come does not number them.
+    let new = fs::read(folder.join("new.mcap")).unwrap();
+    let channels = mcap::Summary::read(&new).unwrap().unwrap().channels;
+    let mut numbers: Vec<_> = channels.iter().map(|(id, channel)| (*id, channel.topic.as_str())).collect();
+    numbers.sort_unstable();
+    assert_eq!(numbers, Topic::ALL.map(|topic| (topic as u16 + 1, topic.name())));
     assert_eq!(found.states.ranges.first().map(|range| range.0), Some(0), "the gap at the start");
 }
 

@@ -109,6 +109,7 @@ pub(crate) fn request(tick: i64) -> Request {
             x_max: numbers(tick, 18.0),
             stiffness: [6000.0, 6000.0, 12000.0],
             max_force: [150.0, 150.0, 300.0],
+            position_bound: [0.025; 3],
             force: [1.0, 2.0, 3.0],
             converging: [0, 1, 0],
             still_ticks: [0, 7, 0],

@@ -20,7 +20,8 @@ fn every_picture_decodes_and_is_not_blank() {
         let size = (pixmap.width(), pixmap.height());
         match picture.name.as_str() {
             "overview" => assert_eq!(size, (1600, 1000)),
-            "snapshots" => assert_eq!(size, (2000, 644)),
+            // As high as what is to be seen.
+            "snapshots" => assert!(size.0 == 2000 && (244..=724).contains(&size.1), "{size:?}"),
             _ => assert!(size.0 == 1600 && (300..3000).contains(&size.1), "{}: {size:?}", picture.name),
         }
         let ink = ink(&pixmap);
@@ -36,7 +37,10 @@ fn the_snapshots_show_the_box_in_its_colour() {
         pixmap.pixel(x, y).is_some_and(|p| p.red() > 100 && p.green() < p.red() && u16::from(p.blue()) * 3 < u16::from(p.red()))
     };
     for i in 0..5 {
-        let found = (0..560).flat_map(|y| (400 * i..400 * (i + 1)).map(move |x| (x, y))).filter(|(x, y)| orange(*x, *y)).count();
+        let found = (0..pixmap.height())
+            .flat_map(|y| (400 * i..400 * (i + 1)).map(move |x| (x, y)))
+            .filter(|(x, y)| orange(*x, *y))
+            .count();
         assert!(found > 2000, "snapshot {i}: {found} pixels");
     }
 }

@@ -3,41 +3,36 @@
 use crate::cli::ReportArgs;
 use crate::{Outcome, print};
 use anyhow::Result;
-use hapfic_report::{Report, ReportError};
+use hapfic_report::{Places, Report, ReportError};
 
 /// Reads the log, and writes what was asked for; the page and a summary if nothing was.
 pub fn report(args: &ReportArgs) -> Result<Outcome> {
-    Ok(match make(args) {
-        Ok(text) => {
-            print(text.trim_end());
-            Outcome::Done
-        }
-        Err(e) => Outcome::Refused(e.into()),
-    })
+    match make(args) {
+        Ok(()) => Ok(Outcome::Done),
+        Err(e) if e.is_refusal() => Ok(Outcome::Refused(e.into())),
+        Err(e) => Err(e.into()),
+    }
 }
 
-/// Does it; returns what to say.
-fn make(args: &ReportArgs) -> Result<String, ReportError> {
+/// Does it, and says what was written, as soon as it is.
+fn make(args: &ReportArgs) -> Result<(), ReportError> {
+    let mut places = Places { page: args.html.clone(), pictures: args.png.clone(), json: args.json.clone() };
+    let nothing_asked = places == Places::default();
+    if nothing_asked {
+        places.page = Some(args.log.with_extension("html"));
+    }
     let report = Report::read(&args.log)?;
-    let mut said = String::new();
-    let mut html = args.html.clone();
-    if args.html.is_none() && args.png.is_none() && args.json.is_none() {
-        said = report.text();
-        html = Some(args.log.with_extension("html"));
-    } else if let Some(cause) = &report.run().cut_off {
-        said = format!("the report is made from what is whole: {cause}\n");
-    }
-    if let Some(path) = html {
-        report.write_html(&path)?;
-        said.push_str(&format!("page: {}\n", path.display()));
-    }
-    if let Some(folder) = &args.png {
-        let count = report.write_pictures(folder)?;
-        said.push_str(&format!("{count} pictures: {}\n", folder.display()));
-    }
-    if let Some(path) = &args.json {
-        report.write_json(path)?;
-        said.push_str(&format!("JSON: {}\n", path.display()));
-    }
-    Ok(said)
+    let mut first = true;
+    let about = if nothing_asked {
+        report.text()
+    } else {
+        report.run().cut_off.as_ref().map_or_else(String::new, |cause| format!("the report is made from what is whole: {cause}"))
+    };
+    report.write(&places, |what, path| {
+        // Not before the first part is there: a refusal stands alone.
+        if std::mem::take(&mut first) && !about.is_empty() {
+            print(about.trim_end());
+        }
+        print(&format!("{what}: {}", path.display()));
+    })
 }

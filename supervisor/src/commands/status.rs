@@ -62,7 +62,8 @@ fn follow(connection: &Connection, found: &Registration, first: Status) -> Resul
         let table = status.table();
         // Back to the first line of the last table, and over it; a terminal that has gone away ends it.
         let up = if drawn > 0 { format!("\x1b[{drawn}A") } else { String::new() };
-        let lines: String = table.lines().map(|line| format!("\x1b[2K{line}\n")).collect();
+        // Long lines are cut, not wrapped: the way up counts lines.
+        let lines: String = table.lines().map(|line| format!("\x1b[2K\x1b[?7l{line}\x1b[?7h\n")).collect();
         if write!(out, "{up}{lines}").and_then(|()| out.flush()).is_err() {
             return Ok(());
         }

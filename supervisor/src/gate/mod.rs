@@ -4,6 +4,7 @@
 
 pub mod core;
 pub mod severity;
+mod tell;
 mod thread;
 pub mod timeline;
 

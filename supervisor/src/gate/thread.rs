@@ -58,13 +58,13 @@ impl Start {
 
 /// The gate with its ports.
 pub struct Gateway {
-    start: Start,
-    gate: Gate,
+    pub(super) start: Start,
+    pub(super) gate: Gate,
     state: Input<State>,
     request: Input<Request>,
     command: Output<Command>,
     operator: Output<Operator>,
-    event: Output<Event>,
+    pub(super) event: Output<Event>,
     timing: Output<Timing>,
     /// What each controller has asked for lately: primary first.
     inbox: [Recent<Request>; CONTROLLERS],
@@ -74,10 +74,10 @@ pub struct Gateway {
     newest: Option<(i64, u64)>,
     refused: u32,
     /// Periods slipped so far, and joints limited in the last tick.
-    slipped: u64,
+    pub(super) slipped: u64,
     limited: u32,
     /// Periods slipped by the newest state that told of more, and how late its timer was, ns.
-    slip: (u64, u64),
+    pub(super) slip: (u64, u64),
     /// Time of the last heartbeat sent while waiting.
     beaten_ns: u64,
     granted: Granted,
@@ -252,19 +252,6 @@ impl Gateway {
         Ok(())
     }
 
-    /// Time that slipped, once it has grown.
-    fn tell_slip(&mut self) -> Result<(), IpcError> {
-        let (before, (now, late_ns)) = (self.slipped, self.slip);
-        if now <= before {
-            return Ok(());
-        }
-        self.slipped = now;
-        let late_us = late_ns / 1000;
-        self.tell(Process::Plant, EventKind::Slipped, Detector::Tick, |text| {
-            write!(text, "timer {late_us} us late, simulated time slipped by {} ticks", now - before)
-        })
-    }
-
     /// The first valid request for the tick that is due, primary before standby. Those for later ticks wait.
     fn choose(&mut self) -> Option<Request> {
         let tick = self.gate.tick();
@@ -348,44 +335,6 @@ impl Gateway {
         Ok(Some((operator.next.version, operator.next.effective_tick)))
     }
 
-    fn tell_parameters(&mut self, version: u64, from: i64) -> Result<(), IpcError> {
-        self.tell(Process::Supervisor, EventKind::Parameters, Detector::None, |text| {
-            write!(text, "parameters {version} in force from tick {from}")
-        })
-    }
-
-    fn tell_limited(&mut self, command: &Command) -> Result<(), IpcError> {
-        let limited = command.limited;
-        self.tell(Process::Supervisor, EventKind::Limited, Detector::None, |text| match limited {
-            0 => write!(text, "no torque is limited any more"),
-            bits => write!(text, "the peak limits the torque of joints {bits:#b} (a bit each, the first joint last)"),
-        })
-    }
-
-    fn tell_transition(&mut self, from: u32, to: u32) -> Result<(), IpcError> {
-        let name = |code| Severity::from_code(code).map_or("?", Severity::name);
-        self.tell(Process::Supervisor, EventKind::Transition, Detector::Deadline, |text| {
-            write!(text, "severity {} -> {}", name(from), name(to))
-        })
-    }
-
-    /// Sends an event whose text is written without touching the heap.
-    fn tell(
-        &mut self,
-        process: Process,
-        kind: EventKind,
-        detector: Detector,
-        write: impl FnOnce(&mut Text) -> std::fmt::Result,
-    ) -> Result<(), IpcError> {
-        let mut text = Text::default();
-        // Too long a text is cut.
-        let _ = write(&mut text);
-        let event = Event::new(self.gate.last().tick, process, kind, self.gate.severity(), detector, text.as_str());
-        let stamp_ns = if self.start.clock == Clock::Realtime { clock::now_ns() } else { 0 };
-        self.event.send(&Event { stamp_ns, ..event })?;
-        Ok(())
-    }
-
     fn beat(&mut self, phase: Phase) -> Result<(), IpcError> {
         let now = clock::now_ns();
         // Often enough to be heard, and not more.
@@ -434,21 +383,5 @@ impl Gateway {
         };
         let answer = Answer::new(&offer, verdict, slot.version, slot.effective_tick, tick, slot.before);
         self.start.hatch.answer(answer);
-    }
-}
-
-/// A text of bounded length on the stack.
-#[derive(Default)]
-struct Text {
-    bytes: arrayvec::ArrayString<{ hapfic_ipc::message::EVENT_TEXT }>,
-}
-
-impl Text {
-    fn as_str(&self) -> &str {
-        &self.bytes
-    }
-
-    fn write_fmt(&mut self, arguments: std::fmt::Arguments<'_>) -> std::fmt::Result {
-        std::fmt::Write::write_fmt(&mut self.bytes, arguments)
     }
 }

@@ -23,8 +23,15 @@ pub fn bits(snapshot: &Snapshot) -> Vec<u64> {
         &carried.offset,
         &carried.x_max,
         &carried.stiffness,
+        &carried.max_force,
+        &carried.position_bound,
+        &carried.force,
     ] {
         add(values);
+    }
+    for axis in &reference.planner.axes {
+        add(&[axis.target, axis.start, axis.start_velocity, axis.brake_acceleration, axis.brake_time]);
+        add(&[axis.amplitude, axis.rate, axis.phase]);
     }
     for body in &state.objects[..state.object_count as usize] {
         add(&body.position);

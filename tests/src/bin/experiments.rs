@@ -1,6 +1,6 @@
 //! Makes the tables of `docs/experiments.md`: the floor over a range of wished forces with each law, and all scenarios.
 //!
-//! `experiments FILE` writes each table into the file, between its marker, such as `<!-- floor -->`, and the next
+//! `experiments FILE...` writes each table into the files that have its marker, such as `<!-- floor -->`, between it and the next
 //! `<!-- end -->`. Every row is a lockstep run of the real stack, so the same command gives the same tables on every machine of
 //! the same kind. What the defaults must reach is checked after all tables are written: it then ends with 1 and says what fell
 //! short. It ends with 2 if the file is not as it must be.
@@ -22,13 +22,14 @@ mod verdict;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    let Some(file) = std::env::args().nth(1) else {
+    let files: Vec<String> = std::env::args().skip(1).collect();
+    if files.is_empty() {
         eprintln!(
-            "experiments: found no argument, expected the file with the tables; run it as `experiments docs/experiments.md`"
+            "experiments: found no argument, expected the files with the tables; run it as `experiments docs/experiments.md README.md`"
         );
         return ExitCode::from(2);
-    };
-    match make(&file) {
+    }
+    match make(&files) {
         Ok(shortfalls) if shortfalls.is_empty() => ExitCode::SUCCESS,
         Ok(shortfalls) => {
             shortfalls.iter().for_each(|shortfall| eprintln!("fell short: {shortfall}"));
@@ -42,19 +43,36 @@ fn main() -> ExitCode {
 }
 
 /// Runs everything and writes all tables. Returns what fell short.
-fn make(file: &str) -> Result<Vec<String>, String> {
-    let read = || std::fs::read_to_string(file).map_err(|error| format!("{file}: cannot be read: {error}"));
+fn make(files: &[String]) -> Result<Vec<String>, String> {
+    let read = |file: &String| std::fs::read_to_string(file).map_err(|error| format!("{file}: cannot be read: {error}"));
+    let fill = |file: &String, mut text: String, table: &dyn Fn(usize) -> String| {
+        for (place, (name, _)) in tables::TABLES.iter().enumerate() {
+            if document::has(&text, name) {
+                text = document::replace(&text, name, &table(place)).map_err(|error| format!("{file}: {error}"))?;
+            }
+        }
+        Ok::<_, String>(text)
+    };
     // Before minutes of running: all places are there.
-    let names = tables::TABLES.map(|(name, _)| name);
-    let text = read()?;
-    names.iter().try_fold(text, |text, name| document::replace(&text, name, "")).map_err(|error| format!("{file}: {error}"))?;
+    let texts = files.iter().map(read).collect::<Result<Vec<_>, _>>()?;
+    for (name, _) in tables::TABLES {
+        if !texts.iter().any(|text| document::has(text, name)) {
+            return Err(format!("{}: found no line `<!-- {name} -->`, expected one before that table", files.join(", ")));
+        }
+    }
+    files.iter().zip(texts).try_for_each(|(file, text)| fill(file, text, &|_| String::new()).map(|_| ()))?;
 
     let results = runs::all();
-    // Anew: the file may have been edited meanwhile.
-    let mut text = read()?;
-    for (name, table) in tables::TABLES {
-        text = document::replace(&text, name, &table(&results)).map_err(|error| format!("{file}: {error}"))?;
+    let shortfalls = verdict::shortfalls(&results);
+    if !runs::complete(&results) {
+        // Half a run's figures would pass for figures.
+        return Ok(shortfalls);
     }
-    std::fs::write(file, text).map_err(|error| format!("{file}: cannot be written: {error}"))?;
-    Ok(verdict::shortfalls(&results))
+    let tables: Vec<String> = tables::TABLES.iter().map(|(_, table)| table(&results)).collect();
+    for file in files {
+        // Anew: the file may have been edited meanwhile.
+        let text = fill(file, read(file)?, &|place| tables[place].clone())?;
+        std::fs::write(file, text).map_err(|error| format!("{file}: cannot be written: {error}"))?;
+    }
+    Ok(shortfalls)
 }

@@ -3,7 +3,7 @@
 use crate::figures::{AXES, TICK_S};
 use hapfic_log::proto::Operator;
 use hapfic_log::{Entry, LogError, Reader, Record, timeline};
-use serde_json::{Value, to_value};
+use serde_json::Value;
 use std::path::Path;
 
 /// The axis that presses.
@@ -14,8 +14,6 @@ const REACHED: f64 = 0.01;
 const KEPT: usize = 100;
 /// How much harder the foot may press with the improvements than without, N.
 const SURPLUS_N: f64 = 5.0;
-/// What names a set and is no parameter.
-const NO_PARAMETERS: [&str; 2] = ["version", "effective_tick"];
 /// Short names of parameters, with the factor and the unit that they are written with.
 const SHORT: [(&str, &str, f64, &str); 6] = [
     ("target_position", "target", 1.0, ""),
@@ -88,10 +86,8 @@ fn changes(sets: &[Operator], forces: &[(i64, f64)]) -> Vec<Change> {
 }
 
 fn difference(before: &Operator, set: &Operator) -> String {
-    let (old, new) = (to_value(before).unwrap(), to_value(set).unwrap());
-    let all = new.as_object().unwrap().iter().filter(|(name, _)| !NO_PARAMETERS.contains(&name.as_str()));
-    let changed = all.filter(|(name, value)| old[name.as_str()] != **value);
-    let parts: Vec<_> = changed.map(|(name, value)| part(name, &old[name.as_str()], value)).collect();
+    let changed = timeline::changed(Some(before), set);
+    let parts: Vec<_> = changed.iter().map(|change| part(&change.name, &change.before, &change.now)).collect();
     if parts.is_empty() { "nothing".to_owned() } else { parts.join(", ") }
 }
 
@@ -120,7 +116,8 @@ fn part(name: &str, old: &Value, new: &Value) -> String {
 
 /// Changes after which the foot presses harder with the improvements than without, in words.
 ///
-/// Only those count after which the improved run settles: where F_d cannot be met, there is no right force.
+/// Only those count after which one of the two settles: where F_d cannot be met, there is no right force. One after which only the
+/// unimproved run settles is worse, too.
 pub(crate) fn worse(with: &[Change], without: &[Change]) -> Vec<String> {
     if with.is_empty() || with.len() != without.len() {
         let (found, others) = (with.len(), without.len());
@@ -128,19 +125,21 @@ pub(crate) fn worse(with: &[Change], without: &[Change]) -> Vec<String> {
             "tuning: found {found} changes with the improvements and {others} without, expected as many, not 0"
         )];
     }
-    let pairs = with.iter().zip(without);
-    let worse = pairs.filter(|(a, b)| a.settled_ticks.is_some() && a.largest_n > b.largest_n + SURPLUS_N);
+    let mut worse = Vec::new();
+    for (a, b) in with.iter().zip(without) {
+        let change = format!("tuning, {} at {:.3} s", a.what, a.tick as f64 * TICK_S);
+        if (a.settled_ticks.is_some() || b.settled_ticks.is_some()) && a.largest_n > b.largest_n + SURPLUS_N {
+            let most = b.largest_n + SURPLUS_N;
+            let largest = a.largest_n;
+            worse.push(format!(
+                "{change}: largest F_z {largest:.1} N, expected {most:.1} at most: {SURPLUS_N} above the unimproved run"
+            ));
+        }
+        if a.settled_ticks.is_none() && b.settled_ticks.is_some() {
+            worse.push(format!("{change}: does not settle, the unimproved run does"));
+        }
+    }
     worse
-        .map(|(a, b)| {
-            format!(
-                "tuning, {} at {:.3} s: largest F_z {:.1} N, expected {:.1} at most: {SURPLUS_N} above the unimproved run",
-                a.what,
-                a.tick as f64 * TICK_S,
-                a.largest_n,
-                b.largest_n + SURPLUS_N
-            )
-        })
-        .collect()
 }
 
 #[cfg(test)]

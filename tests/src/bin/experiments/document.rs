@@ -2,6 +2,12 @@
 
 const END: &str = "<!-- end -->";
 
+/// Whether the document has a place for a table.
+pub(crate) fn has(document: &str, name: &str) -> bool {
+    let marker = format!("<!-- {name} -->");
+    document.lines().any(|line| line == marker)
+}
+
 /// The document with `table` in place of what is between the lines `<!-- name -->` and `<!-- end -->`.
 pub(crate) fn replace(document: &str, name: &str, table: &str) -> Result<String, String> {
     let marker = format!("<!-- {name} -->");

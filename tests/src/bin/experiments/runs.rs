@@ -81,6 +81,11 @@ impl Results {
     }
 }
 
+/// Whether every run reached its end.
+pub(crate) fn complete(results: &Results) -> bool {
+    results.iter().all(|(_, summary)| summary["completed"] == true)
+}
+
 /// What the tables need, each run once.
 fn list() -> Vec<Key> {
     let mut list = Vec::new();

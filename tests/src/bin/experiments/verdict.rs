@@ -15,6 +15,10 @@ const TIPPED_DEG: f64 = 80.0;
 const KICKED_M: f64 = 0.1;
 /// A knee so near zero is straight, degrees.
 const STRAIGHT_DEG: f64 = 1.0;
+/// Most energy that contacts may create, J.
+const CREATED_J: f64 = 1e-6;
+/// Largest share of contact sub-steps that end above the tolerance.
+const UNCONVERGED: f64 = 1e-4;
 /// Largest position error along a force that is wished in the air, m.
 const DRIFT_M: f64 = 2e-3;
 
@@ -101,6 +105,7 @@ pub(crate) fn shortfalls(results: &Results) -> Vec<String> {
         }
     }
     for scenario in SCENARIOS {
+        physics(scenario, results.of(scenario, &[]), &mut short);
         forces(scenario, scenario, results.of(scenario, &[]), &mut short);
     }
     for force in FORCES {
@@ -112,6 +117,23 @@ pub(crate) fn shortfalls(results: &Results) -> Vec<String> {
     let missed = moments(results).into_iter().filter(|moment| !moment.reached);
     short.extend(missed.map(|m| format!("{}: {}: found {}, expected {}", m.scenario, m.what, m.figure, m.wanted)));
     short
+}
+
+fn physics(scenario: &str, summary: &Value, short: &mut Vec<String>) {
+    let figure = |figure: &str| number(summary, &format!("/integration/{figure}"));
+    let created = figure("contact_energy_created_j");
+    if created.is_none_or(|created| created > CREATED_J) {
+        let found = created.map_or("nothing".to_owned(), |created| format!("{created:.1e} J"));
+        short.push(format!("{scenario}: energy created by contacts is {found}, expected {CREATED_J:.0e} J at most"));
+    }
+    let share = figure("unconverged").zip(figure("contact_substeps")).map(|(unconverged, all)| unconverged / all.max(1.0));
+    if share.is_none_or(|share| share > UNCONVERGED) {
+        short.push(format!("{scenario}: share of unconverged sub-steps is {share:?}, expected {UNCONVERGED:.0e} at most"));
+    }
+    let unexplained = largest(summary, "/tracking/outside/unexplained_ticks");
+    if unexplained != Some(0.0) {
+        short.push(format!("{scenario}: {unexplained:?} ticks outside x_b are unexplained, expected none"));
+    }
 }
 
 fn forces(scenario: &str, name: &str, summary: &Value, short: &mut Vec<String>) {
