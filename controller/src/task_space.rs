@@ -130,9 +130,14 @@ pub fn step(state: ControllerState, input: &Input, p: &Parameters, period_s: f64
                     .any(|(before, now)| before[axis] != now[axis]);
             // Only where a force is held: in the air, and without a wish, the position is what counts.
             if changed && p.desired_force[axis] != 0.0 && input.contact_force[axis].abs() > p.force_resolution {
-                before = refitted(error_at(0.0), state.force[axis], &profile);
-                // A convergence that goes on goes on from here: where it is entered, its force is the profile's.
-                attractor = Attractor::default();
+                // What the wall would answer if dx stayed: it gives back what F_c gains.
+                let (_, unfitted) = attractor.step(error_at(before), error_rate, &profile);
+                let foreseen = input.contact_force[axis] - (unfitted - state.force[axis]);
+                if off_the_wish(p, axis, input.contact_force[axis]) <= off_the_wish(p, axis, foreseen) {
+                    before = refitted(error_at(0.0), state.force[axis], &profile);
+                    // A convergence that goes on goes on from here: where it is entered, its force is the profile's.
+                    attractor = Attractor::default();
+                }
             }
             let (_, force) = attractor.step(error_at(before), error_rate, &profile);
             held_back(before, search(before), force, p.max_force[axis])
@@ -172,6 +177,11 @@ pub fn step(state: ControllerState, input: &Input, p: &Parameters, period_s: f64
     check_finite("error", &output.error)?;
     check_finite("error_rate", &output.error_rate)?;
     Ok(output)
+}
+
+/// How far a contact force is off the one that is wished, N.
+fn off_the_wish(p: &Parameters, axis: usize, force: f64) -> f64 {
+    (p.desired_force[axis] - force).abs()
 }
 
 fn decode(p: &Parameters) -> Result<Policies, TaskSpaceError> {

@@ -187,6 +187,11 @@ fn a_change_of_gains_keeps_the_force() {
     let force = after(found.state, &tight).force[0];
     assert!((force + 0.95 * 2000.0 * 0.003).abs() < 1e-9, "{force}");
     assert_eq!(after(start, &with(6000.0, 150.0, improved())).state.offset[0], -0.003, "nothing is known of a tick before");
+    // Gains that bring the force nearer to the wish by themselves are left to do so.
+    let hard = Input { contact_force: [80.0; 3], ..input };
+    let pressing = ControllerState { force: [-80.0; 3], ..found.state };
+    let relaxed = task_space::step(pressing, &hard, &with(1000.0, 150.0, improved()), PERIOD_S).unwrap();
+    assert!(relaxed.force[0] > -8.0, "{}", relaxed.force[0]);
     // The next tick knows the new gains and leaves the offset alone.
     let p = with(6000.0, 150.0, improved());
     let next = after(found.state, &p).state;
