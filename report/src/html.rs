@@ -128,7 +128,7 @@ fn metrics(out: &mut String, metrics: &Value) -> fmt::Result {
 
 fn events(out: &mut String, events: &Events) -> fmt::Result {
     let listed = events.kept();
-    writeln!(out, "<section id=\"events\"><h2>Events</h2><p class=\"note\">{} in the log", events.total())?;
+    write!(out, "<section id=\"events\"><h2>Events</h2><p class=\"note\">{} in the log", events.total())?;
     if (listed.len() as u64) < events.total() {
         write!(out, ", {} of them listed", listed.len())?;
     }

@@ -47,8 +47,15 @@ fn flatten(name: String, value: &Value, rows: &mut Vec<Row>) {
     }
 }
 
+/// A field's name in words, its unit in brackets.
 fn words(key: &str) -> String {
-    key.replace('_', " ")
+    const UNITS: [(&str, &str); 8] =
+        [("m", "m"), ("n", "N"), ("us", "us"), ("ms", "ms"), ("j", "J"), ("s", "s"), ("deg", "degrees"), ("percent", "%")];
+    let unit = key.rsplit_once('_').and_then(|(name, end)| Some((name, UNITS.iter().find(|(short, _)| *short == end)?.1)));
+    match unit {
+        Some((name, unit)) => format!("{} ({unit})", name.replace('_', " ")),
+        None => key.replace('_', " "),
+    }
 }
 
 fn cell(value: &Value) -> String {
@@ -133,13 +140,13 @@ mod tests {
             })
             .collect();
         for row in [
-            "force/rms n: 0.1235 - 1235",
+            "force/rms (N): 0.1235 - 1235",
             "force/ok: yes",
-            "timing/latency us, p50: 55.00",
-            "timing/latency us, max: 1.000e9",
+            "timing/latency (us), p50: 55.00",
+            "timing/latency (us), max: 1.000e9",
             "timing/late ticks: 3",
             "moments/objects, 0, name: box",
-            "moments/objects, 0, turned deg: 90.00",
+            "moments/objects, 0, turned (degrees): 90.00",
         ] {
             assert!(found.iter().any(|other| other == row), "{row} is not in {found:#?}");
         }

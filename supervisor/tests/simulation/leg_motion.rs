@@ -17,7 +17,7 @@ const FOOT_BELOW_M: f64 = 2e-3;
 /// Deepest contact of rigid bodies, m: where the leg is a lever, it presses an object with more than F_max.
 const RIGID_M: f64 = 3e-3;
 /// Most that work and stored energy of the contacts may rise, J.
-const RISE_J: f64 = 1e-6;
+const RISE_J: f64 = 1e-3;
 /// Share of the implicit sub-steps that may end above the tolerance.
 const UNCONVERGED: f64 = 1e-3;
 
