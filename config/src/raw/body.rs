@@ -187,7 +187,7 @@ pub(crate) struct RawPlant {
     /// Longest step of the integration in contact, us, an integer in [1, 20]. Raising it is faster and lowers impact peaks.
     pub(crate) contact_substep_us: u32,
 
-    /// Longest step in free flight, us, an integer in [1, 1000]. Raising it is faster and less exact.
+    /// Longest step in free flight, us, an integer in [1, 200]. Raising it is faster and less exact.
     pub(crate) flight_substep_us: u32,
 
     /// Ticks without a command after which the drive brakes by itself, an integer in [1, 100]. Raising it rides out longer
