@@ -3,7 +3,7 @@
 
 use hapfic_config::Settings;
 use hapfic_ipc::message::MAX_JOINTS;
-use hapfic_plant::{Action, ContactLaw, Plant};
+use hapfic_plant::{Action, ContactLaw, FreeBody, Plant};
 use nalgebra::{DVector, Matrix3, UnitQuaternion, Vector3};
 
 const G: f64 = 9.81;
@@ -141,6 +141,18 @@ struct Reference {
 }
 
 impl Reference {
+    /// Where a body of the plant is, without its motion.
+    fn at_rest(body: &FreeBody) -> Self {
+        Self {
+            position: body.position,
+            rotation: body.rotation,
+            velocity: Vector3::zeros(),
+            momentum: Vector3::zeros(),
+            mass: body.mass,
+            inertia: body.inertia,
+        }
+    }
+
     fn turning(&self) -> Vector3<f64> {
         self.rotation * (self.rotation.inverse() * self.momentum).component_div(&self.inertia)
     }
@@ -169,14 +181,7 @@ fn a_tilted_cube_falls_and_slides_as_its_reference_does() {
     let start = plant.world().objects[0];
     let lowest = start.position.z - 0.1 * (tilt.cos() + tilt.sin());
     assert!(lowest > 0.0 && lowest < 2e-3, "starts {lowest} m over the floor");
-    let mut reference = Reference {
-        position: start.position,
-        rotation: start.rotation,
-        velocity: Vector3::zeros(),
-        momentum: Vector3::zeros(),
-        mass: start.mass,
-        inertia: start.inertia,
-    };
+    let mut reference = Reference::at_rest(&start);
     let h = 1e-6;
     for _ in 0..800_000 {
         let (mut total, mut torque) = (Vector3::zeros(), Vector3::zeros());
@@ -224,14 +229,7 @@ fn a_kick_with_the_shank_has_the_impulse_of_its_reference() {
     plant.world().qd[2] = -6.0;
     let (mut q, mut qd) = (plant.world().q, plant.world().qd);
     let start = plant.world().objects[0];
-    let mut reference = Reference {
-        position: start.position,
-        rotation: start.rotation,
-        velocity: Vector3::zeros(),
-        momentum: Vector3::zeros(),
-        mass: start.mass,
-        inertia: start.inertia,
-    };
+    let mut reference = Reference::at_rest(&start);
     let (h, ticks) = (1e-6, 120);
     let (mut impulse, mut peak) = (Vector3::zeros(), 0.0_f64);
     for _ in 0..ticks * 1000 {

@@ -63,7 +63,9 @@ impl Figures {
 }
 
 fn run(scenario: &str, seed: u64) -> Result<Figures, SimulationError> {
-    let settings = script::random(scenario, seed, TICKS);
+    let mut settings = script::random(scenario, seed, TICKS);
+    let substep = u64::from(settings.plant.contact_substep_us);
+    settings.plant.contact_substep_us = asked("HAPFIC_SUBSTEP_US", substep) as u32;
     let mut simulation = Simulation::new(&settings)?;
     let names = simulation.plant().body_names().to_vec();
     let index_of = |wanted: &str| names.iter().position(|name| name == wanted).unwrap() as u32;
@@ -94,11 +96,16 @@ fn run(scenario: &str, seed: u64) -> Result<Figures, SimulationError> {
     Ok(figures)
 }
 
+/// A number that the environment asks for, to study a case.
+fn asked(name: &str, otherwise: u64) -> u64 {
+    std::env::var(name).map_or(otherwise, |number| number.parse().unwrap_or_else(|_| panic!("{name} is a whole number")))
+}
+
 /// All seeds of a scenario. Asserts what does not depend on the object, and prints it all.
 fn run_all(scenario: &str) -> Figures {
-    let seeds = std::env::var("HAPFIC_SEEDS").map_or(SEEDS, |number| number.parse().expect("HAPFIC_SEEDS is a number of seeds"));
+    let (first, seeds) = (asked("HAPFIC_FIRST_SEED", 0), asked("HAPFIC_SEEDS", SEEDS));
     assert!(seeds > 0, "HAPFIC_SEEDS is a number of seeds above zero");
-    let results = for_each_seed(seeds, |seed| run(scenario, seed).map_err(|error| format!("seed {seed}: {error}")));
+    let results = for_each_seed(seeds, |seed| run(scenario, first + seed).map_err(|error| format!("seed {seed}: {error}")));
     let worst = results.into_iter().map(|result| result.unwrap()).reduce(Figures::or).unwrap();
     println!(
         "{scenario}, {seeds} seeds of {} s: deepest rigid contact {} m, soft {} m; foot below the floor {} m, object's centre {} m; \
@@ -117,8 +124,13 @@ fn run_all(scenario: &str) -> Figures {
     assert!(worst.foot.is_below(FOOT_BELOW_M), "foot below the floor: {} m", worst.foot);
     assert!(worst.rise.is_below(RISE_J), "rise of contact energy: {} J", worst.rise);
     assert!(worst.unconverged.is_below(UNCONVERGED), "share of sub-steps not converged: {}", worst.unconverged);
-    // Or else there was nothing to pass through.
-    assert!(worst.struck > 100 && worst.landed > 100, "the leg touched too little: {}, {}", worst.struck, worst.landed);
+    // Or else there was nothing to pass through; a single seed under study may have its reasons.
+    assert!(
+        seeds < SEEDS || (worst.struck > 100 && worst.landed > 100),
+        "the leg touched too little: {}, {}",
+        worst.struck,
+        worst.landed
+    );
     worst
 }
 

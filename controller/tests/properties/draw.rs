@@ -1,0 +1,216 @@
+//! Inputs and parameters of every kind, and the work along a path of the error.
+
+use hapfic_controller::task_space::Input;
+use hapfic_controller::{Attractor, ForceProfile, HapticParameters, Stall, StallInput};
+use hapfic_ipc::message::{ControllerState, Parameters, ResetPolicy, Saturation, Search};
+use proptest::prelude::*;
+
+/// T, s.
+pub const PERIOD_S: f64 = 1e-3;
+pub const NOT_FINITE: [f64; 3] = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY];
+
+/// Any finite number: ordinary, huge, tiny, zero, of both signs.
+pub fn finite() -> impl Strategy<Value = f64> {
+    prop_oneof![
+        4 => -1.0_f64..1.0,
+        2 => -1e4_f64..1e4,
+        2 => any::<f64>().prop_map(|x| if x.is_finite() { x } else { 1.0 }),
+        1 => prop::sample::select(vec![0.0, -0.0, f64::MAX, f64::MIN, f64::MIN_POSITIVE, 5e-324, 1e-200, 1e200]),
+    ]
+}
+
+/// Any finite parameter; mostly of the right sign, so that most sets are usable.
+pub fn parameter() -> impl Strategy<Value = f64> {
+    prop_oneof![8 => finite().prop_map(f64::abs), 1 => finite()]
+}
+
+pub fn any_number() -> impl Strategy<Value = f64> {
+    prop_oneof![3 => finite(), 1 => prop::sample::select(NOT_FINITE.to_vec())]
+}
+
+pub fn saturation() -> impl Strategy<Value = Saturation> {
+    prop::sample::select(Saturation::ALL.to_vec())
+}
+
+pub fn profile() -> impl Strategy<Value = ForceProfile> {
+    (parameter(), parameter(), parameter(), saturation()).prop_map(|(stiffness, max_force, position_bound, saturation)| {
+        ForceProfile { stiffness, max_force, position_bound, saturation }
+    })
+}
+
+pub fn haptic_parameters() -> impl Strategy<Value = HapticParameters> {
+    let policies = (prop::sample::select(Search::ALL.to_vec()), prop::sample::select(ResetPolicy::ALL.to_vec()));
+    (parameter(), parameter(), policies, parameter(), parameter(), parameter()).prop_map(
+        |(stiffness, position_bound, (search, reset_policy), taper, search_scale, force_resolution)| HapticParameters {
+            stiffness,
+            position_bound,
+            search,
+            reset_policy,
+            taper,
+            search_scale,
+            force_resolution,
+            period_s: PERIOD_S,
+        },
+    )
+}
+
+/// Forces and lengths that do not overflow in a difference, but are otherwise anything.
+pub fn moderate() -> impl Strategy<Value = f64> {
+    let scale = prop_oneof![4 => Just(1.0_f64), 2 => Just(1e4), 1 => Just(1e300), 1 => Just(1e-300), 1 => Just(0.0)];
+    (scale, -1.0_f64..1.0).prop_map(|(scale, share)| scale * share)
+}
+
+pub fn input() -> impl Strategy<Value = Input> {
+    let vector = || prop::array::uniform3(moderate());
+    (vector(), vector(), vector(), vector(), vector()).prop_map(
+        |(position, velocity, reference_position, reference_velocity, contact_force)| Input {
+            position,
+            velocity,
+            reference_position,
+            reference_velocity,
+            contact_force,
+        },
+    )
+}
+
+pub fn parameters() -> impl Strategy<Value = Parameters> {
+    let magnitudes = || prop::array::uniform3(moderate().prop_map(f64::abs));
+    let gains = (magnitudes(), magnitudes(), magnitudes(), prop::array::uniform3(moderate()));
+    // Default and paper's policies, and every other combination.
+    let policies = (0_u32..3, 0_u32..2, 0_u32..2, 0_u32..2, 0_u32..2);
+    (gains, policies, 0.0_f64..1.0, 0.0_f64..0.1, 0.0_f64..0.1).prop_map(
+        |((stiffness, max_force, position_bound, desired_force), policies, taper, scale, resolution)| {
+            let (reset_policy, saturation, search, offset_anti_windup, stall_release) = policies;
+            Parameters {
+                desired_force,
+                stiffness,
+                max_force,
+                position_bound,
+                reset_policy,
+                saturation,
+                search,
+                offset_anti_windup,
+                stall_release,
+                taper,
+                search_scale: scale,
+                force_resolution: resolution,
+                ..Parameters::default()
+            }
+        },
+    )
+}
+
+/// A parameter set as an operator would give it.
+pub fn ordinary() -> Parameters {
+    Parameters {
+        desired_force: [0.0, 5.0, -20.0],
+        stiffness: [2000.0; 3],
+        max_force: [100.0; 3],
+        position_bound: [0.05; 3],
+        taper: 0.2,
+        search_scale: 0.01,
+        force_resolution: 0.01,
+        ..Parameters::default()
+    }
+}
+
+/// The n-th number that enters the task-space law; `None` behind the last.
+pub fn place<'a>(n: usize, state: &'a mut ControllerState, input: &'a mut Input, p: &'a mut Parameters) -> Option<&'a mut f64> {
+    let search = state.offset.iter_mut().chain(&mut state.x_max);
+    let before = state.stiffness.iter_mut().chain(&mut state.max_force).chain(&mut state.position_bound).chain(&mut state.force);
+    let state = search.chain(before);
+    let motion = input.position.iter_mut().chain(&mut input.velocity);
+    let reference = input.reference_position.iter_mut().chain(&mut input.reference_velocity);
+    let gains = p.stiffness.iter_mut().chain(&mut p.max_force).chain(&mut p.position_bound);
+    let forces = input.contact_force.iter_mut().chain(&mut p.desired_force);
+    let scalars = [&mut p.taper, &mut p.search_scale, &mut p.force_resolution];
+    state.chain(motion).chain(reference).chain(gains).chain(forces).chain(scalars).nth(n)
+}
+
+/// A closed path of the error: knots in shares of x_b, back to the first one.
+pub fn cycle() -> impl Strategy<Value = Vec<f64>> {
+    prop::collection::vec(-2.0_f64..2.0, 2..9).prop_map(|mut knots| {
+        knots.push(knots[0]);
+        knots
+    })
+}
+
+/// The monotone stretches between knots, divided at zero error, where the attractor's force changes at once.
+pub fn stretches(knots: &[f64]) -> Vec<(f64, f64)> {
+    let mut stretches = Vec::new();
+    for pair in knots.windows(2) {
+        let (from, to) = (pair[0], pair[1]);
+        if from * to < 0.0 {
+            stretches.extend([(from, 0.0), (0.0, to)]);
+        } else {
+            stretches.push((from, to));
+        }
+    }
+    stretches
+}
+
+/// Samples per stretch.
+pub const SAMPLES: u32 = 64;
+
+/// Work of a force on the robot along a path of the error, J: -sum F de, with the force at the middle of each sample.
+pub fn work(stretches: &[(f64, f64)], mut force: impl FnMut(f64, f64) -> f64) -> f64 {
+    let mut work = 0.0;
+    for &(from, to) in stretches {
+        let sample = (to - from) / f64::from(SAMPLES);
+        for i in 0..SAMPLES {
+            let error = from + (f64::from(i) + 0.5) * sample;
+            work -= force(error, sample / PERIOD_S) * sample;
+        }
+    }
+    work
+}
+
+/// One tick of an axis with release: the attractor's step, then the stall's. No contact, 0.01 N resolution.
+pub fn released(state: (Attractor, Stall), error: f64, error_rate: f64, profile: &ForceProfile) -> ((Attractor, Stall), f64) {
+    let (attractor, force) = state.0.step(error, error_rate, profile);
+    let seen = StallInput { error, error_rate, force, contact_force: 0.0, force_resolution: 0.01, period_s: PERIOD_S };
+    let (stall, attractor, force) = state.1.step(attractor, &seen, profile);
+    ((attractor, stall), force)
+}
+
+/// Ticks of standing still that are enough for a release.
+pub const PAUSE: u32 = 25;
+
+/// Work as [`work`] counts it of the law with release, along a path with a pause behind every stretch.
+pub fn work_with_pauses(stretches: &[(f64, f64)], profile: &ForceProfile) -> f64 {
+    let mut state = (Attractor::default(), Stall::default());
+    let mut work = 0.0;
+    for &(from, to) in stretches {
+        let sample = (to - from) / f64::from(SAMPLES);
+        for i in 0..SAMPLES {
+            let error = from + (f64::from(i) + 0.5) * sample;
+            let (next, force) = released(state, error, sample / PERIOD_S, profile);
+            state = next;
+            work -= force * sample;
+        }
+        for _ in 0..PAUSE {
+            state = released(state, to, 0.0, profile).0;
+        }
+    }
+    work
+}
+
+/// What sampling can feign at most, J.
+///
+/// The middle rule is exact where the force is linear and stores too much where the profile bends, which is the safe side.
+/// What remains: a convergence from M is noticed half a sample h late, at M - h/2. With F_c(e) / e falling, its work is
+/// then at most `F_c/|x_max| (-(M - m)^2 / 2 + (M - m) h / 2 + h^2 / 8)` more than the energy released between M and m,
+/// which is largest, h^2/4, at M - m = h/2; and F_c/|x_max| <= K0. The last term is rounding.
+pub fn sampling_error(stretches: &[(f64, f64)], profile: &ForceProfile) -> f64 {
+    let squares: f64 = stretches.iter().map(|(from, to)| ((to - from) / f64::from(SAMPLES)).powi(2)).sum();
+    let length: f64 = stretches.iter().map(|(from, to)| (to - from).abs()).sum();
+    0.25 * profile.stiffness * squares + 1e-12 * profile.max_force * length
+}
+
+/// A profile that does not harden, from ordinary gains: K0, x_b and F_max / (K0 x_b).
+pub fn softening() -> impl Strategy<Value = ForceProfile> {
+    (1.0_f64..5.0, -3.0_f64..-1.0, 0.05_f64..0.95, saturation()).prop_map(|(stiffness, bound, share, saturation)| {
+        let (stiffness, position_bound) = (10_f64.powf(stiffness), 10_f64.powf(bound));
+        ForceProfile { stiffness, max_force: share * stiffness * position_bound, position_bound, saturation }
+    })
+}

@@ -1,0 +1,261 @@
+//! Bounds and energy, for whatever comes in.
+
+use crate::draw::*;
+use hapfic_controller::task_space;
+use hapfic_controller::{Attractor, ForceProfile, HapticParameters, HapticSearch, LowPass, Stall, held_back, limit, refitted};
+use hapfic_ipc::message::{ControllerState, MAX_JOINTS, Parameters, ResetPolicy, Saturation, Search};
+use proptest::prelude::*;
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 512, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn profile_stays_within_f_max(profile in profile(), error in any_number()) {
+        let force = profile.force(error);
+        prop_assert!(force.abs() <= profile.max_force.max(0.0), "{force} N");
+        prop_assert_eq!(profile.force(-error), -force);
+    }
+
+    #[test]
+    fn profile_pulls_towards_the_reference(profile in softening(), error in -0.2_f64..0.2) {
+        let force = profile.force(error);
+        prop_assert!(force * error >= 0.0);
+        prop_assert!((force - (profile.stiffness * error).clamp(-profile.max_force, profile.max_force)).abs()
+            <= 1e-12 * profile.max_force);
+    }
+
+    #[test]
+    fn attractor_stays_within_f_max(steps in prop::collection::vec((any_number(), any_number(), profile()), 1..60)) {
+        let mut state = Attractor::default();
+        for (error, error_rate, profile) in steps {
+            let (next, force) = state.step(error, error_rate, &profile);
+            prop_assert!(force.abs() <= profile.max_force.max(0.0), "{force} N from {state:?} at {error}, {error_rate}");
+            prop_assert!(next.x_max_m.is_finite());
+            state = next;
+        }
+    }
+
+    #[test]
+    fn offset_stays_within_its_bound(
+        steps in prop::collection::vec((any_number(), any_number(), haptic_parameters()), 1..60),
+    ) {
+        let mut state = HapticSearch::default();
+        for (desired, measured, p) in steps {
+            state = state.step(desired, measured, &p);
+            prop_assert!(state.offset_m.abs() <= p.position_bound.max(0.0), "{state:?} with {p:?}");
+        }
+    }
+
+    #[test]
+    fn offset_moves_at_most_a_full_step_towards_the_force(
+        desired in -100.0_f64..100.0,
+        measured in -100.0_f64..100.0,
+        offset_m in -0.01_f64..0.01,
+        search in prop::sample::select(Search::ALL.to_vec()),
+        period_s in 1e-4_f64..1e-2,
+    ) {
+        prop_assume!(measured.abs() > 0.01 && (desired - measured).abs() > 0.01 && desired != 0.0);
+        let p = HapticParameters {
+            stiffness: 2000.0,
+            position_bound: 1.0,
+            search,
+            reset_policy: ResetPolicy::ContactLoss,
+            taper: 0.2,
+            search_scale: 0.01,
+            force_resolution: 0.01,
+            period_s,
+        };
+        let moved = HapticSearch { offset_m }.step(desired, measured, &p).offset_m - offset_m;
+        // More reaction along +x is had by reaching towards -x, whatever the sign of F_d.
+        prop_assert!(moved * (desired - measured) < 0.0);
+        let full = 0.01 * desired.abs() / 2000.0 * (period_s / 1e-3);
+        prop_assert!(moved.abs() <= full * (1.0 + 1e-9) + 1e-15, "moved {moved}, full step {full}");
+    }
+
+    #[test]
+    fn task_space_force_stays_within_f_max(steps in prop::collection::vec((input(), parameters()), 1..30)) {
+        let mut state = ControllerState::default();
+        for (input, p) in steps {
+            let output = task_space::step(state, &input, &p, PERIOD_S);
+            prop_assert!(output.is_ok(), "{output:?}");
+            let output = output.unwrap();
+            for axis in 0..3 {
+                prop_assert!(output.force[axis].abs() <= p.max_force[axis], "{output:?} with {p:?}");
+                prop_assert!(output.state.offset[axis].abs() <= p.position_bound[axis], "{output:?} with {p:?}");
+                prop_assert!(output.state.x_max[axis].is_finite() && output.state.converging[axis] <= 1);
+            }
+            state = output.state;
+        }
+    }
+
+    #[test]
+    fn no_energy_is_gained_over_a_closed_cycle(profile in softening(), knots in cycle()) {
+        let knots: Vec<f64> = knots.iter().map(|share| share * profile.position_bound).collect();
+        let stretches = stretches(&knots);
+        let mut state = Attractor::default();
+        let gained = work(&stretches, |error, error_rate| {
+            let (next, force) = state.step(error, error_rate, &profile);
+            state = next;
+            force
+        });
+        let allowed = sampling_error(&stretches, &profile);
+        prop_assert!(gained <= allowed, "gained {gained} J, sampling explains {allowed} J");
+
+        // The account is sharp enough: a tenth more on the way back than on the way out would show.
+        let generous = work(&stretches, |error, error_rate| {
+            profile.force(error) * if error * error_rate < 0.0 { 1.1 } else { 1.0 }
+        });
+        prop_assert!(generous > allowed, "a law that gives energy gained {generous} J and passed");
+    }
+
+    #[test]
+    fn no_energy_is_gained_over_a_closed_cycle_with_releases(profile in softening(), knots in cycle()) {
+        let knots: Vec<f64> = knots.iter().map(|share| share * profile.position_bound).collect();
+        let stretches = stretches(&knots);
+        let gained = work_with_pauses(&stretches, &profile);
+        let allowed = sampling_error(&stretches, &profile);
+        prop_assert!(gained <= allowed, "gained {gained} J, sampling explains {allowed} J");
+    }
+
+    #[test]
+    fn a_release_offers_less_than_the_one_before(
+        profile in softening(),
+        farthest in prop_oneof![-2.0_f64..-0.1, 0.1_f64..2.0],
+        stops in prop::collection::vec(0.3_f64..0.99, 1..8),
+    ) {
+        let mut state = (Attractor::default(), Stall::default());
+        let mut error = farthest * profile.position_bound;
+        state = released(state, error, -error.signum() * 0.1, &profile).0;
+        for share in stops {
+            error *= share;
+            state = released(state, error, -error.signum() * 0.1, &profile).0;
+            let before = state.0;
+            let pull = released(state, error, 0.0, &profile).1 * error.signum();
+            let offered = |x_max: f64| profile.force(x_max.abs()) * x_max.abs() / 4.0;
+            let mut force = pull;
+            for _ in 0..PAUSE {
+                let (next, now) = released(state, error, 0.0, &profile);
+                (state, force) = (next, now * error.signum());
+            }
+            // Released if it pays, and then to no more than the profile and with no more to come than before.
+            if profile.force(error.abs()) - pull > 0.01 {
+                prop_assert_eq!(state.0, Attractor { x_max_m: error, converging: true });
+                prop_assert!(force > pull && force <= profile.force(error.abs()));
+                prop_assert!(error.abs() <= before.x_max_m.abs() && offered(error) <= offered(before.x_max_m));
+            } else {
+                prop_assert_eq!(state.0, before);
+            }
+        }
+    }
+
+    #[test]
+    fn both_improvements_keep_every_bound(
+        steps in prop::collection::vec((input(), parameters(), any::<u32>(), prop::array::uniform3(moderate())), 1..30),
+    ) {
+        let mut state = ControllerState::default();
+        for (input, p, still, offset) in steps {
+            let p = Parameters { offset_anti_windup: 1, stall_release: 1, ..p };
+            // As if from another controller: any state that passes the checks.
+            let from = ControllerState { still_ticks: [still, 0, u32::MAX], offset, ..state };
+            let output = task_space::step(from, &input, &p, PERIOD_S);
+            prop_assert!(output.is_ok(), "{output:?}");
+            let output = output.unwrap();
+            for axis in 0..3 {
+                prop_assert!(output.force[axis].abs() <= p.max_force[axis], "{output:?} with {p:?}");
+                prop_assert!(output.state.offset[axis].abs() <= p.position_bound[axis], "{output:?} with {p:?}");
+                prop_assert_eq!(output.state.stiffness[axis], p.stiffness[axis]);
+            }
+            state = output.state;
+        }
+    }
+
+    #[test]
+    fn a_saturated_offset_moves_only_out_of_saturation_or_towards_zero(
+        before in -0.02_f64..0.02,
+        wanted in -0.02_f64..0.02,
+        force in -1.0_f64..1.0,
+        max_force in 0.1_f64..2.0,
+    ) {
+        let force = force.clamp(-max_force, max_force);
+        let taken = held_back(before, wanted, force, max_force);
+        prop_assert!(taken == before || taken == wanted);
+        let deeper = (taken - before) * force > 0.0 && taken.abs() > before.abs();
+        prop_assert!(!(deeper && force.abs() >= 0.999 * max_force), "{before} -> {taken} at {force} of {max_force} N");
+        if force.abs() < 0.999 * max_force || (wanted - before) * force <= 0.0 || wanted.abs() <= before.abs() {
+            prop_assert_eq!(taken, wanted);
+        }
+    }
+
+    #[test]
+    fn a_refitted_offset_stays_within_its_bound(
+        distance in finite(),
+        force in finite(),
+        stiffness in parameter(),
+        max_force in parameter(),
+        position_bound in parameter(),
+    ) {
+        let profile = ForceProfile { stiffness, max_force, position_bound, saturation: Saturation::Continuous };
+        let offset = refitted(distance, force, &profile);
+        prop_assert!(offset.abs() <= position_bound.max(0.0), "{offset}");
+    }
+
+    #[test]
+    fn a_refitted_offset_gives_the_force_that_was(
+        distance in -0.1_f64..0.1,
+        force in -300.0_f64..300.0,
+        stiffness in 1.0_f64..1e5,
+        max_force in 1.0_f64..400.0,
+        position_bound in 1e-4_f64..1.0,
+    ) {
+        let profile = ForceProfile { stiffness, max_force, position_bound, saturation: Saturation::Continuous };
+        let offset = refitted(distance, force, &profile);
+        let wanted = force.clamp(-max_force, max_force);
+        let given = profile.force(distance + offset);
+        if offset.abs() < position_bound {
+            prop_assert!(given.abs() <= wanted.abs() + 1e-9 * stiffness.max(1.0), "{given} N instead of {wanted} N");
+            if wanted.abs() <= 0.95 * stiffness * position_bound {
+                prop_assert!((given - wanted).abs() <= 1e-9 * stiffness.max(1.0), "{given} N instead of {wanted} N");
+            }
+        }
+    }
+
+    #[test]
+    fn the_way_back_gives_back_nothing(
+        profile in softening(),
+        hardening in 0.1_f64..20.0,
+        farthest in prop_oneof![-2.0_f64..-0.01, 0.01_f64..2.0],
+    ) {
+        // Holds for every profile, also one that hardens.
+        let profile = ForceProfile { max_force: profile.max_force * hardening, ..profile };
+        let farthest = farthest * profile.position_bound;
+        let mut state = Attractor::default();
+        let returned = work(&[(farthest, 0.0)], |error, error_rate| {
+            let (next, force) = state.step(error, error_rate, &profile);
+            state = next;
+            force
+        });
+        // Noticed half a sample late: F_c |M| / |x_max| h / 2, and |M| < 2 |x_max|.
+        let allowed = profile.force(farthest.abs()) * farthest.abs() / f64::from(SAMPLES);
+        prop_assert!(returned.abs() <= allowed, "returned {returned} J, sampling explains {allowed} J");
+    }
+
+    #[test]
+    fn low_pass_stays_within_its_inputs(
+        torques in prop::collection::vec(any_number(), 1..60),
+        cutoff in prop::option::of(any_number()),
+        peak in any_number(),
+    ) {
+        let mut state = LowPass::default();
+        let mut largest = 0.0_f64;
+        for torque in torques {
+            state = state.step(&[torque; MAX_JOINTS], cutoff, PERIOD_S);
+            largest = if torque.is_finite() { largest.max(torque.abs()) } else { largest };
+            let (limited, bits) = limit(&state.output, &[peak; MAX_JOINTS]);
+            for (output, limited) in state.output.iter().zip(limited) {
+                prop_assert!(output.abs() <= largest * (1.0 + 1e-12) + f64::MIN_POSITIVE, "{output} from at most {largest}");
+                prop_assert!(limited.is_finite() && limited.abs() <= peak.max(0.0));
+                prop_assert_eq!(bits != 0, limited != *output);
+            }
+        }
+    }
+}

@@ -1,0 +1,6 @@
+//! What the laws promise for every input and every parameter set.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+mod draw;
+mod laws;
+mod refusals;

@@ -1,0 +1,87 @@
+//! What is no number, or means nothing.
+
+use crate::draw::*;
+use hapfic_controller::task_space::{self, Input, TaskSpaceError, policies};
+use hapfic_controller::{Attractor, ForceProfile, LowPass, limit};
+use hapfic_ipc::message::{ControllerState, Parameters, Saturation};
+
+#[test]
+fn a_number_that_is_not_finite_is_refused_wherever_it_comes_in() {
+    let mut places = 0;
+    loop {
+        for bad in NOT_FINITE {
+            let (mut state, mut input, mut p) = (ControllerState::default(), Input::default(), ordinary());
+            let Some(number) = place(places, &mut state, &mut input, &mut p) else {
+                assert_eq!(places, 48);
+                return;
+            };
+            *number = bad;
+            let refused = task_space::step(state, &input, &p, PERIOD_S);
+            assert!(matches!(refused, Err(TaskSpaceError::NotFinite { .. })), "place {places}: {refused:?}");
+        }
+        places += 1;
+    }
+}
+
+#[test]
+fn an_error_that_overflows_is_refused() {
+    let input = Input { position: [f64::MAX; 3], reference_position: [f64::MIN; 3], ..Input::default() };
+    let refused = task_space::step(ControllerState::default(), &input, &ordinary(), PERIOD_S);
+    assert_eq!(refused, Err(TaskSpaceError::NotFinite { quantity: "error", index: 0, found: f64::NEG_INFINITY }));
+}
+
+#[test]
+fn unknown_policies_and_periods_are_refused() {
+    let step = |p: &Parameters, period_s| task_space::step(ControllerState::default(), &Input::default(), p, period_s);
+    let unknown = |quantity, last| Err(TaskSpaceError::UnknownPolicy { quantity, found: 7, last });
+    let p = Parameters { reset_policy: 7, ..ordinary() };
+    assert_eq!(step(&p, PERIOD_S), unknown("reset_policy", 2));
+    assert_eq!(policies(&p), None);
+    let p = Parameters { saturation: 7, ..ordinary() };
+    assert_eq!(step(&p, PERIOD_S), unknown("saturation", 1));
+    assert_eq!(policies(&p), None);
+    let p = Parameters { search: 7, ..ordinary() };
+    assert_eq!(step(&p, PERIOD_S), unknown("search", 1));
+    assert_eq!(policies(&p), None);
+    let p = Parameters { offset_anti_windup: 7, ..ordinary() };
+    assert_eq!(step(&p, PERIOD_S), unknown("offset_anti_windup", 1));
+    assert_eq!(policies(&p), None);
+    let p = Parameters { stall_release: 7, ..ordinary() };
+    assert_eq!(step(&p, PERIOD_S), unknown("stall_release", 1));
+    assert_eq!(policies(&p), None);
+    for period_s in [0.0, -PERIOD_S, f64::NAN, f64::INFINITY] {
+        assert!(matches!(step(&ordinary(), period_s), Err(TaskSpaceError::Period { .. })));
+    }
+    assert!(step(&ordinary(), PERIOD_S).is_ok());
+}
+
+#[test]
+fn a_non_finite_number_gives_no_force_and_moves_no_offset() {
+    let profile = ForceProfile { stiffness: 1e3, max_force: 50.0, position_bound: 0.05, saturation: Saturation::Continuous };
+    let before = Attractor { x_max_m: 0.02, converging: true };
+    for bad in NOT_FINITE {
+        assert_eq!(profile.force(bad), 0.0);
+        assert_eq!(ForceProfile { stiffness: bad, ..profile }.force(0.01), 0.0);
+        assert_eq!(ForceProfile { max_force: bad, ..profile }.force(0.01), 0.0);
+        assert_eq!(ForceProfile { position_bound: bad, ..profile }.force(0.01), 0.0);
+        assert_eq!(before.step(bad, 0.1, &profile), (before, 0.0));
+        assert_eq!(before.step(0.01, bad, &profile), (before, 0.0));
+        let after = Attractor { x_max_m: bad, converging: true }.step(0.01, -0.1, &profile);
+        assert_eq!(after, (Attractor { x_max_m: 0.01, converging: true }, profile.force(0.01)));
+    }
+}
+
+#[test]
+fn without_a_cut_off_the_torque_passes_and_the_state_follows() {
+    let torque = [1.0, -2.0, 3.0, 0.0, 5.5, -6.5, 7.0, 80.0];
+    let passed = LowPass::default().step(&torque, None, PERIOD_S);
+    assert_eq!(passed.output, torque);
+    // Switched on, it starts from there.
+    let filtered = passed.step(&torque, Some(20.0), PERIOD_S);
+    for (output, torque) in filtered.output.iter().zip(torque) {
+        assert!((output - torque).abs() <= 1e-12, "{output} instead of {torque}");
+    }
+    let (limited, bits) = limit(&torque, &[40.0, 1.0, 3.0, 0.0, f64::INFINITY, 6.5, f64::NAN, 40.0]);
+    assert_eq!(limited, [1.0, -1.0, 3.0, 0.0, 5.5, -6.5, 0.0, 40.0]);
+    assert_eq!(bits, 0b1100_0010);
+}
