@@ -35,6 +35,20 @@ figures:
 seeds:
     HAPFIC_SEEDS=100 cargo test --release -p hapfic-supervisor --test simulation -- leg_motion --nocapture
 
+# Feeds every decoder of outside data with mutated inputs, SECONDS each; fails if one panics, hangs or takes too much memory.
+fuzz SECONDS="60":
+    cargo run --release -q -p hapfic-tests --bin fuzz -- all --seconds {{SECONDS}}
+
+# The tables of docs/faults.md, written into it: faults on purpose in the real stack (about an hour; with --quick a quarter of it).
+faults *ARGS:
+    cargo build --release --workspace
+    cargo run --release -q -p hapfic-tests --bin faults -- docs/faults.md {{ARGS}}
+
+# A thousand kills and two hundred halts in ten minutes, into docs/faults.md.
+soak MINUTES="10":
+    cargo build --release --workspace
+    cargo run --release -q -p hapfic-tests --bin faults -- docs/faults.md --only soak --minutes {{MINUTES}}
+
 # The JSON Schema of scenario files.
 schema:
     cargo run --release -q -- schema

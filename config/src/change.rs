@@ -59,10 +59,7 @@ impl OperatorChange {
         }
         let relative = !entry.axes.is_empty();
         entry.keys.insert("at_s".to_owned(), Node { place: place.clone(), value: Value::Float(0.0) });
-        let entry = Node { place: place.clone(), value: Value::Table(entry.keys) };
-        let list = Node { place: place.clone(), value: Value::List(vec![entry]) };
-        let root = Node { place: place.clone(), value: Value::Table(BTreeMap::from([("operator".to_owned(), list)])) };
-        let change = read_one(&root).map_err(plain_keys)?;
+        let change = read_one(&only_entry("operator", entry.keys, &place)).map_err(|error| plain_keys(error, ENTRY))?;
         match change {
             Some(change) => Ok(Asked { change, relative }),
             None => Err(complain(&place, "", "no change", "at least one KEY=VALUE", "name what to change")),
@@ -76,10 +73,17 @@ fn read_one(root: &Node) -> Result<Option<OperatorChange>, ConfigError> {
     Ok(check::changes(&raw.operator, root)?.first().copied())
 }
 
+/// A scenario with one entry in one list and nothing else.
+pub(crate) fn only_entry(list: &str, keys: BTreeMap<String, Node>, place: &Place) -> Node {
+    let node = |value| Node { place: place.clone(), value };
+    let entries = node(Value::List(vec![node(Value::Table(keys))]));
+    node(Value::Table(BTreeMap::from([(list.to_owned(), entries)])))
+}
+
 /// Keys as the user wrote them: there is only one entry, and it is no list's.
-fn plain_keys(mut error: ConfigError) -> ConfigError {
+pub(crate) fn plain_keys(mut error: ConfigError, entry: &str) -> ConfigError {
     let complaint = error.complaint_mut();
-    if let Some(rest) = complaint.key.strip_prefix(ENTRY) {
+    if let Some(rest) = complaint.key.strip_prefix(entry) {
         complaint.key = rest.trim_start_matches('.').to_owned();
     }
     error
@@ -159,7 +163,7 @@ impl Entry<'_> {
     }
 }
 
-fn twice(place: &Place, path: &str) -> ConfigError {
+pub(crate) fn twice(place: &Place, path: &str) -> ConfigError {
     complain(place, path, "a key that another pair gives, too", "each value once", "remove one of the two")
 }
 

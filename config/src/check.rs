@@ -1,10 +1,12 @@
 //! What several values have to fulfil together, and the step from a raw scenario to [`Settings`].
 
+mod fault;
 mod world;
 
 use crate::error::{Complaint, ConfigError};
+use crate::fault::Fault;
 use crate::policy::{Fidelity, ResetPolicy, Saturation, Search};
-use crate::raw::{PerJoint, RawController, RawOperator, RawProcesses, RawRealtime, RawRobot, RawScenario};
+use crate::raw::{PerJoint, RawController, RawFault, RawOperator, RawProcesses, RawRealtime, RawRobot, RawScenario};
 use crate::settings::{
     MAX_JOINTS, MIN_SPACING_TICKS, OperatorChange, Parameters, Plant, Processes, Realtime, Recorder, Robot, Settings, Supervisor,
     Urdf,
@@ -70,10 +72,12 @@ pub(crate) fn settings(mut raw: RawScenario, tree: &Node, urdf: Urdf) -> Result<
             flight_substep_us: raw.plant.flight_substep_us,
             command_timeout_ticks: raw.plant.command_timeout_ticks,
             brake_damping_n_m_s_per_rad: raw.plant.brake_damping_n_m_s_per_rad,
+            on_loss: raw.plant.on_loss,
         },
         fidelity: raw.controller.fidelity,
         initial,
         operator,
+        faults: at.faults(&raw.faults, duration_ticks, raw.seed)?,
         supervisor: Supervisor {
             deadline_us: raw.supervisor.deadline_us,
             torque_bandwidth_hz: raw.supervisor.torque_bandwidth_hz,
@@ -81,6 +85,13 @@ pub(crate) fn settings(mut raw: RawScenario, tree: &Node, urdf: Urdf) -> Result<
             ready_timeout_ms: raw.supervisor.ready_timeout_ms,
             heartbeat_timeout_ms: raw.supervisor.heartbeat_timeout_ms,
             stall_timeout_ms: raw.supervisor.stall_timeout_ms,
+            tick_timeout_ms: raw.supervisor.tick_timeout_ms,
+            standby: raw.supervisor.standby,
+            restart_budget: raw.supervisor.restart_budget,
+            restart_window_ms: raw.supervisor.restart_window_ms,
+            restart_backoff_ms: raw.supervisor.restart_backoff_ms,
+            ramp_rate: raw.supervisor.ramp_rate_n_m_per_s,
+            discontinuity: raw.supervisor.discontinuity_n_m,
             credit_ticks: raw.supervisor.credit_ticks,
         },
         realtime: at.realtime(&raw.realtime)?,
@@ -97,6 +108,11 @@ pub(crate) fn settings(mut raw: RawScenario, tree: &Node, urdf: Urdf) -> Result<
 /// Checks the operator's entries of a tree that holds nothing else.
 pub(crate) fn changes(raw: &[RawOperator], tree: &Node) -> Result<Vec<OperatorChange>, ConfigError> {
     At { tree }.timeline(raw)
+}
+
+/// Checks the one fault of a tree that holds nothing else, and makes it one of tick 0.
+pub(crate) fn injected(raw: &RawFault, tree: &Node) -> Result<Fault, ConfigError> {
+    Ok(At { tree }.effect("fault[0]", raw)?.fault)
 }
 
 /// A time within its range as the nearest tick.
@@ -249,6 +265,7 @@ impl At<'_> {
             core_plant: raw.core_plant,
             core_gate: raw.core_gate,
             core_controller: raw.core_controller,
+            core_standby: raw.core_standby,
             core_planner: raw.core_planner,
         })
     }

@@ -17,6 +17,8 @@ pub enum Place {
     Override(Arc<str>),
     /// In a change of a running stack: one `KEY=VALUE` of it.
     Change(Arc<str>),
+    /// In a fault for a running stack: one `KEY=VALUE` of it.
+    Injection(Arc<str>),
 }
 
 impl Place {
@@ -33,6 +35,7 @@ impl fmt::Display for Place {
             Self::File { name, line: None } => f.write_str(name),
             Self::Override(argument) => write!(f, "--set {argument}"),
             Self::Change(argument) => write!(f, "set {argument}"),
+            Self::Injection(argument) => write!(f, "inject {argument}"),
         }
     }
 }

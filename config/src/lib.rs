@@ -11,13 +11,16 @@
 //!
 //! The way of a value: the text becomes a tree in which each value knows its line; other spellings of a key get their one
 //! name; `--set` replaces values in the tree; the ranges are checked; serde reads the tree into the raw structures; what
-//! several values have to fulfil together is checked last. A complaint therefore always knows place, key and value.
+//! several values have to fulfil together is checked last, and faults at random are drawn. A complaint therefore always
+//! knows place, key and value.
 
 mod alias;
 mod change;
 mod check;
 mod embedded;
 mod error;
+mod fault;
+mod inject;
 mod load;
 mod overrides;
 mod policy;
@@ -31,7 +34,8 @@ mod tree;
 pub use change::{Asked, Difference, differences};
 pub use embedded::{Scenario, robots, scenarios};
 pub use error::{Complaint, ConfigError, Place};
-pub use policy::{Fidelity, Placement, ResetPolicy, Saturation, Search};
+pub use fault::{Fault, FaultKind, FaultTarget};
+pub use policy::{Fidelity, OnLoss, Placement, ResetPolicy, Saturation, Search};
 pub use schema::json_schema;
 pub use settings::{
     Floor, MAX_JOINTS, MAX_OBJECTS, MIN_SPACING_TICKS, Object, ObjectShape, OperatorChange, PERIOD_S, Parameters, Plant,

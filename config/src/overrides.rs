@@ -38,6 +38,10 @@ fn apply_one(root: &mut Node, defaults: &Node, argument: &str) -> Result<(), Con
 
 /// TOML, or a word that needs no quotes.
 pub(crate) fn parse(text: &str, path: &str, place: &Place) -> Result<Node, ConfigError> {
+    // A number for TOML, and a kind of fault here.
+    if text == "nan" && path.rsplit('.').next() == Some("kind") {
+        return Ok(Node { place: place.clone(), value: Value::Text(text.to_owned()) });
+    }
     if let Some(node) = Node::parse_value(text, place) {
         return Ok(node);
     }

@@ -49,6 +49,17 @@ pub enum Placement {
     Free,
 }
 
+/// What becomes of a run whose plant is lost.
+#[derive(Clone, Copy, Debug, Default, Deserialize, Eq, JsonSchema, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum OnLoss {
+    /// The run fails: with the plant, what the run was about is gone.
+    #[default]
+    Fail,
+    /// The plant is started again from the last state it published.
+    Restart,
+}
+
 /// Form of an object, as written.
 #[derive(Clone, Copy, Debug, Deserialize, Eq, JsonSchema, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]

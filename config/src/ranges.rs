@@ -71,6 +71,12 @@ pub(crate) const RANGES: &[(&str, Range)] = &[
     ("supervisor.ready_timeout_ms", whole(100, 600_000)),
     ("supervisor.heartbeat_timeout_ms", whole(200, 60_000)),
     ("supervisor.stall_timeout_ms", whole(500, 600_000)),
+    ("supervisor.tick_timeout_ms", whole(50, 60_000)),
+    ("supervisor.restart_budget", whole(0, 1_000_000)),
+    ("supervisor.restart_window_ms", whole(100, 3_600_000)),
+    ("supervisor.restart_backoff_ms", whole(0, 60_000)),
+    ("supervisor.ramp_rate_n_m_per_s", above(0.0, 1e7)),
+    ("supervisor.discontinuity_n_m", above(0.0, 1e5)),
     ("supervisor.credit_ticks", whole(1, 1_000_000)),
     ("realtime.priority_plant", whole(1, 98)),
     ("realtime.priority_gate", whole(1, 98)),
@@ -79,6 +85,7 @@ pub(crate) const RANGES: &[(&str, Range)] = &[
     ("realtime.core_plant", whole(0, 1023)),
     ("realtime.core_gate", whole(0, 1023)),
     ("realtime.core_controller", whole(0, 1023)),
+    ("realtime.core_standby", whole(0, 1023)),
     ("realtime.core_planner", whole(0, 1023)),
     ("recorder.flush_ms", whole(1, 10_000)),
     ("recorder.viewer_rate_hz", within(1.0, 1000.0)),
@@ -86,6 +93,12 @@ pub(crate) const RANGES: &[(&str, Range)] = &[
     ("operator.at_s", within(0.0, 86_400.0)),
     ("operator.target_position_m", within(-100.0, 100.0)),
     ("operator.desired_force_n", within(-1e4, 1e4)),
+    ("fault.at_s", within(0.0, 86_400.0)),
+    ("fault.for_ms", whole(1, 600_000)),
+    ("fault.by_us", whole(1, 100_000)),
+    ("fault.random.count", whole(1, 100_000)),
+    ("fault.random.from_s", within(0.0, 86_400.0)),
+    ("fault.random.to_s", within(0.0, 86_400.0)),
 ];
 
 /// The range of a key, if it takes numbers.

@@ -1,6 +1,7 @@
 //! A checked scenario.
 
-use crate::policy::{Fidelity, Placement, ResetPolicy, Saturation, Search};
+use crate::fault::Fault;
+use crate::policy::{Fidelity, OnLoss, Placement, ResetPolicy, Saturation, Search};
 
 /// T, the period of the control loop, s.
 pub const PERIOD_S: f64 = 0.001;
@@ -39,6 +40,8 @@ pub struct Settings {
     pub initial: Parameters,
     /// What the operator changes later, in the order of time; all ticks are above 0.
     pub operator: Vec<OperatorChange>,
+    /// Faults on purpose, drawn and in the order of time; all ticks are within the run.
+    pub faults: Vec<Fault>,
     /// Gate and watchdog.
     pub supervisor: Supervisor,
     /// Priorities and cores.
@@ -164,6 +167,8 @@ pub struct Plant {
     pub command_timeout_ticks: u32,
     /// Damping while braking, N m s/rad.
     pub brake_damping_n_m_s_per_rad: f64,
+    /// What becomes of a run whose plant is lost.
+    pub on_loss: OnLoss,
 }
 
 /// Everything the operator may change. SI units, per axis of the world frame.
@@ -283,6 +288,21 @@ pub struct Supervisor {
     pub heartbeat_timeout_ms: u32,
     /// How long no tick may be done while all are alive, ms.
     pub stall_timeout_ms: u32,
+    /// How long a process may be alive without doing a tick while others do, ms.
+    pub tick_timeout_ms: u32,
+    /// Whether a second controller is ready to take over.
+    pub standby: bool,
+    /// Restarts of one process that are allowed within the window; 0: none.
+    pub restart_budget: u32,
+    /// The window in which restarts count, ms.
+    pub restart_window_ms: u32,
+    /// How long the second restart within a window waits, ms; the first is at once, each further one waits twice as long, at
+    /// most 1 s.
+    pub restart_backoff_ms: u32,
+    /// Most that a joint's torque may change per second while it comes back after a brake, N m/s (N/s).
+    pub ramp_rate: f64,
+    /// Step of a joint's torque from one tick to the next above which an event is written, N m (N).
+    pub discontinuity: f64,
     /// How far the plant may be ahead of the recorder in lockstep, ticks.
     pub credit_ticks: u32,
 }
@@ -306,6 +326,8 @@ pub struct Realtime {
     pub core_gate: Option<u32>,
     /// Of the controller.
     pub core_controller: Option<u32>,
+    /// Of the controller in reserve.
+    pub core_standby: Option<u32>,
     /// Of the planner.
     pub core_planner: Option<u32>,
 }

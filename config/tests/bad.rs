@@ -102,6 +102,8 @@ fn wrong_types() {
         ("[plant]\ncontact_substep_us = 1.5\n", "7: plant.contact_substep_us: found 1.5, expected an integer in [1, 20]"),
         ("[supervisor]\ntorque_peak_n_m = true\n", "7: supervisor.torque_peak_n_m: found true, expected a number in"),
         ("[supervisor.torque_peak_n_m]\n", "6: supervisor.torque_peak_n_m: found a table, expected a number for all joints"),
+        ("[supervisor]\nstandby = 1\n", "7: supervisor.standby: found 1, expected a boolean"),
+        ("[plant]\non_loss = \"restrt\"\n", "7: plant.on_loss: found \"restrt\", expected one of \"fail\", \"restart\""),
         ("[processes]\nplant = \"driver\"\n", "7: processes.plant: found \"driver\", expected a list"),
         ("[processes]\nplant = [\"a\", 3]\n", "7: processes.plant[1]: found 3, expected a string"),
         ("[operator]\nat = 1\n", "6: operator: found a table, expected a list"),
@@ -133,6 +135,12 @@ fn numbers_out_of_range() {
         ("plant", "contact_substep_us = 21", "contact_substep_us: found 21, expected an integer in [1, 20]"),
         ("plant", "contact_substep_us = 0", "contact_substep_us: found 0, expected an integer in [1, 20]"),
         ("plant", "flight_substep_us = -1", "flight_substep_us: found -1, expected an integer in [1, 200]"),
+        ("supervisor", "tick_timeout_ms = 49", "tick_timeout_ms: found 49, expected an integer in [50, 60000]"),
+        ("supervisor", "restart_budget = -1", "restart_budget: found -1, expected an integer in [0, 1000000]"),
+        ("supervisor", "restart_window_ms = 99", "restart_window_ms: found 99, expected an integer in [100, 3600000]"),
+        ("supervisor", "restart_backoff_ms = 60001", "restart_backoff_ms: found 60001, expected an integer in [0, 60000]"),
+        ("supervisor", "ramp_rate_n_m_per_s = 0", "ramp_rate_n_m_per_s: found 0, expected a number in (0, 10000000]"),
+        ("supervisor", "discontinuity_n_m = 100001", "discontinuity_n_m: found 100001, expected a number in (0, 100000]"),
         ("supervisor", "deadline_us = 951", "deadline_us: found 951, expected an integer in [50, 950]"),
         ("realtime", "priority_plant = 99", "priority_plant: found 99, expected an integer in [1, 98]"),
         ("recorder", "flush_ms = 99999999999999999999", "flush_ms: found 99999999999999999999, expected an integer in"),
@@ -194,12 +202,15 @@ fn no_number_may_be_nan_or_inf() {
             "supervisor.torque_peak_n_m=40".to_owned(),
             "operator.2.taper=0.1".to_owned(),
             "operator.2.mean_speed=0.1".to_owned(),
+            r#"fault=[{kind="slow", process="plant", random={count=2, from_s=1, to_s=2}, for_ms=5, by_us=9}, {kind="hog", at_s=1}]"#
+                .to_owned(),
         ],
     )
     .unwrap();
     let effective: toml::Table = settings.effective_toml().parse().unwrap();
     let mut numbers = Vec::new();
     paths(&toml::Value::Table(effective), "", &mut numbers);
+    assert!(["fault.0.random.count", "fault.0.by_us", "fault.1.at_s"].iter().all(|path| numbers.iter().any(|n| n == path)));
     assert!(numbers.len() > 60, "only {numbers:?}");
     for path in numbers {
         for word in ["nan", "-nan", "inf", "-inf"] {

@@ -1,7 +1,7 @@
 //! Scenarios that load, and what they load to.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use hapfic_config::{Fidelity, ResetPolicy, Saturation, Search, Settings, json_schema, robots, scenarios};
+use hapfic_config::{Fidelity, OnLoss, ResetPolicy, Saturation, Search, Settings, json_schema, robots, scenarios};
 use std::path::Path;
 
 const MINIMAL: &str = r#"[robot]
@@ -44,6 +44,7 @@ fn a_minimal_scenario_has_the_documented_defaults() {
     assert_eq!((s.world.gravity_m_per_s2, s.world.floor), ([0.0, 0.0, -9.81], None));
     assert_eq!((s.plant.contact_substep_us, s.plant.flight_substep_us), (20, 100));
     assert_eq!((s.plant.command_timeout_ticks, s.plant.brake_damping_n_m_s_per_rad), (3, 2.0));
+    assert_eq!(s.plant.on_loss, OnLoss::Fail);
     assert_eq!(s.fidelity, Fidelity::Hapfic);
     let p = s.initial;
     assert_eq!((p.target_position, p.desired_force), (None, [0.0; 3]));
@@ -54,10 +55,14 @@ fn a_minimal_scenario_has_the_documented_defaults() {
     assert!(!p.gravity_compensation);
     assert!(p.offset_anti_windup && p.stall_release);
     assert_eq!((p.mean_speed, p.max_acceleration), (0.2, 10.0));
-    assert!(s.operator.is_empty());
+    assert!(s.operator.is_empty() && s.faults.is_empty());
     assert_eq!((s.supervisor.deadline_us, s.supervisor.torque_bandwidth_hz), (800, None));
     assert_eq!(s.supervisor.torque_peak, None);
     assert_eq!((s.supervisor.ready_timeout_ms, s.supervisor.heartbeat_timeout_ms), (10_000, 1000));
+    assert_eq!((s.supervisor.stall_timeout_ms, s.supervisor.tick_timeout_ms), (10_000, 300));
+    assert!(s.supervisor.standby);
+    assert_eq!((s.supervisor.restart_budget, s.supervisor.restart_window_ms, s.supervisor.restart_backoff_ms), (5, 10_000, 10));
+    assert_eq!((s.supervisor.ramp_rate, s.supervisor.discontinuity), (2000.0, 10.0));
     assert_eq!(s.supervisor.credit_ticks, 1024);
     let r = s.realtime;
     assert_eq!((r.priority_plant, r.priority_gate, r.priority_controller, r.priority_planner), (80, 78, 76, 72));
@@ -99,6 +104,7 @@ gravity_m_per_s2 = [0, 0, -1.62]
 friction_static = 0.5
 friction_dynamic = 0.3
 [plant]
+on_loss = "restart"
 contact_substep_us = 7
 [controller]
 stiffness = [1, 2, 3]
@@ -113,6 +119,13 @@ mean_speed = 0.1
 [supervisor]
 torque_bandwidth_hz = 20
 torque_peak_n_m = 40
+standby = false
+tick_timeout_ms = 50
+restart_budget = 0
+restart_window_ms = 3600000
+restart_backoff_ms = 0
+ramp_rate_n_m_per_s = 1e7
+discontinuity_n_m = 0.5
 [realtime]
 core_plant = 1
 [processes]
@@ -144,6 +157,10 @@ max_acceleration = 1000
     assert_eq!(s.robot.joint_damping.as_deref(), Some([11.46; 3].as_slice()));
     assert_eq!(s.robot.effort_limit.as_deref(), Some([80.0, 70.0, 60.5].as_slice()));
     assert_eq!(s.supervisor.torque_peak.as_deref(), Some([40.0; 3].as_slice()));
+    assert_eq!((s.supervisor.standby, s.supervisor.tick_timeout_ms), (false, 50));
+    assert_eq!((s.supervisor.restart_budget, s.supervisor.restart_window_ms, s.supervisor.restart_backoff_ms), (0, 3_600_000, 0));
+    assert_eq!((s.supervisor.ramp_rate, s.supervisor.discontinuity), (1e7, 0.5));
+    assert_eq!(s.plant.on_loss, OnLoss::Restart);
     assert_eq!(s.initial.target_position, Some([1.0, 2.0, 3.0]), "the entry at 0 sets the start values");
     assert_eq!((s.initial.stiffness, s.initial.max_force), ([1.0, 2.0, 3.0], [1.0; 3]));
     assert_eq!(s.operator.len(), 1, "the entry at 0 is in the start values and nowhere else");
@@ -185,6 +202,8 @@ fn overrides_reach_defaults_entries_and_words() {
     let s = load(MINIMAL, &["controller.stiffness.1=5", "controller.search=sign", " plant.contact_substep_us = 10 "]);
     assert_eq!(s.initial.stiffness, [6000.0, 5.0, 12_000.0]);
     assert_eq!((s.initial.search, s.plant.contact_substep_us), (Search::Sign, 10));
+    let s = load(MINIMAL, &["supervisor.standby=false", "plant.on_loss=restart"]);
+    assert_eq!((s.supervisor.standby, s.plant.on_loss), (false, OnLoss::Restart));
 
     let floor = |argument: &str| Settings::load("floor", &[argument.to_owned()]).unwrap();
     assert_eq!(floor("operator.2.desired_force=[0, 0, 100]").operator[2].desired_force, Some([0.0, 0.0, 100.0]));

@@ -4,6 +4,25 @@
 use hapfic_config::{Settings, scenarios};
 use proptest::prelude::*;
 
+const FAULTS: &str = r#"[robot]
+urdf = "leg.urdf"
+base_link = "base"
+tip_link = "foot"
+start_position_rad = [0, 0.9, -1.8]
+[[fault]]
+kind = "slow"
+process = ["planner", "controllers"]
+for_ms = 20
+by_us = 900
+[fault.random]
+count = 9
+from_s = 0.5
+to_s = 9
+[[fault]]
+kind = "full_disk"
+at_s = 3
+"#;
+
 #[derive(Clone, Debug)]
 enum Edit {
     Delete(usize, usize),
@@ -88,8 +107,13 @@ proptest! {
     }
 
     #[test]
+    fn of_faults(edits in proptest::collection::vec(edit(), 1..6)) {
+        judge(Settings::from_str(&apply(FAULTS, edits), "floor.toml", None, &[]));
+    }
+
+    #[test]
     fn of_an_override(
-        key in "(controller|operator|robot|seed|world|[a-z]{0,3})(\\.[a-z_0-9]{0,12}){0,3}",
+        key in "(controller|operator|fault|robot|seed|world|[a-z]{0,3})(\\.[a-z_0-9]{0,12}){0,3}",
         value in "\\PC{0,20}",
     ) {
         judge(Settings::from_str(scenarios()[0].text, "floor.toml", None, &[format!("{key}={value}")]));

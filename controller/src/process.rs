@@ -6,9 +6,10 @@
 use crate::answer::{Known, answer};
 use crate::error::ControllerError;
 use hapfic_config::Settings;
-use hapfic_ipc::message::{Command, Operator, Process, Reference, Request, State};
+use hapfic_ipc::message::{Command, Credit, Operator, Process, Reference, Request, State};
+use hapfic_ipc::inject::Injector;
 use hapfic_ipc::realtime::Wish;
-use hapfic_ipc::{Clock, Context, Input, IpcError, Output, Recent, Tick, Wait, clock, topic};
+use hapfic_ipc::{Clock, Context, Input, IpcError, Output, Recent, Tick, Wait, Wakes, clock, topic};
 use hapfic_robot::Chain;
 use nalgebra::Vector3;
 
@@ -17,7 +18,15 @@ struct Ports {
     reference: Input<Reference>,
     command: Input<Command>,
     operator: Input<Operator>,
+    answered: Input<Credit>,
     request: Output<Request>,
+    injector: Injector<Request>,
+}
+
+impl Ports {
+    fn unmet(&self) -> u32 {
+        self.request.unmet() + self.state.unmet() + self.reference.unmet() + self.command.unmet() + self.operator.unmet()
+    }
 }
 
 /// What has come in.
@@ -37,6 +46,15 @@ impl Inbox {
         }
         let held = self.references.before(state.tick).map_or(state.foot_position, |r| r.position);
         (held, [0.0; 3])
+    }
+
+    /// Whether the gate uses another controller's requests, as far as the last command tells. At first it uses the primary's.
+    fn answers_come_from_elsewhere(&self, process: Process) -> bool {
+        let used = self.commands.newest().and_then(|c| Process::from_code(c.request.controller));
+        match used {
+            Some(used @ (Process::Controller | Process::Standby)) => used != process,
+            _ => process != Process::Controller,
+        }
     }
 
     /// What there is to answer a state with; `None` if something is missing.
@@ -59,27 +77,41 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), ControllerE
         reference: context.bus.input(&topic::REFERENCE, in_step)?,
         command: context.bus.input(&topic::COMMAND, in_step)?,
         operator: context.bus.input(&topic::OPERATOR, Wait::No)?,
+        answered: context.bus.input(&topic::ANSWERED, Wait::Yes)?,
         request: context.bus.output(&topic::REQUEST)?,
+        injector: Injector::open(context)?,
     };
     let chain = Chain::from_settings(&settings.robot)?;
     let gravity = Vector3::from(settings.world.gravity_m_per_s2);
-    // The standby gives way to the primary.
-    let priority = settings.realtime.priority_controller - u32::from(context.process == Process::Standby);
-    context.ready(Wish::new(priority, settings.realtime.core_controller))?;
+    // The standby gives way to the primary, and is out of its way.
+    let realtime = &settings.realtime;
+    let wish = match context.process {
+        Process::Standby => Wish::new(realtime.priority_controller - 1, realtime.core_standby),
+        _ => Wish::new(realtime.priority_controller, realtime.core_controller),
+    };
+    context.ready(wish)?;
 
     let last_tick = settings.duration_ticks as i64 - 1;
     let mut inbox = Inbox::default();
     let mut seen = -1;
-    while let Some(state) = context.next_state(&mut ports.state, seen, || ports.request.prepare())? {
+    loop {
+        let in_reserve = context.clock == Clock::Realtime && inbox.answers_come_from_elsewhere(context.process);
+        let instead = in_reserve.then_some(&ports.answered as &dyn Wakes);
+        let Some(state) = context.next_state(&mut ports.state, seen, instead, || ports.request.prepare())? else { break };
         let wake = clock::now_ns();
         context.begin();
         seen = state.tick;
-        if !fill(context, &mut ports, &mut inbox, state.tick)? {
-            break;
+        match fill(context, &mut ports, &mut inbox, state.tick)? {
+            Filled::Complete => {}
+            Filled::TooLate => continue,
+            Filled::End => break,
         }
         let mut published = 0;
         match inbox.known(&state).and_then(|known| answer(&chain, &gravity, &known, context.process)) {
-            Some(request) => published = ports.request.send(&Request { stamp_ns: context.stamp(), ..request })?,
+            Some(request) => {
+                let request = Request { stamp_ns: context.stamp(), ..request };
+                published = ports.injector.send(&mut ports.request, &request, state.tick)?;
+            }
             None => context.refuse(),
         }
         context.account(Tick {
@@ -90,6 +122,8 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), ControllerE
             latency_ns: 0,
         })?;
         ports.request.prepare();
+        context.tell_unmet(ports.unmet());
+        ports.injector.listen()?;
         if state.tick >= last_tick {
             context.finish(state.tick)?;
             break;
@@ -98,19 +132,34 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), ControllerE
     Ok(())
 }
 
-/// Takes what there is; in lockstep waits for reference(k) and command(k - 1). Says whether to go on.
-fn fill(context: &mut Context, ports: &mut Ports, inbox: &mut Inbox, tick: i64) -> Result<bool, IpcError> {
+/// What came of waiting for a tick's messages.
+enum Filled {
+    /// All are there; in realtime: all that will be.
+    Complete,
+    /// The tick is done: another controller has answered it.
+    TooLate,
+    /// The process should end.
+    End,
+}
+
+/// Takes what there is; in lockstep waits for reference(k) and command(k - 1), or for command(k): then tick k is done.
+fn fill(context: &mut Context, ports: &mut Ports, inbox: &mut Inbox, tick: i64) -> Result<Filled, IpcError> {
     loop {
         context.drain(&mut ports.reference, |new| inbox.references.keep(new))?;
         context.drain(&mut ports.command, |new| inbox.commands.keep(new))?;
         context.drain(&mut ports.operator, |new| inbox.operator = Some(new))?;
-        let complete = inbox.references.at(tick).is_some() && inbox.commands.at(tick - 1).is_some() && inbox.operator.is_some();
-        if context.clock == Clock::Realtime || complete {
-            return Ok(true);
+        if context.clock == Clock::Realtime {
+            return Ok(Filled::Complete);
+        }
+        if inbox.commands.newest().is_some_and(|c| c.tick >= tick) {
+            return Ok(Filled::TooLate);
+        }
+        if inbox.references.at(tick).is_some() && inbox.commands.at(tick - 1).is_some() && inbox.operator.is_some() {
+            return Ok(Filled::Complete);
         }
         ports.request.prepare();
         if !context.wait(&[&ports.reference, &ports.command], tick)? {
-            return Ok(false);
+            return Ok(Filled::End);
         }
     }
 }

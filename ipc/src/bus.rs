@@ -5,6 +5,7 @@
 //! ([`Output::prepare`]).
 
 use crate::clock;
+use crate::run::Clock;
 use crate::error::IpcError;
 use crate::topic::{CONTROL_DEPTH, RECORDER_DEPTH, Topic};
 use core::mem::MaybeUninit;
@@ -24,9 +25,11 @@ use std::os::fd::BorrowedFd;
 type Service = ipc::Service;
 
 /// Most that may take part in a topic at a time.
-const MAX_NODES: usize = 24;
-const MAX_SUBSCRIBERS: usize = 9;
-const MAX_LISTENERS: usize = 9;
+const MAX_NODES: usize = 32;
+const MAX_SUBSCRIBERS: usize = 12;
+const MAX_LISTENERS: usize = 12;
+/// Places for those that only wake others.
+const KNOCKERS: usize = 2;
 /// Most inputs one may wait for at once.
 const MAX_WAITS: usize = 4;
 
@@ -60,6 +63,19 @@ impl Domain {
         config.global.node.cleanup_dead_nodes_on_destruction = false;
         config.global.service.cleanup_dead_nodes_on_open = false;
         Ok(Self { config })
+    }
+
+    /// The same corner for those who live on while others die: they wait only so long for a connection that another has begun to make.
+    /// One who was killed in the middle never finishes it, and iceoryx2 would wait for him for a second, in the middle of a tick.
+    /// What could not be met counts as [unmet](Output::unmet) and is tried again when somebody joins or leaves.
+    #[must_use]
+    pub fn hasty(&self, clock: Clock) -> Self {
+        let mut config = self.config.clone();
+        config.global.creation_timeout = match clock {
+            Clock::Realtime => Duration::from_millis(5),
+            Clock::Lockstep => Duration::from_millis(200),
+        };
+        Self { config }
     }
 }
 
@@ -126,7 +142,7 @@ impl Bus {
         self.node
             .service_builder(&service_name(topic.name)?)
             .event()
-            .max_notifiers(topic.publishers)
+            .max_notifiers(topic.publishers + KNOCKERS)
             .max_listeners(MAX_LISTENERS)
             .max_nodes(MAX_NODES)
             .open_or_create()
@@ -164,7 +180,7 @@ impl Bus {
         } else {
             None
         };
-        let mut output = Output { publisher, notifier, loan: None, topic: topic.name };
+        let mut output = Output { publisher, notifier, loan: None, topic: topic.name, unmet: 0 };
         output.prepare();
         Ok(output)
     }
@@ -187,7 +203,7 @@ impl Bus {
             .history_request(topic.history)
             .create()
             .map_err(|e| IpcError::messaging("subscribe to", topic.name, e))?;
-        Ok(Input { subscriber, listener, topic: topic.name })
+        Ok(Input { subscriber, listener, topic: topic.name, unmet: 0 })
     }
 
     /// A receiver for control: a short buffer of which the newest counts.
@@ -200,6 +216,25 @@ impl Bus {
         wait: Wait,
     ) -> Result<Input<T>, IpcError> {
         self.input_of(topic, wait, CONTROL_DEPTH)
+    }
+
+    /// Joins a topic and leaves it again: so that all that are in it look round once more for those they could not meet.
+    ///
+    /// # Errors
+    /// [`IpcError::Messaging`] with what iceoryx2 said.
+    pub fn stir<T: Copy + core::fmt::Debug + ZeroCopySend + 'static>(&self, topic: &Topic<T>) -> Result<(), IpcError> {
+        drop(self.input(topic, Wait::No)?);
+        drop(self.output(topic)?);
+        Ok(())
+    }
+
+    /// A way to wake those who wait for a topic without sending anything: they look around and find what has changed.
+    ///
+    /// # Errors
+    /// [`IpcError::Messaging`] with what iceoryx2 said.
+    pub fn knocker<T: Copy + core::fmt::Debug + ZeroCopySend + 'static>(&self, topic: &Topic<T>) -> Result<Knocker, IpcError> {
+        let notifier = self.event(topic)?.notifier_builder().create().map_err(|e| IpcError::messaging("notify on", topic.name, e))?;
+        Ok(Knocker(notifier))
     }
 
     /// A receiver for the recorder: a deep buffer that must not overflow.
@@ -218,12 +253,25 @@ pub(crate) fn service_name(name: &str) -> Result<ServiceName, IpcError> {
     name.try_into().map_err(|e| IpcError::Name { what: "a topic's name", value: name.to_owned(), cause: format!("{e:?}") })
 }
 
+/// Wakes those who wait for a topic.
+#[derive(Debug)]
+pub struct Knocker(Notifier<Service>);
+
+impl Knocker {
+    /// Wakes them all.
+    pub fn knock(&self) {
+        // A listener that has just died is not the caller's concern.
+        let _ = self.0.notify();
+    }
+}
+
 /// A sender of one topic.
 pub struct Output<T: Copy + core::fmt::Debug + ZeroCopySend + 'static> {
     publisher: Publisher<Service, T, ()>,
     notifier: Option<Notifier<Service>>,
     loan: Option<SampleMutUninit<Service, MaybeUninit<T>, ()>>,
     topic: &'static str,
+    unmet: u32,
 }
 
 impl<T: Copy + core::fmt::Debug + ZeroCopySend + 'static> core::fmt::Debug for Output<T> {
@@ -236,11 +284,21 @@ impl<T: Copy + core::fmt::Debug + ZeroCopySend + 'static> Output<T> {
     /// Work for the slack: loans the sample that the next [`send`](Self::send) will fill (one heap allocation), and lets those
     /// in who have joined since (history is handed over here).
     pub fn prepare(&mut self) {
+        self.meet();
         // A failure shows at the next send, which then has no loan.
-        let _ = self.publisher.update_connections();
         if self.loan.is_none() {
             self.loan = self.publisher.loan_uninit().ok();
         }
+    }
+
+    fn meet(&mut self) {
+        self.unmet += u32::from(self.publisher.update_connections().is_err());
+    }
+
+    /// How often somebody who had joined could not be met.
+    #[must_use]
+    pub fn unmet(&self) -> u32 {
+        self.unmet
     }
 
     /// Sends a message and wakes whoever waits for it. Returns when it was there to be read, by the monotonic clock: before the
@@ -253,6 +311,8 @@ impl<T: Copy + core::fmt::Debug + ZeroCopySend + 'static> Output<T> {
             Some(loan) => loan,
             None => self.publisher.loan_uninit().map_err(|_| IpcError::NoLoan { topic: self.topic })?,
         };
+        // A joiner that died half-way cannot be met: that must not cost this message, and is over once it has been tried.
+        self.meet();
         loan.write_payload(*message).send().map_err(|e| IpcError::messaging("send on", self.topic, e))?;
         let published = clock::now_ns();
         if let Some(notifier) = &self.notifier {
@@ -269,6 +329,7 @@ pub struct Input<T: Copy + core::fmt::Debug + ZeroCopySend + 'static> {
     subscriber: Subscriber<Service, T, ()>,
     listener: Option<Listener<Service>>,
     topic: &'static str,
+    unmet: u32,
 }
 
 impl<T: Copy + core::fmt::Debug + ZeroCopySend + 'static> Input<T> {
@@ -278,10 +339,23 @@ impl<T: Copy + core::fmt::Debug + ZeroCopySend + 'static> Input<T> {
     /// [`IpcError::Messaging`] if a connection is damaged.
     #[allow(clippy::should_implement_trait)]
     pub fn next(&mut self) -> Result<Option<T>, IpcError> {
+        // As in sending: one that cannot be met costs nobody else's messages.
+        self.prepare();
         match self.subscriber.receive() {
             Ok(sample) => Ok(sample.map(|s| *s)),
             Err(e) => Err(IpcError::messaging("receive on", self.topic, e)),
         }
+    }
+
+    /// Work for the slack: meets those who have joined since, so that the next [`next`](Self::next) need not.
+    pub fn prepare(&mut self) {
+        self.unmet += u32::from(self.subscriber.update_connections().is_err());
+    }
+
+    /// How often somebody who had joined could not be met.
+    #[must_use]
+    pub fn unmet(&self) -> u32 {
+        self.unmet
     }
 
     /// The newest message, if any came since the last call.

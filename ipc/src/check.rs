@@ -51,6 +51,16 @@ pub enum Defect {
         /// Which field.
         field: &'static str,
     },
+    /// A torque that the request's own force does not explain.
+    #[error("'torque[{joint}]' is {found} N m, expected {expected} N m: J^T F of the request's own force")]
+    Torque {
+        /// Which joint, from the base.
+        joint: usize,
+        /// Its torque.
+        found: f64,
+        /// What it should be.
+        expected: f64,
+    },
     /// Another tick than the one waited for.
     #[error("'{field}' is {found}, expected {expected}")]
     Tick {

@@ -1,19 +1,18 @@
-//! What a process must do before it becomes another program.
+//! How a process is tied to its supervisor.
 
-use std::os::unix::process::CommandExt;
-use std::process::Command;
+use rustix::process::{Signal, getppid, set_parent_process_death_signal};
 
-/// Lets a program, once started, get SIGTERM when the thread that started it ends: also a foreign one that knows nothing of us.
-/// And puts it into a process group of its own, so that Ctrl-C reaches the supervisor alone.
-pub fn tie_to_parent(command: &mut Command) {
-    let parent = rustix::process::getpid();
-    command.process_group(0);
-    // SAFETY: between fork and exec only async-signal-safe system calls are made, and nothing is allocated.
-    unsafe {
-        command.pre_exec(move || {
-            rustix::process::set_parent_process_death_signal(Some(rustix::process::Signal::TERM))?;
-            // Too late for the signal if the parent has gone in between.
-            if rustix::process::getppid() == Some(parent) { Ok(()) } else { Err(rustix::io::Errno::CHILD.into()) }
-        });
-    }
+/// Lets this process get SIGTERM when the thread that started it ends. Outlives a change to another program: also one that knows
+/// nothing of us ends with its supervisor.
+///
+/// # Errors
+/// If the system refuses, or the supervisor has ended already: the signal is only sent for a death after it was asked for.
+pub fn tie_to_supervisor(pid: i32) -> std::io::Result<()> {
+    set_parent_process_death_signal(Some(Signal::TERM))?;
+    if supervisor_gone(pid) { Err(std::io::Error::other("the supervisor has ended")) } else { Ok(()) }
+}
+
+/// Whether the supervisor is not this process's parent any more.
+pub(crate) fn supervisor_gone(pid: i32) -> bool {
+    getppid().is_none_or(|parent| parent.as_raw_nonzero().get() != pid)
 }

@@ -143,6 +143,20 @@ wire_enum! {
         Contact = 9, "contact";
         /// Anything else worth a line.
         Note = 10, "note";
+        /// A process was started again.
+        Restarted = 11, "restarted";
+        /// The other controller's requests count from now on.
+        Promoted = 12, "promoted";
+        /// A joint's torque made a large step from one tick to the next.
+        Discontinuity = 13, "discontinuity";
+        /// A fault was injected on purpose.
+        Injected = 14, "injected";
+        /// A process that was started again has done its first tick.
+        Joined = 15, "joined";
+        /// The operator re-armed after a latched stop.
+        Rearmed = 16, "rearmed";
+        /// The two controllers asked for different things at the same tick.
+        Differs = 17, "differs";
     }
 }
 
@@ -161,5 +175,27 @@ wire_enum! {
         Deadline = 4, "deadline";
         /// The check of a message.
         Check = 5, "check";
+        /// The operator.
+        Operator = 6, "operator";
+        /// The restart budget.
+        Budget = 7, "budget";
+    }
+}
+
+wire_enum! {
+    /// What a process does wrong on purpose, to see what comes of it.
+    Tampering {
+        /// It sends so many microseconds late.
+        Slow = 0, "slow";
+        /// It does not send.
+        Drop = 1, "drop";
+        /// It sends what it sent last once more.
+        Repeat = 2, "repeat";
+        /// It sends codes and counts that mean nothing.
+        Corrupt = 3, "corrupt";
+        /// It sends a number that is none.
+        Nan = 4, "nan";
+        /// It sends with a tick that has long passed.
+        Stale = 5, "stale";
     }
 }

@@ -2,9 +2,10 @@
 
 use crate::bus::{Bus, Domain, Input, Output, Wakes, wait};
 use crate::check::Check;
+use crate::child::{supervisor_gone, tie_to_supervisor};
 use crate::error::IpcError;
 use crate::message::{Phase, Process, State, Timing};
-use crate::realtime::{self, Granted, Wish};
+use crate::realtime::{self, BringIn, Granted, Wish};
 use crate::run::{Clock, RealtimeMode, RunFile};
 use crate::{allocations, topic};
 use core::time::Duration;
@@ -29,6 +30,34 @@ pub struct Tick {
     pub latency_ns: u64,
 }
 
+/// Which start of its process this is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Start {
+    /// 0 for the first start in a run.
+    pub generation: u32,
+    /// Tick of its forerunner's last message, from which it goes on.
+    pub resume: Option<i64>,
+}
+
+impl Start {
+    /// As the supervisor has put it into the environment.
+    ///
+    /// # Errors
+    /// [`IpcError::System`] if a variable holds no number.
+    pub fn from_env() -> Result<Self, IpcError> {
+        Ok(Self { generation: number(RunFile::GENERATION)?.unwrap_or(0), resume: number(RunFile::RESUME)? })
+    }
+}
+
+fn number<T: core::str::FromStr>(variable: &'static str) -> Result<Option<T>, IpcError> {
+    let Some(text) = std::env::var_os(variable) else { return Ok(None) };
+    let parsed = text.to_str().and_then(|t| t.parse().ok());
+    parsed.map(Some).ok_or_else(|| IpcError::System {
+        action: "join the run",
+        cause: std::io::Error::other(format!("{variable} is {}, expected a whole number", text.display())),
+    })
+}
+
 /// What every process loop has at hand.
 #[derive(Debug)]
 pub struct Context {
@@ -38,6 +67,8 @@ pub struct Context {
     pub clock: Clock,
     /// The topics.
     pub bus: Bus,
+    /// Which start of the process this is.
+    pub start: Start,
     stop: Arc<AtomicBool>,
     supervisor_pid: i32,
     core: Option<usize>,
@@ -45,6 +76,7 @@ pub struct Context {
     granted: Granted,
     timing: Output<Timing>,
     refused: u32,
+    unmet: u32,
     faults_at_start: u64,
     faults: u32,
     allocations_at_wake: u64,
@@ -55,35 +87,36 @@ impl Context {
     ///
     /// # Errors
     /// [`IpcError`] if the supervisor is gone already or its topics cannot be opened.
-    pub fn join(run: &RunFile, process: Process) -> Result<Self, IpcError> {
+    pub fn join(run: &RunFile, process: Process, start: Start) -> Result<Self, IpcError> {
         let system = |action| move |e: rustix::io::Errno| IpcError::System { action, cause: e.into() };
         let stop = Arc::new(AtomicBool::new(false));
         for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
             signal_hook::flag::register(signal, Arc::clone(&stop))
                 .map_err(|cause| IpcError::System { action: "handle signals", cause })?;
         }
-        rustix::process::set_parent_process_death_signal(Some(rustix::process::Signal::TERM))
-            .map_err(system("ask to end with the supervisor"))?;
         let name = std::ffi::CString::new(format!("hapfic-{}", process.name())).unwrap_or_default();
         rustix::thread::set_name(&name).map_err(system("set the process's name"))?;
-        // The death signal is only sent for a death after it was asked for; and an orphan must not touch shared memory any more.
-        if supervisor_gone(run.supervisor_pid) {
-            return Err(IpcError::System { action: "join the run", cause: std::io::Error::other("the supervisor has ended") });
+        // Before anything in shared memory is touched: an orphan must not.
+        tie_to_supervisor(run.supervisor_pid).map_err(|cause| IpcError::System { action: "join the run", cause })?;
+        if run.clock == Clock::Realtime && run.realtime != RealtimeMode::Off {
+            realtime::lock_memory(BringIn::Used);
         }
-        let domain = Domain::new(&run.prefix, &run.root)?;
+        let domain = Domain::new(&run.prefix, &run.root)?.hasty(run.clock);
         let bus = Bus::open(&domain, process.name())?;
         let timing = bus.output(&topic::TIMING)?;
         Ok(Self {
             process,
             clock: run.clock,
             bus,
+            start,
             stop,
             supervisor_pid: run.supervisor_pid,
-            core: run.core.map(|c| c as usize),
+            core: if process == Process::Standby { run.reserve_core } else { run.core }.map(|c| c as usize),
             realtime: if run.clock == Clock::Lockstep { RealtimeMode::Off } else { run.realtime },
             granted: Granted::default(),
             timing,
             refused: 0,
+            unmet: 0,
             faults_at_start: 0,
             faults: 0,
             allocations_at_wake: 0,
@@ -144,7 +177,7 @@ impl Context {
     }
 
     /// The state to work on after tick `seen`: the next one in lockstep, the newest in realtime. `None` when the process should
-    /// end. `slack` is called before each wait.
+    /// end. `slack` is called before each wait, which is for the states themselves or for something `instead`.
     ///
     /// # Errors
     /// [`IpcError`] if waiting or receiving fails.
@@ -152,13 +185,18 @@ impl Context {
         &mut self,
         input: &mut Input<State>,
         seen: i64,
+        instead: Option<&dyn Wakes>,
         mut slack: impl FnMut(),
     ) -> Result<Option<State>, IpcError> {
         loop {
             let mut found = None;
             while let Some(state) = input.next()? {
-                if state.check().is_err() || state.tick <= seen {
+                if state.check().is_err() || state.tick < seen {
                     self.refuse();
+                    continue;
+                }
+                if state.tick == seen {
+                    // A successor of the plant says once more what its forerunner said last.
                     continue;
                 }
                 found = Some(state);
@@ -170,7 +208,31 @@ impl Context {
                 return Ok(found);
             }
             slack();
-            if !self.wait(&[&*input], seen)? {
+            let awaited: &dyn Wakes = match instead {
+                Some(other) => other,
+                None => &*input,
+            };
+            if !self.wait(&[awaited], seen)? {
+                return Ok(None);
+            }
+        }
+    }
+
+    /// Waits for the message that the supervisor hands over from a forerunner. `None` when the process should end.
+    ///
+    /// # Errors
+    /// [`IpcError`] if waiting or receiving fails.
+    pub fn handed_over<T>(&mut self, input: &mut Input<T>, wanted: impl Fn(&T) -> bool) -> Result<Option<T>, IpcError>
+    where
+        T: Check + Copy + core::fmt::Debug + iceoryx2::prelude::ZeroCopySend + 'static,
+    {
+        loop {
+            while let Some(message) = input.next()? {
+                if message.check().is_ok() && wanted(&message) {
+                    return Ok(Some(message));
+                }
+            }
+            if !self.wait(&[&*input], -1)? {
                 return Ok(None);
             }
         }
@@ -205,6 +267,11 @@ impl Context {
     /// Counts a message that was not used.
     pub fn refuse(&mut self) {
         self.refused = self.refused.saturating_add(1);
+    }
+
+    /// How often the process's ports could not meet somebody: the supervisor then lets all look round once more.
+    pub fn tell_unmet(&mut self, unmet: u32) {
+        self.unmet = unmet;
     }
 
     /// To be called on waking up with work to do: starts counting allocations.
@@ -269,12 +336,11 @@ impl Context {
             refused: self.refused,
             page_faults: self.faults,
             realtime: self.granted.0,
+            generation: self.start.generation,
+            unmet: self.unmet,
             ..*timing
         })?;
         Ok(())
     }
 }
 
-fn supervisor_gone(pid: i32) -> bool {
-    rustix::process::getppid().is_none_or(|parent| parent.as_raw_nonzero().get() != pid)
-}

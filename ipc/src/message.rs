@@ -6,7 +6,7 @@
 //! `stamp_ns` fields are readings of `CLOCK_MONOTONIC` and are zero in lockstep, where everything that is logged is a
 //! function of scenario and seed.
 
-pub use crate::codes::{Detector, Drive, EventKind, Mode, Phase, Process, ResetPolicy, Saturation, Search, Severity, Source};
+pub use crate::codes::{Detector, Drive, EventKind, Mode, Phase, Process, ResetPolicy, Saturation, Search, Severity, Source, Tampering};
 use iceoryx2::prelude::ZeroCopySend;
 
 /// Most joints a robot may have.
@@ -238,9 +238,9 @@ pub struct Command {
     pub joints: u32,
     /// Bit i: the peak limited joint i.
     pub limited: u32,
-    /// Not used; zero.
-    pub reserved: u32,
-    /// Conditioned torque: filtered, then limited.
+    /// Bit i: the rate of joint i's torque is limited, ramping in after a brake.
+    pub ramped: u32,
+    /// Conditioned torque: filtered, limited in its rate after a brake, then in its size.
     pub torque: [f64; MAX_JOINTS],
     /// The accepted request: raw torque, force, error, controller state. The next tick's controller starts from here.
     pub request: Request,
@@ -359,6 +359,29 @@ pub struct Timing {
     pub page_faults: u32,
     /// Real-time privileges in use, bits of [`crate::realtime::Granted`].
     pub realtime: u32,
+    /// Which start of the process this is: 0 for the first.
+    pub generation: u32,
+    /// How often somebody who had joined could not be met, since the start.
+    pub unmet: u32,
+}
+
+/// A fault that a process makes on purpose in what it sends.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ZeroCopySend)]
+#[type_name("hapfic.Injection")]
+#[repr(C)]
+pub struct Injection {
+    /// Counts up from 1: each is taken once.
+    pub number: u64,
+    /// First tick at which it is made; the next one if that has passed.
+    pub tick: i64,
+    /// Ticks for which it is made.
+    pub ticks: u32,
+    /// Code of the [`Process`] that makes it.
+    pub process: u32,
+    /// Code of [`Tampering`].
+    pub tampering: u32,
+    /// By how much a slow process is late, us.
+    pub by_us: u32,
 }
 
 /// How far the recorder has taken everything in: in lockstep the plant may run ahead of it by a bounded number of ticks.

@@ -5,6 +5,7 @@ use rustix::process::{Resource, getrlimit};
 use rustix::thread::{CapabilitySet, CpuSet};
 use std::fs::{File, OpenOptions};
 use std::io::Write;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// What a thread got; a set of bits that travels in [`crate::message::Timing`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -55,23 +56,26 @@ pub fn shared_core(index: usize) -> Option<u32> {
 /// Bytes of stack touched beforehand, so that a deep call does not fault.
 const STACK: usize = 256 * 1024;
 
-/// Makes the calling thread a real-time one as far as it may. Nothing fails: what is missing is missing in the result.
+/// A core for the controller in reserve: another one than the run's shared core, if there is one. A process that dies gives its memory
+/// back at its own priority, on its own core: whoever is to take over at once had better not be behind it.
+#[must_use]
+pub fn reserve_core(index: usize) -> Option<u32> {
+    shared_core(index + 1)
+}
+
+/// Makes the calling thread a real-time one as far as it may; memory is locked beforehand, by [`lock_memory`]. Nothing fails: what is
+/// missing is missing in the result.
 #[must_use]
 pub fn enter(wish: Wish) -> Granted {
     let mut granted = 0;
-    // Memory first: a page locked later would fault at real-time priority.
-    if lock_memory().is_ok() {
+    if MEMORY_LOCKED.load(Ordering::Relaxed) {
         granted |= Granted::LOCKED;
     }
     touch_stack();
-    if let Some(core) = wish.core {
-        let mut set = CpuSet::new();
-        if core < CpuSet::MAX_CPU {
-            set.set(core);
-            if rustix::thread::sched_setaffinity(None, &set).is_ok() {
-                granted |= Granted::PINNED;
-            }
-        }
+    if let Some(core) = wish.core
+        && pin(None, core).is_ok()
+    {
+        granted |= Granted::PINNED;
     }
     if set_fifo(wish.priority) {
         granted |= Granted::FIFO;
@@ -83,6 +87,30 @@ fn set_fifo(priority: i32) -> bool {
     let parameters = libc::sched_param { sched_priority: priority };
     // SAFETY: `parameters` lives through the call; 0 names the calling thread.
     unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO, &raw const parameters) == 0 }
+}
+
+/// Keeps a process's main thread, or the calling thread, on a core.
+///
+/// # Errors
+/// If there is no such core, or the system refuses.
+pub fn pin(pid: Option<rustix::process::Pid>, core: usize) -> std::io::Result<()> {
+    if core >= CpuSet::MAX_CPU {
+        return Err(std::io::ErrorKind::InvalidInput.into());
+    }
+    let mut set = CpuSet::new();
+    set.set(core);
+    Ok(rustix::thread::sched_setaffinity(pid, &set)?)
+}
+
+/// Gives another process's main thread a priority of `SCHED_FIFO`, 1 to 98.
+///
+/// # Errors
+/// If the system refuses.
+pub fn set_priority_of(pid: rustix::process::Pid, priority: u32) -> std::io::Result<()> {
+    let parameters = libc::sched_param { sched_priority: priority as i32 };
+    // SAFETY: `parameters` lives through the call.
+    let done = unsafe { libc::sched_setscheduler(pid.as_raw_nonzero().get(), libc::SCHED_FIFO, &raw const parameters) };
+    if done == 0 { Ok(()) } else { Err(std::io::Error::last_os_error()) }
 }
 
 #[inline(never)]
@@ -98,15 +126,36 @@ fn capable(capability: CapabilitySet) -> bool {
     rustix::thread::capabilities(None).is_ok_and(|sets| sets.effective.contains(capability))
 }
 
-/// Locks all present and future memory of the process.
+/// How much memory is brought in when it is locked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BringIn {
+    /// All there is now. For the supervisor: what it holds of the program's file stays in memory for all processes of the stack, so
+    /// that theirs never have to wait for a disk.
+    All,
+    /// What is used. For the other processes.
+    Used,
+}
+
+/// Locks all memory of the process, now and in future; every page stays once it was used. To be called before topics are opened.
+///
+/// A topic's segment has room for the deepest queue of every subscriber there may ever be, and the program for much that a process
+/// never runs; a few pages of both are used. Bringing all of it in would hold up whoever maps it, in the middle of a tick, for as
+/// long as a tick; and a process that dies at real-time priority has to give it all back before anyone below it runs again.
 ///
 /// Only where the limit cannot be reached: with a finite limit a later allocation would fail, and abort the process.
-fn lock_memory() -> Result<(), ()> {
-    if !may_lock() {
-        return Err(());
-    }
-    mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE).map_err(drop)
+pub fn lock_memory(bring_in: BringIn) {
+    let used = MlockAllFlags::CURRENT | MlockAllFlags::FUTURE | MlockAllFlags::ONFAULT;
+    let all = || mlockall(MlockAllFlags::CURRENT).and_then(|()| mlockall(MlockAllFlags::FUTURE | MlockAllFlags::ONFAULT));
+    let locked = may_lock()
+        && match bring_in {
+            BringIn::All => all().is_ok(),
+            BringIn::Used => mlockall(used).is_ok(),
+        };
+    MEMORY_LOCKED.store(locked, Ordering::Relaxed);
 }
+
+/// Whether the process has locked its memory.
+static MEMORY_LOCKED: AtomicBool = AtomicBool::new(false);
 
 fn may_lock() -> bool {
     getrlimit(Resource::Memlock).current.is_none() || capable(CapabilitySet::IPC_LOCK)

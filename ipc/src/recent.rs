@@ -4,9 +4,10 @@
 //! result depend on timing; a [`Recent`] gives the one that belongs to the tick.
 
 use crate::message::{Command, Reference, Request, State};
+use crate::topic::CONTROL_DEPTH;
 
 /// Messages kept.
-const KEPT: usize = 4;
+const KEPT: usize = CONTROL_DEPTH;
 
 /// A message that belongs to a tick.
 pub trait Ticked {
@@ -19,24 +20,39 @@ macro_rules! ticked {
 }
 ticked!(Command, Reference, Request, State);
 
-/// The last four messages that came.
+/// The messages of the newest ticks that came, as many as a control input keeps.
 #[derive(Clone, Copy, Debug)]
 pub struct Recent<T> {
     kept: [Option<T>; KEPT],
-    next: usize,
 }
 
 impl<T> Default for Recent<T> {
     fn default() -> Self {
-        Self { kept: [const { None }; KEPT], next: 0 }
+        Self { kept: [const { None }; KEPT] }
     }
 }
 
 impl<T: Ticked> Recent<T> {
-    /// Keeps a message, in place of the oldest.
+    /// Keeps a message in place of the one of the same tick, or of the oldest tick. One that is older than all those kept is left
+    /// out: after a restart the history of a forerunner may come last.
     pub fn keep(&mut self, message: T) {
-        self.kept[self.next] = Some(message);
-        self.next = (self.next + 1) % KEPT;
+        let same = self.kept.iter().position(|k| k.as_ref().is_some_and(|k| k.tick() == message.tick()));
+        let place = same.or_else(|| (0..KEPT).min_by_key(|&i| self.kept[i].as_ref().map_or(i64::MIN, Ticked::tick)));
+        let Some(place) = place else { return };
+        if self.kept[place].as_ref().is_none_or(|k| k.tick() <= message.tick()) {
+            self.kept[place] = Some(message);
+        }
+    }
+
+    /// Those kept, in no order.
+    pub fn iter(&self) -> impl Iterator<Item = &T> {
+        self.kept.iter().flatten()
+    }
+
+    /// The message of the newest tick.
+    #[must_use]
+    pub fn newest(&self) -> Option<&T> {
+        self.iter().max_by_key(|m| m.tick())
     }
 
     /// The message of a tick, if it is among those kept.
@@ -60,12 +76,24 @@ mod tests {
     #[test]
     fn a_message_from_ahead_does_not_stand_for_its_tick() {
         let mut recent = Recent::<Command>::default();
-        for tick in -1..6 {
+        for tick in -1..10 {
             recent.keep(Command { tick, ..Command::default() });
         }
         assert_eq!(recent.before(5).unwrap().tick, 4);
         assert_eq!(recent.at(5).unwrap().tick, 5);
-        assert!(recent.at(1).is_none(), "only four are kept");
+        assert!(recent.at(1).is_none(), "only eight are kept");
         assert!(recent.before(2).is_none());
+    }
+
+    #[test]
+    fn the_history_of_a_forerunner_does_not_drive_out_what_is_newer() {
+        let mut recent = Recent::<Command>::default();
+        for tick in (86..94).chain([3, 4, 5, 6, 92]) {
+            recent.keep(Command { tick, ..Command::default() });
+        }
+        let mut ticks: Vec<_> = recent.iter().map(|c| c.tick).collect();
+        ticks.sort_unstable();
+        assert_eq!(ticks, (86..94).collect::<Vec<_>>());
+        assert_eq!(recent.newest().unwrap().tick, 93);
     }
 }

@@ -54,6 +54,8 @@ pub struct RunFile {
     pub realtime: RealtimeMode,
     /// Core of the real-time threads that the configuration gives none; none: any.
     pub core: Option<u32>,
+    /// Core of the standby, where the configuration gives it none; none: any.
+    pub reserve_core: Option<u32>,
     /// The effective configuration, TOML.
     pub settings: String,
     /// Where the URDF came from.
@@ -65,6 +67,11 @@ pub struct RunFile {
 impl RunFile {
     /// Environment variable that holds the run file's path.
     pub const VARIABLE: &'static str = "HAPFIC_RUN";
+    /// Environment variable that holds the number of the start: 0 for the first.
+    pub const GENERATION: &'static str = "HAPFIC_GENERATION";
+    /// Environment variable that holds the tick of the message from which a process that is started again goes on; not set where
+    /// its forerunner had sent none.
+    pub const RESUME: &'static str = "HAPFIC_RESUME";
 
     /// Reads a run file.
     ///

@@ -44,6 +44,12 @@ wire_enum! {
         Status = 2, "status";
         /// End the run.
         Stop = 3, "stop";
+        /// Latched stop: the drive brakes until somebody re-arms.
+        EmergencyStop = 4, "estop";
+        /// Leave a latched stop.
+        Rearm = 5, "rearm";
+        /// Make a fault on purpose; the text holds `key=value` pairs, separated by NUL.
+        Inject = 6, "inject";
     }
 }
 

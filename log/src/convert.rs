@@ -51,7 +51,7 @@ pub fn reference(reference: &Reference) -> proto::Reference {
     }
 }
 
-/// Topic `/request`.
+/// Topics `/request` and `/request/standby`.
 #[must_use]
 pub fn request(request: &Request) -> proto::Request {
     proto::Request {
@@ -92,6 +92,7 @@ pub fn command(command: &Command) -> proto::Command {
         source: Source::from_code(command.source).map_or(UNKNOWN, Source::name).to_owned(),
         severity: severity(command.severity).to_owned(),
         limited: command.limited,
+        ramped: command.ramped,
         still_ticks: request.state.still_ticks.to_vec(),
     }
 }
@@ -150,6 +151,7 @@ pub fn timing(timing: &Timing) -> proto::Timing {
         allocations: timing.allocations,
         refused: timing.refused,
         page_faults: timing.page_faults,
+        generation: timing.generation,
     }
 }
 

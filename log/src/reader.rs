@@ -37,7 +37,7 @@ pub enum Record {
     State(proto::State),
     /// From `/reference`.
     Reference(proto::Reference),
-    /// From `/request`.
+    /// From `/request` or `/request/standby`; its `controller` tells which.
     Request(proto::Request),
     /// From `/command`.
     Command(proto::Command),
@@ -191,7 +191,8 @@ impl<R: Read> Reader<R> {
                         damaged(format!("topic {} has schema {id}, which the log does not hold", channel.topic))
                     })?,
                 };
-                let decoded_as = if channel.message_encoding == "protobuf" { Topic::from_schema_name(&schema) } else { None };
+                let decoded_as =
+                    if channel.message_encoding == "protobuf" { Topic::resolve(&channel.topic, &schema) } else { None };
                 self.channels.insert(channel.id, Channel { topic: channel.topic.into(), schema, decoded_as });
             }
             records::Record::Message { header, data } => {
@@ -255,7 +256,7 @@ fn decode(channel: &Channel, data: &[u8]) -> Result<Record, DecodeError> {
     Ok(match channel.decoded_as {
         Some(Topic::State) => Record::State(proto::State::decode(data)?),
         Some(Topic::Reference) => Record::Reference(proto::Reference::decode(data)?),
-        Some(Topic::Request) => Record::Request(proto::Request::decode(data)?),
+        Some(Topic::Request | Topic::StandbyRequest) => Record::Request(proto::Request::decode(data)?),
         Some(Topic::Command) => Record::Command(proto::Command::decode(data)?),
         Some(Topic::Operator) => Record::Operator(proto::Operator::decode(data)?),
         Some(Topic::Event) => Record::Event(proto::Event::decode(data)?),

@@ -12,7 +12,7 @@ pub enum Topic {
     State,
     /// Where the foot should be.
     Reference,
-    /// What a controller asked for.
+    /// What the process in the controller's place asked for.
     Request,
     /// What the gate passed to the drive.
     Command,
@@ -28,11 +28,14 @@ pub enum Topic {
     Scene,
     /// Events as lines of text, for viewers.
     Log,
+    /// What the process in the standby's place asked for. The last one: topics are numbered in this order, and a log that was
+    /// written before there was a standby keeps its numbers.
+    StandbyRequest,
 }
 
 impl Topic {
     /// How many there are.
-    pub const COUNT: usize = 10;
+    pub const COUNT: usize = 11;
 
     /// Every topic.
     pub const ALL: [Self; Self::COUNT] = [
@@ -46,6 +49,7 @@ impl Topic {
         Self::Transforms,
         Self::Scene,
         Self::Log,
+        Self::StandbyRequest,
     ];
 
     /// Its name in the file.
@@ -62,6 +66,7 @@ impl Topic {
             Self::Transforms => "/tf",
             Self::Scene => "/scene",
             Self::Log => "/log",
+            Self::StandbyRequest => "/request/standby",
         }
     }
 
@@ -71,7 +76,7 @@ impl Topic {
         match self {
             Self::State => "hapfic.State",
             Self::Reference => "hapfic.Reference",
-            Self::Request => "hapfic.Request",
+            Self::Request | Self::StandbyRequest => "hapfic.Request",
             Self::Command => "hapfic.Command",
             Self::Operator => "hapfic.Operator",
             Self::Event => "hapfic.Event",
@@ -82,10 +87,22 @@ impl Topic {
         }
     }
 
-    /// The topic whose message has this full name.
+    /// The topic of this name.
+    #[must_use]
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|topic| topic.name() == name)
+    }
+
+    /// The first topic whose message has this full name: two topics may share a message.
     #[must_use]
     pub fn from_schema_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|topic| topic.schema_name() == name)
+    }
+
+    /// The topic of this name if its message is this one, else the first with this message: other programs name theirs as they like.
+    #[must_use]
+    pub fn resolve(name: &str, schema: &str) -> Option<Self> {
+        Self::from_name(name).filter(|topic| topic.schema_name() == schema).or_else(|| Self::from_schema_name(schema))
     }
 
     /// Its place in [`Topic::ALL`].

@@ -6,7 +6,7 @@ use crate::names::Names;
 use crate::topic::Topic;
 use crate::{convert, proto, time_of};
 use foxglove::messages::{FrameTransforms, Log, SceneUpdate};
-use hapfic_ipc::message::{Command, Event, Parameters, Reference, Request, State, Timing};
+use hapfic_ipc::message::{Command, Event, Parameters, Process, Reference, Request, State, Timing};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::write::NoSeek;
 use prost::Message;
@@ -61,6 +61,8 @@ impl Totals {
 pub struct Writer<W: Write = BufWriter<File>> {
     mcap: mcap::Writer<NoSeek<Output<W>>>,
     path: PathBuf,
+    /// The same file, to have it written to the disk; `None` for what is on none.
+    disk: Option<File>,
     names: Names,
     start_unix_ns: u64,
     channels: [u16; Topic::COUNT],
@@ -94,10 +96,13 @@ impl Writer<BufWriter<File>> {
             Err(TryLockError::WouldBlock) => return Err(LogError::Busy { path: path.to_owned() }),
             Err(TryLockError::Error(cause)) => return Err(failed(cause)),
         }
+        let mut disk = None;
         if file.metadata().map_err(failed)?.is_file() {
             file.set_len(0).map_err(failed)?;
+            disk = Some(file.try_clone().map_err(failed)?);
         }
-        Self::new(BufWriter::with_capacity(64 * 1024, file), path, names, header, attachments, options)
+        let writer = Self::new(BufWriter::with_capacity(64 * 1024, file), path, names, header, attachments, options)?;
+        Ok(Self { disk, ..writer })
     }
 }
 
@@ -152,6 +157,7 @@ impl<W: Write> Writer<W> {
         Ok(Self {
             mcap,
             path: path.to_owned(),
+            disk: None,
             names: names.clone(),
             start_unix_ns: options.start_unix_ns,
             channels,
@@ -188,13 +194,14 @@ impl<W: Write> Writer<W> {
         Ok(message)
     }
 
-    /// Writes to `/request`; returns what was written.
+    /// Writes to `/request/standby` if the process in the standby's place made it, else to `/request`; returns what was written.
     ///
     /// # Errors
     /// [`LogError::Write`].
     pub fn request(&mut self, request: &Request) -> Result<proto::Request, LogError> {
         let message = convert::request(request);
-        self.put(Topic::Request, message.tick, self.time_of(message.tick), &message)?;
+        let topic = if request.controller == Process::Standby.code() { Topic::StandbyRequest } else { Topic::Request };
+        self.put(topic, message.tick, self.time_of(message.tick), &message)?;
         Ok(message)
     }
 
@@ -292,6 +299,21 @@ impl<W: Write> Writer<W> {
             self.unflushed = false;
         }
         Ok(())
+    }
+
+    /// As [`Writer::flush`], and waits until it is on the disk: what was written until now survives a loss of power, too. A log that
+    /// goes into a pipe or a device, or into an output of the caller's, is flushed alone.
+    ///
+    /// # Errors
+    /// [`LogError::Write`].
+    pub fn sync(&mut self) -> Result<(), LogError> {
+        self.flush()?;
+        match self.disk.as_ref().map_or(Ok(()), File::sync_data) {
+            // File systems that keep nothing on a disk.
+            Err(cause) if matches!(cause.kind(), io::ErrorKind::InvalidInput | io::ErrorKind::Unsupported) => Ok(()),
+            Err(cause) => Err(LogError::Write { path: self.path.clone(), cause }),
+            Ok(()) => Ok(()),
+        }
     }
 
     /// Writes summary and index and closes the log.

@@ -23,15 +23,21 @@ impl Plan {
         Self { tick, state: hold(foot_position) }
     }
 
+    /// The plan that a reference was made from: the planner's whole state travels in it.
+    #[must_use]
+    pub fn resumed(reference: &Reference) -> Self {
+        Self { tick: reference.tick, state: reference.planner }
+    }
+
     /// The plan of the tick after `state`, from the one before, if there is one.
     ///
     /// `active`: whether the command of the tick before puts the drive under torque. While it does not (before the first command,
     /// and braking) the reference is where the foot is.
     #[must_use]
     pub fn next(before: Option<Self>, state: &State, active: bool, operator: &Operator) -> Self {
-        let tick = state.tick + 1;
+        let tick = state.tick.saturating_add(1);
         match before {
-            Some(plan) if active && tick - plan.tick <= CATCH_UP => plan.advanced(tick, operator),
+            Some(plan) if active && tick.saturating_sub(plan.tick) <= CATCH_UP => plan.advanced(tick, operator),
             Some(plan) if active => {
                 // Long away: the controllers have held the last position since.
                 Self::resting(state.tick, setpoint(&plan.state, PERIOD_S).position_m).advanced(tick, operator)

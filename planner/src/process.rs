@@ -5,6 +5,7 @@
 use crate::Plan;
 use hapfic_config::Settings;
 use hapfic_ipc::message::{Command, Mode, Operator, Reference, State};
+use hapfic_ipc::inject::Injector;
 use hapfic_ipc::realtime::Wish;
 use hapfic_ipc::{Clock, Context, Input, IpcError, Output, Recent, Tick, Wait, clock, topic};
 
@@ -13,6 +14,7 @@ struct Ports {
     command: Input<Command>,
     operator: Input<Operator>,
     reference: Output<Reference>,
+    injector: Injector<Reference>,
 }
 
 /// Runs the planner until its last tick or its end.
@@ -25,6 +27,11 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), IpcError> {
         command: context.bus.input(&topic::COMMAND, if context.clock == Clock::Lockstep { Wait::Yes } else { Wait::No })?,
         operator: context.bus.input(&topic::OPERATOR, Wait::No)?,
         reference: context.bus.output(&topic::REFERENCE)?,
+        injector: Injector::open(context)?,
+    };
+    let handed_over = match context.start.resume {
+        Some(tick) => Some(context.bus.input(&topic::REFERENCE, Wait::Yes)?).zip(Some(tick)),
+        None => None,
     };
     context.ready(Wish::new(settings.realtime.priority_planner, settings.realtime.core_planner))?;
     let last_tick = settings.duration_ticks as i64 - 1;
@@ -32,15 +39,20 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), IpcError> {
     let mut commands = Recent::<Command>::default();
     let mut operator: Option<Operator> = None;
     let mut seen = -1;
+    if let Some((mut input, tick)) = handed_over {
+        let Some(last) = context.handed_over(&mut input, |r: &Reference| r.tick == tick)? else { return Ok(()) };
+        plan = Some(Plan::resumed(&last));
+        // It was made from the state one tick before.
+        seen = tick - 1;
+    }
 
-    while let Some(state) = context.next_state(&mut ports.state, seen, || ports.reference.prepare())? {
+    while let Some(state) = context.next_state(&mut ports.state, seen, None, || ports.reference.prepare())? {
         let wake = clock::now_ns();
         context.begin();
         seen = state.tick;
-        if !take_command(context, &mut ports, &mut commands, state.tick - 1)? {
+        if !fill(context, &mut ports, &mut commands, &mut operator, state.tick - 1)? {
             break;
         }
-        context.drain(&mut ports.operator, |new| operator = Some(new))?;
         let Some(operator) = operator else {
             // Nobody has said what to do yet.
             context.refuse();
@@ -68,6 +80,9 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), IpcError> {
             latency_ns: 0,
         })?;
         ports.reference.prepare();
+        let unmet = ports.reference.unmet() + ports.state.unmet() + ports.command.unmet() + ports.operator.unmet();
+        context.tell_unmet(unmet);
+        ports.injector.listen()?;
         if state.tick >= last_tick {
             context.finish(state.tick)?;
             break;
@@ -77,14 +92,22 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), IpcError> {
 }
 
 fn send(context: &Context, ports: &mut Ports, plan: &Plan, parameters_version: u64) -> Result<u64, IpcError> {
-    ports.reference.send(&Reference { stamp_ns: context.stamp(), ..plan.reference(parameters_version) })
+    let reference = Reference { stamp_ns: context.stamp(), ..plan.reference(parameters_version) };
+    ports.injector.send(&mut ports.reference, &reference, plan.tick)
 }
 
-/// Takes the commands there are; in lockstep waits for the one of `tick`. Says whether to go on.
-fn take_command(context: &mut Context, ports: &mut Ports, commands: &mut Recent<Command>, tick: i64) -> Result<bool, IpcError> {
+/// Takes what there is; in lockstep waits for the command of `tick`, and for the operator's parameters. Says whether to go on.
+fn fill(
+    context: &mut Context,
+    ports: &mut Ports,
+    commands: &mut Recent<Command>,
+    operator: &mut Option<Operator>,
+    tick: i64,
+) -> Result<bool, IpcError> {
     loop {
         context.drain(&mut ports.command, |new| commands.keep(new))?;
-        if context.clock == Clock::Realtime || commands.at(tick).is_some() {
+        context.drain(&mut ports.operator, |new| *operator = Some(new))?;
+        if context.clock == Clock::Realtime || (commands.at(tick).is_some() && operator.is_some()) {
             return Ok(true);
         }
         ports.reference.prepare();

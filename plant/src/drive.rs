@@ -13,6 +13,12 @@ pub struct DriveState {
 }
 
 impl DriveState {
+    /// The memory of a drive whose program was started again: brakes off if they had been.
+    #[must_use]
+    pub fn resumed(released: bool) -> Self {
+        Self { command: None, released }
+    }
+
     /// Takes a command if it is newer than the one in use. Says whether it was.
     pub fn take(&mut self, command: &Command) -> bool {
         let newer = self.command.is_none_or(|c| command.tick > c.tick);
@@ -38,7 +44,7 @@ impl DriveState {
         let Some(command) = self.command.filter(|_| self.released) else {
             return (Drive::Held, Action::Held);
         };
-        let missed = tick - 1 - command.tick;
+        let missed = tick.saturating_sub(1).saturating_sub(command.tick);
         if missed < i64::from(timeout_ticks) && Mode::from_code(command.mode) == Some(Mode::Active) {
             (Drive::Torque, Action::Torque(command.torque))
         } else {

@@ -3,6 +3,14 @@
 /// An error of the plant.
 #[derive(Debug, thiserror::Error)]
 pub enum PlantError {
+    /// A state to go on from that does not fit.
+    #[error("cannot go on from the last state: it has {} joints and {} objects, expected {} and {}", found.0, found.1, expected.0, expected.1)]
+    Resume {
+        /// Joints and objects of the state.
+        found: (usize, usize),
+        /// Joints and objects of robot and world.
+        expected: (usize, usize),
+    },
     /// The robot description.
     #[error(transparent)]
     Robot(#[from] hapfic_robot::RobotError),

@@ -58,6 +58,16 @@ impl FreeBody {
         }
     }
 
+    /// Goes on from a pose and a velocity as they were published.
+    pub(crate) fn resume(&mut self, at: &ObjectState) {
+        let [i, j, k, w] = at.orientation;
+        self.position = at.position.into();
+        // As it was, to the last bit: normalising could change that.
+        self.rotation = UnitQuaternion::new_unchecked(nalgebra::Quaternion::new(w, i, j, k));
+        self.velocity = at.linear_velocity.into();
+        self.angular_velocity = at.angular_velocity.into();
+    }
+
     /// Inertia along the axes of the world, kg m^2.
     #[must_use]
     pub fn world_inertia(&self) -> Matrix3<f64> {

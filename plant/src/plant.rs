@@ -62,6 +62,37 @@ impl Plant {
         })
     }
 
+    /// Goes on from a state that a forerunner has published, as if it had made it itself: the world has no other memory.
+    ///
+    /// # Errors
+    /// [`PlantError::Resume`] if the state is of another robot or world.
+    pub fn resume(&mut self, state: &State) -> Result<(), PlantError> {
+        let expected = (self.world.scene.chain.dof(), self.world.objects.len());
+        let found = (state.joints as usize, state.object_count as usize);
+        if found != expected {
+            return Err(PlantError::Resume { found, expected });
+        }
+        self.world.q = state.joint_position;
+        self.world.qd = state.joint_velocity;
+        for (body, at) in self.world.objects.iter_mut().zip(&state.objects) {
+            body.resume(at);
+        }
+        self.world.contact_work = state.physics.contact_work_j;
+        self.stored = state.physics.contact_stored_j;
+        self.acted = Drive::from_code(state.drive).unwrap_or(Drive::Held);
+        self.drive = DriveState::resumed(self.acted != Drive::Held);
+        self.tick = state.tick;
+        self.last = Advance {
+            sensed_force: state.foot_force.into(),
+            torque: state.joint_torque,
+            contacts: state.contacts,
+            contact_count: state.contact_count as usize,
+            physics: state.physics,
+            ..Advance::default()
+        };
+        Ok(())
+    }
+
     /// The world, for those who want to look closer or set a state.
     #[must_use]
     pub fn world(&mut self) -> &mut World {

@@ -7,9 +7,10 @@ use crate::error::PlantError;
 use crate::plant::Plant;
 use hapfic_config::Settings;
 use hapfic_ipc::Tick;
+use hapfic_ipc::inject::Injector;
 use hapfic_ipc::message::{Command, Credit, State};
 use hapfic_ipc::realtime::Wish;
-use hapfic_ipc::{Clock, Context, Input, IpcError, Output, Recent, Wait, clock, topic, wait};
+use hapfic_ipc::{Clock, Context, Input, IpcError, Knocker, Output, Recent, Wait, clock, topic, wait};
 use std::time::Duration;
 
 /// The period in nanoseconds.
@@ -21,9 +22,12 @@ const COURTESY: Duration = Duration::from_micros(300);
 
 struct Ports {
     state: Output<State>,
+    injector: Injector<State>,
     command: Input<Command>,
     credit: Input<Credit>,
     commands: Recent<Command>,
+    /// Wakes the controller in reserve.
+    answered: Knocker,
 }
 
 impl Ports {
@@ -31,6 +35,14 @@ impl Ports {
     fn read(&mut self, context: &mut Context) -> Result<(), IpcError> {
         let commands = &mut self.commands;
         context.drain(&mut self.command, |new| commands.keep(new))
+    }
+
+    /// What can be done while nobody waits for it.
+    fn slack(&mut self, context: &mut Context) -> Result<(), IpcError> {
+        self.state.prepare();
+        self.command.prepare();
+        context.tell_unmet(self.state.unmet() + self.command.unmet() + self.credit.unmet());
+        self.injector.listen()
     }
 
     /// Passes the command that is due at `tick` to the drive: never one that answers this tick's own state already.
@@ -48,13 +60,19 @@ impl Ports {
 pub fn run(context: &mut Context, settings: &Settings) -> Result<(), PlantError> {
     let mut ports = Ports {
         state: context.bus.output(&topic::STATE)?,
+        injector: Injector::open(context)?,
         command: context.bus.input(&topic::COMMAND, Wait::Yes)?,
         credit: context.bus.input(&topic::CREDIT, Wait::Yes)?,
         commands: Recent::default(),
+        answered: context.bus.knocker(&topic::ANSWERED)?,
     };
     let mut plant = Plant::new(settings)?;
+    let handed_over = match context.start.resume {
+        Some(tick) => Some(context.bus.input(&topic::STATE, Wait::Yes)?).zip(Some(tick)),
+        None => None,
+    };
     context.ready(Wish::new(settings.realtime.priority_plant, settings.realtime.core_plant))?;
-    while ports.commands.at(-1).is_none() {
+    while ports.commands.newest().is_none() {
         if !context.wait(&[&ports.command], -1)? {
             return Ok(());
         }
@@ -62,21 +80,39 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), PlantError>
         // Everyone is there by now: meet them before time counts.
         ports.state.prepare();
     }
+    let mut resumed = None;
+    if let Some((mut input, tick)) = handed_over {
+        let Some(state) = context.handed_over(&mut input, |state: &State| state.tick == tick)? else { return Ok(()) };
+        plant.resume(&state)?;
+        resumed = Some(state);
+    }
     let ticks = settings.duration_ticks as i64;
     match context.clock {
-        Clock::Realtime => realtime(context, &mut plant, &mut ports, ticks)?,
-        Clock::Lockstep => lockstep(context, &mut plant, &mut ports, ticks)?,
+        Clock::Realtime => realtime(context, &mut plant, &mut ports, resumed, ticks)?,
+        Clock::Lockstep => lockstep(context, &mut plant, &mut ports, resumed, ticks)?,
     }
     context.finish(ticks - 1)?;
     Ok(())
 }
 
-fn realtime(context: &mut Context, plant: &mut Plant, ports: &mut Ports, ticks: i64) -> Result<(), PlantError> {
+fn realtime(
+    context: &mut Context,
+    plant: &mut Plant,
+    ports: &mut Ports,
+    resumed: Option<State>,
+    ticks: i64,
+) -> Result<(), PlantError> {
     // Two periods to get everyone's first steps out of the way.
-    let start = clock::now_ns() + 2 * PERIOD_NS;
-    let mut slipped = 0_u64;
-    for tick in 0..ticks {
-        let due = start + (tick as u64 + slipped) * PERIOD_NS;
+    let begun = clock::now_ns() + 2 * PERIOD_NS;
+    let (first, mut slipped) = match &resumed {
+        // The periods in which there was no plant have slipped, too.
+        Some(last) => (last.tick, last.slipped + begun.saturating_sub(last.stamp_ns) / PERIOD_NS),
+        None => (0, 0),
+    };
+    // When tick 0 would have been due had nothing slipped.
+    let start = begun.wrapping_sub((first as u64 + slipped) * PERIOD_NS);
+    for tick in first..ticks {
+        let due = start.wrapping_add((tick as u64 + slipped) * PERIOD_NS);
         let mut wake = clock::now_ns();
         while wake < due {
             clock::sleep_until(due);
@@ -93,13 +129,14 @@ fn realtime(context: &mut Context, plant: &mut Plant, ports: &mut Ports, ticks: 
         state.wake_lateness_ns = lateness;
         state.slipped = slipped;
         state.stamp_ns = clock::now_ns();
-        let published = ports.state.send(&state)?;
+        let published = ports.injector.send(&mut ports.state, &state, tick)?;
         ports.read(context)?;
         ports.pass(plant, tick);
         let answered = await_answer(context, ports, tick, published)?;
+        ports.answered.knock();
         plant.advance()?;
         context.account(Tick { tick, due_ns: due, wake_ns: wake, publish_ns: published, latency_ns: answered })?;
-        ports.state.prepare();
+        ports.slack(context)?;
         if !context.running() {
             return Ok(());
         }
@@ -123,9 +160,16 @@ fn await_answer(context: &mut Context, ports: &mut Ports, tick: i64, published: 
     }
 }
 
-fn lockstep(context: &mut Context, plant: &mut Plant, ports: &mut Ports, ticks: i64) -> Result<(), PlantError> {
+fn lockstep(
+    context: &mut Context,
+    plant: &mut Plant,
+    ports: &mut Ports,
+    resumed: Option<State>,
+    ticks: i64,
+) -> Result<(), PlantError> {
     let mut credit = -1;
-    for tick in 0..ticks {
+    let mut said = resumed;
+    for tick in said.map_or(0, |state| state.tick)..ticks {
         while credit < tick {
             if let Some(new) = ports.credit.newest()? {
                 credit = credit.max(new.tick);
@@ -137,7 +181,9 @@ fn lockstep(context: &mut Context, plant: &mut Plant, ports: &mut Ports, ticks: 
         }
         context.begin();
         let due = clock::now_ns();
-        let published = ports.state.send(&plant.sample())?;
+        // A successor says once more what its forerunner said last, for those who had not heard it.
+        let state = said.take().unwrap_or_else(|| plant.sample());
+        let published = ports.injector.send(&mut ports.state, &state, tick)?;
         loop {
             ports.read(context)?;
             if ports.commands.at(tick - 1).is_some() {
@@ -152,7 +198,7 @@ fn lockstep(context: &mut Context, plant: &mut Plant, ports: &mut Ports, ticks: 
         ports.pass(plant, tick);
         plant.advance()?;
         context.account(Tick { tick, due_ns: due, wake_ns: due, publish_ns: published, latency_ns: 0 })?;
-        ports.state.prepare();
+        ports.slack(context)?;
     }
     Ok(())
 }

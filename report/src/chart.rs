@@ -2,7 +2,7 @@
 
 use crate::canvas::{Anchor, Canvas, Pen};
 use crate::error::ReportError;
-use crate::figure::{Color, Content, Curve, Figure, Lane, Panel, Scale, Style, pieces};
+use crate::figure::{Color, Content, Curve, Figure, Lane, MarkKind, Panel, Scale, Style, pieces};
 use crate::ticks::{Tick, decades, linear};
 
 /// Width of every picture, px.
@@ -192,9 +192,9 @@ fn heading(canvas: &mut Canvas, panel: &Panel, axes: &Axes, first: bool) {
         entries.extend(named.map(|curve| (curve.name.as_str(), curve.color, Key::Line(pen(curve)))));
     }
     if first {
-        let marked = |fault: bool| panel.marks.iter().find(|mark| mark.fault == fault);
-        for (name, mark) in [("operator", marked(false)), ("fault", marked(true))] {
-            entries.extend(mark.map(|mark| (name, mark.color(), Key::Mark)));
+        for kind in MarkKind::ALL {
+            let mark = panel.marks.iter().find(|mark| mark.kind == kind);
+            entries.extend(mark.map(|mark| (kind.name(), mark.color(), Key::Mark)));
         }
     }
     let mut right = axes.right;
@@ -245,7 +245,7 @@ fn grid(canvas: &mut Canvas, panel: &Panel, axes: &Axes) {
 fn marks(canvas: &mut Canvas, panel: &Panel, axes: &Axes) {
     for mark in panel.marks.iter().filter(|mark| (axes.x.0..=axes.x.1).contains(&mark.time_s)) {
         let x = axes.across(mark.time_s);
-        let pen = Pen { color: mark.color(), width: 1.5, dashed: !mark.fault };
+        let pen = Pen { color: mark.color(), width: 1.5, dashed: mark.kind != MarkKind::Fault };
         canvas.line(&[(x, axes.top), (x, axes.bottom())], pen);
     }
 }

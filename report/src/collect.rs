@@ -4,6 +4,7 @@ use crate::bands::Lanes;
 use crate::events::Events;
 use crate::frames::Frames;
 use crate::geometry::{Vector, norm};
+use crate::incidents::Incidents;
 use crate::parameters::{ParameterSet, Sets};
 use crate::scene::{self, Update};
 use crate::series::Series;
@@ -68,6 +69,7 @@ pub(crate) struct Collected {
     pub(crate) contacts: Lanes,
     pub(crate) modes: Lanes,
     pub(crate) events: Events,
+    pub(crate) incidents: Incidents,
     pub(crate) latency: Histogram,
     pub(crate) lateness: Histogram,
     pub(crate) frames: Frames,
@@ -188,6 +190,11 @@ impl Collected {
         }
         self.modes.push("command", &command.mode, tick);
         self.modes.push("severity", &command.severity, tick);
+        // Whose torque the drive gets; a brake is nobody's.
+        if command.mode == "active" {
+            self.modes.push("torque from", &command.controller, tick);
+        }
+        self.incidents.push(tick, &command.severity);
     }
 
     fn operator(&mut self, operator: &proto::Operator) {

@@ -1,15 +1,23 @@
 //! What happened during a run.
 
-use crate::figure::Mark;
+use crate::figure::{Mark, MarkKind};
 use crate::{LATEST_TICK, seconds};
+use hapfic_ipc::message::Severity;
 use hapfic_log::proto;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// Most events a report lists: so many faults, so many changes by the operator, and so many others; more are counted.
+/// Most events a report lists: so many faults, so many changes by the operator, so many of what the stack did about faults, and so
+/// many others; more are counted.
 pub const MOST_EVENTS: usize = 500;
 /// Kind of a change by the operator.
 const PARAMETERS: &str = "parameters";
+/// Kinds of what else the operator does.
+const BY_OPERATOR: [&str; 1] = ["rearmed"];
+/// Kinds of what went wrong.
+const FAULTS: [&str; 6] = ["lost", "refused", "missed", "slipped", "injected", "differs"];
+/// Kinds of what the stack did about it, and of what came of it.
+const REACTIONS: [&str; 4] = ["promoted", "restarted", "joined", "discontinuity"];
 /// Most kinds that are counted one by one.
 const MOST_KINDS: usize = 32;
 /// Longest text of an event, characters.
@@ -41,10 +49,12 @@ pub struct LoggedEvent {
 pub(crate) struct Events {
     kept: Vec<LoggedEvent>,
     /// How many of each class are kept.
-    kept_of: [usize; 3],
+    kept_of: [usize; 4],
     /// How many there were of each kind.
     counts: BTreeMap<String, u64>,
     total: u64,
+    /// That of the last transition; `None` before the first.
+    severity: Option<Severity>,
 }
 
 impl Events {
@@ -54,8 +64,7 @@ impl Events {
         if event.kind == PARAMETERS {
             return;
         }
-        let fault = matches!(event.kind.as_str(), "lost" | "refused" | "missed" | "slipped")
-            || (event.kind == "transition" && event.severity != "nominal");
+        let fault = FAULTS.contains(&event.kind.as_str()) || (event.kind == "transition" && self.is_worse(&event.severity));
         self.keep(LoggedEvent {
             time_s: 0.0,
             tick: event.tick,
@@ -66,6 +75,12 @@ impl Events {
             text: cut(&event.text),
             fault,
         });
+    }
+
+    /// Takes the severity to which a transition leads; says whether it is worse than the one before.
+    fn is_worse(&mut self, severity: &str) -> bool {
+        let Some(now) = Severity::from_name(severity) else { return false };
+        now > self.severity.replace(now).unwrap_or(Severity::Nominal)
     }
 
     /// Takes a change by the operator.
@@ -90,7 +105,12 @@ impl Events {
             self.counts.insert(event.kind.clone(), 1);
         }
         // A flood of one class leaves the others their places.
-        let class = if event.fault { 0 } else { 1 + usize::from(event.kind == PARAMETERS) };
+        let class = match mark_kind(&event) {
+            Some(MarkKind::Fault) => 0,
+            Some(MarkKind::Operator) => 1,
+            Some(MarkKind::Reaction) => 2,
+            None => 3,
+        };
         if self.kept_of[class] < MOST_EVENTS {
             self.kept_of[class] += 1;
             let tick = event.tick.clamp(0, LATEST_TICK);
@@ -118,16 +138,25 @@ impl Events {
         self.total
     }
 
-    /// What time axes mark: what the operator changed, and what went wrong.
+    /// What time axes mark: what the operator changed, what went wrong, and what was done about it.
     pub(crate) fn marks(&self) -> Vec<Mark> {
-        let marked = self.kept.iter().filter(|event| event.fault || event.kind == PARAMETERS);
-        marked
-            .map(|event| Mark {
-                time_s: event.time_s,
-                fault: event.fault,
-                text: format!("{} {}: {}", event.process, event.kind, event.text),
-            })
-            .collect()
+        let mark = |event: &LoggedEvent| {
+            let text = format!("{} {}: {}", event.process, event.kind, event.text);
+            mark_kind(event).map(|kind| Mark { time_s: event.time_s, kind, text })
+        };
+        self.kept.iter().filter_map(mark).collect()
+    }
+}
+
+/// As what time axes mark it, if they do.
+fn mark_kind(event: &LoggedEvent) -> Option<MarkKind> {
+    let kind = event.kind.as_str();
+    if event.fault {
+        Some(MarkKind::Fault)
+    } else if kind == PARAMETERS || BY_OPERATOR.contains(&kind) {
+        Some(MarkKind::Operator)
+    } else {
+        REACTIONS.contains(&kind).then_some(MarkKind::Reaction)
     }
 }
 
@@ -154,7 +183,32 @@ mod tests {
         assert_eq!(events.kept().len(), 2 * MOST_EVENTS + 1);
         assert_eq!((events.total(), events.counts()["note"], events.counts()["parameters"]), (10_601, 10_000, 600));
         assert_eq!(events.marks().len(), MOST_EVENTS + 1);
-        assert_eq!(events.marks().iter().filter(|mark| mark.fault).count(), 1);
+        assert_eq!(events.marks().iter().filter(|mark| mark.kind == MarkKind::Fault).count(), 1);
         assert!(events.kept().is_sorted_by_key(|event| event.tick));
+    }
+
+    #[test]
+    fn what_went_wrong_what_was_done_about_it_and_what_the_operator_did_are_marked() {
+        let mut events = Events::default();
+        let kinds = "lost missed refused slipped injected differs promoted restarted joined discontinuity rearmed \
+                     note limited contact started ended";
+        for (tick, kind) in (0..).zip(kinds.split(' ')) {
+            events.push(&proto::Event { tick, kind: kind.to_owned(), ..proto::Event::default() });
+        }
+        let count = |kind: MarkKind| events.marks().iter().filter(|mark| mark.kind == kind).count();
+        assert_eq!(MarkKind::ALL.map(count), [1, 4, 6]);
+        assert_eq!(events.kept().iter().filter(|event| event.fault).count(), 6);
+    }
+
+    #[test]
+    fn only_a_transition_to_worse_is_a_fault() {
+        let mut events = Events::default();
+        let ladder = ["degraded", "brake", "stopped", "brake", "nominal", "nominal", "brake", "unheard-of", "degraded", "brake"];
+        for (tick, severity) in (0..).zip(ladder) {
+            let (kind, severity) = ("transition".to_owned(), severity.to_owned());
+            events.push(&proto::Event { tick, kind, severity, ..proto::Event::default() });
+        }
+        let worse: Vec<_> = events.kept().iter().filter(|event| event.fault).map(|event| event.tick).collect();
+        assert_eq!(worse, [0, 1, 2, 6, 9]);
     }
 }

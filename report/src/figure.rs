@@ -141,17 +141,47 @@ pub struct Lane {
 pub struct Mark {
     /// When, s.
     pub time_s: f64,
-    /// Whether something went wrong, or was only changed.
-    pub fault: bool,
+    /// What it is a moment of.
+    pub kind: MarkKind,
     /// What happened.
     pub text: String,
+}
+
+/// What a mark stands for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MarkKind {
+    /// The operator changed something.
+    Operator,
+    /// The stack helped itself, or the torque stepped.
+    Reaction,
+    /// Something went wrong.
+    Fault,
+}
+
+impl MarkKind {
+    /// Every kind, the most important one last: it is drawn over the others.
+    pub const ALL: [Self; 3] = [Self::Operator, Self::Reaction, Self::Fault];
+
+    /// Its name in legends.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Operator => "operator",
+            Self::Reaction => "reaction",
+            Self::Fault => "fault",
+        }
+    }
 }
 
 impl Mark {
     /// Colour of marks of this kind.
     #[must_use]
     pub const fn color(&self) -> Color {
-        if self.fault { Color::VERMILLION } else { Color::GREY }
+        match self.kind {
+            MarkKind::Operator => Color::GREY,
+            MarkKind::Reaction => Color::PURPLE,
+            MarkKind::Fault => Color::VERMILLION,
+        }
     }
 }
 

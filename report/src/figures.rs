@@ -11,7 +11,9 @@ const MM_PER_M: f64 = 1e3;
 /// Stands for an empty bin on a logarithmic axis.
 const NO_COUNT: f64 = 0.7;
 /// Modes in which nothing is wrong.
-const GOOD_MODES: [&str; 3] = ["torque", "active", "nominal"];
+const GOOD_MODES: [&str; 4] = ["torque", "active", "nominal", "controller"];
+/// Modes in which something is missing that is not missed yet.
+const SPARE_MODES: [&str; 2] = ["degraded", "standby"];
 /// Modes before the first torque.
 const WAITING_MODES: [&str; 2] = ["held", "hold"];
 
@@ -39,6 +41,7 @@ pub(crate) fn all(collected: &Collected, run: &RunInfo, names: &Names) -> Vec<Fi
 pub(crate) fn overview(collected: &Collected, run: &RunInfo) -> Figure {
     let name = if run.scenario.is_empty() { "run" } else { &run.scenario };
     let mut panels = vec![position(collected, 2), force(collected, 2), contacts(collected)];
+    panels.extend(severity(collected));
     let marks = collected.events.marks();
     for panel in &mut panels {
         panel.marks.clone_from(&marks);
@@ -113,16 +116,33 @@ fn contacts(collected: &Collected) -> Panel {
     Panel::over_time("contacts: who touches whom", "", Content::Lanes(lanes.collect()))
 }
 
+fn mode_color(mode: &str) -> Color {
+    if GOOD_MODES.contains(&mode) {
+        Color::GREEN
+    } else if SPARE_MODES.contains(&mode) {
+        Color::ORANGE
+    } else if WAITING_MODES.contains(&mode) {
+        Color::GREY
+    } else {
+        Color::VERMILLION
+    }
+}
+
+/// When something was wrong, and how bad it was; `None` if all was well all the time.
+fn severity(collected: &Collected) -> Option<Panel> {
+    let lane = |name: &str| {
+        let (_, mode, spans) = collected.modes.iter().find(|(kind, mode, _)| *kind == "severity" && *mode == name)?;
+        Some(Lane { name: mode.to_owned(), color: mode_color(mode), spans: spans.seconds() })
+    };
+    let lanes: Vec<_> = ["degraded", "brake", "stopped"].into_iter().filter_map(lane).collect();
+    (!lanes.is_empty()).then(|| Panel::over_time("severity: how bad it was", "", Content::Lanes(lanes)))
+}
+
 fn modes(collected: &Collected) -> Panel {
-    let lanes = collected.modes.iter().map(|(kind, mode, spans)| {
-        let color = if GOOD_MODES.contains(&mode) {
-            Color::GREEN
-        } else if WAITING_MODES.contains(&mode) {
-            Color::GREY
-        } else {
-            Color::VERMILLION
-        };
-        Lane { name: format!("{kind}: {mode}"), color, spans: spans.seconds() }
+    let lanes = collected.modes.iter().map(|(kind, mode, spans)| Lane {
+        name: format!("{kind}: {mode}"),
+        color: mode_color(mode),
+        spans: spans.seconds(),
     });
     let mut lanes: Vec<_> = lanes.collect();
     lanes.sort_by(|a, b| a.name.cmp(&b.name));

@@ -1,6 +1,6 @@
 //! A figure as the page's library takes it: traces and layout.
 
-use crate::figure::{Area, Color, Content, Curve, Figure, Lane, Panel, Scale, Style};
+use crate::figure::{Area, Color, Content, Curve, Figure, Lane, MarkKind, Panel, Scale, Style};
 use crate::label;
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
@@ -142,10 +142,10 @@ impl Plot {
     }
 
     fn marks(&mut self, panel: &Panel, x: &str, y: &str) {
-        for (name, fault) in [("operator", false), ("fault", true)] {
+        for kind in MarkKind::ALL {
             let (mut across, mut up, mut texts) = (Vec::new(), Vec::new(), Vec::new());
             let mut color = Color::GREY;
-            for mark in panel.marks.iter().filter(|mark| mark.fault == fault) {
+            for mark in panel.marks.iter().filter(|mark| mark.kind == kind) {
                 let text = label::escape(&mark.text);
                 across.extend([json!(mark.time_s), json!(mark.time_s), Value::Null]);
                 up.extend([json!(0), json!(1), Value::Null]);
@@ -155,13 +155,17 @@ impl Plot {
             if across.is_empty() {
                 continue;
             }
-            let dash = if fault { "solid" } else { "dot" };
+            let dash = match kind {
+                MarkKind::Operator => "dot",
+                MarkKind::Reaction => "dash",
+                MarkKind::Fault => "solid",
+            };
             let trace = json!({
                 "x": across, "y": up, "text": texts, "hoverinfo": "x+text", "mode": "lines+markers",
                 "line": { "color": css(color, 0.8), "width": 1, "dash": dash },
                 "marker": { "color": css(color, 1.0), "size": 6 },
             });
-            self.push(trace, name, x, y);
+            self.push(trace, kind.name(), x, y);
         }
     }
 }

@@ -5,7 +5,7 @@ use crate::error::ReportError;
 use crate::figure::Figure;
 use crate::output::{self, Picture, Places};
 use crate::run::RunInfo;
-use crate::{LoggedEvent, figures, html, snapshots, table};
+use crate::{Incident, LoggedEvent, figures, html, snapshots, table};
 use hapfic_log::{Names, Reader};
 use serde_json::{Value, json};
 use std::io::Read;
@@ -70,11 +70,17 @@ impl Report {
         &self.metrics
     }
 
-    /// The events that are listed, in the order of time; at most [`crate::MOST_EVENTS`] faults, changes by the operator
-    /// and others each.
+    /// The events that are listed, in the order of time; at most [`crate::MOST_EVENTS`] faults, changes by the operator,
+    /// reactions of the stack and others each.
     #[must_use]
     pub fn events(&self) -> &[LoggedEvent] {
         self.collected.events.kept()
+    }
+
+    /// Stretches in which the drive braked or was stopped, in the order of time; the first [`crate::MOST_INCIDENTS`].
+    #[must_use]
+    pub fn incidents(&self) -> Vec<Incident> {
+        self.collected.incidents.listed(self.events())
     }
 
     /// The figures of the page.
@@ -135,7 +141,7 @@ impl Report {
         }))
     }
 
-    /// Metrics, run, events and times of the snapshots, for programs.
+    /// Metrics, run, events, incidents and times of the snapshots, for programs.
     #[must_use]
     pub fn json(&self) -> Value {
         let events = &self.collected.events;
@@ -145,6 +151,7 @@ impl Report {
             "run": self.run,
             "metrics": self.metrics,
             "events": { "total": events.total(), "by_kind": events.counts(), "listed": events.kept() },
+            "incidents": { "total": self.collected.incidents.total(), "listed": self.incidents() },
             "snapshots": snapshots,
         })
     }

@@ -1,12 +1,14 @@
 //! The processes a supervisor starts, watches and ends.
 
+use crate::notify::Notify;
 use anyhow::{Context, Result};
 use hapfic_config::{Processes, Settings};
-use hapfic_ipc::RunFile;
 use hapfic_ipc::message::Process;
+use hapfic_ipc::{RunFile, Start};
 use rustix::event::{PollFd, PollFlags, poll};
 use rustix::process::{Pid, PidfdFlags, Signal, kill_process_group, pidfd_open};
 use std::os::fd::OwnedFd;
+use std::os::unix::process::CommandExt;
 use std::path::Path;
 use std::process::{Child as Spawned, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
@@ -25,26 +27,29 @@ pub struct Child {
 }
 
 impl Child {
-    /// Starts a process of the stack: this same program, or the scenario's foreign command.
+    /// Starts a process of the stack: this same program, which becomes the scenario's foreign command if there is one.
+    ///
+    /// Nothing is asked to be done between fork and exec: so the system shares this process's memory with the new one instead of
+    /// copying its tables, and the gate, whose pages are locked, does not fault on each of them afterwards.
     ///
     /// # Errors
     /// If the program cannot be started.
-    pub fn start(process: Process, settings: &Settings, run_file: &Path) -> Result<Self> {
-        let mut command = match foreign(&settings.processes, process) {
-            Some(words) => {
-                let mut command = Command::new(&words[0]);
-                command.args(&words[1..]);
-                command
-            }
-            None => {
-                let mut command = Command::new(std::env::current_exe().context("cannot find this program's own file")?);
-                command.arg("process").arg(process.name());
-                command
-            }
-        };
-        hapfic_ipc::tie_to_parent(&mut command);
+    pub fn start(process: Process, settings: &Settings, run_file: &Path, start: Start) -> Result<Self> {
+        let mut command = Command::new(std::env::current_exe().context("cannot find this program's own file")?);
+        command.arg("process").arg(process.name());
+        if let Some(words) = foreign(&settings.processes, process) {
+            command.arg("--").args(words);
+        }
+        command.env(RunFile::VARIABLE, run_file).env(RunFile::GENERATION, start.generation.to_string());
+        command.env_remove(RunFile::RESUME);
+        if let Some(tick) = start.resume {
+            command.env(RunFile::RESUME, tick.to_string());
+        }
+        for variable in Notify::VARIABLES {
+            command.env_remove(variable);
+        }
         let mut spawned = command
-            .env(RunFile::VARIABLE, run_file)
+            .process_group(0)
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             .spawn()
@@ -60,6 +65,12 @@ impl Child {
         Ok(Self { process, spawned, handle, ended: None })
     }
 
+    /// Its process id.
+    #[must_use]
+    pub fn pid(&self) -> Pid {
+        Pid::from_child(&self.spawned)
+    }
+
     /// Its exit status, once it has ended.
     ///
     /// # Errors
@@ -72,7 +83,7 @@ impl Child {
     }
 
     /// To all of its process group: a foreign command may have started processes of its own.
-    fn signal(&self, signal: Signal) {
+    pub fn signal(&self, signal: Signal) {
         // A group that has ended already needs no signal.
         let _ = kill_process_group(Pid::from_child(&self.spawned), signal);
     }
@@ -97,16 +108,20 @@ pub fn find_program(processes: &Processes, process: Process) -> Result<()> {
     let Some(program) = foreign(processes, process).map(|words| Path::new(&words[0])) else { return Ok(()) };
     // As the system looks for it: with a slash it is a path, without one it is in a folder of PATH.
     let found = if program.components().count() > 1 {
-        program.is_file()
+        may_run(program)
     } else {
-        std::env::var_os("PATH").is_some_and(|path| std::env::split_paths(&path).any(|dir| dir.join(program).is_file()))
+        std::env::var_os("PATH").is_some_and(|path| std::env::split_paths(&path).any(|dir| may_run(&dir.join(program))))
     };
     anyhow::ensure!(
         found,
-        "processes.{process}: found no program '{}', expected the path of one, or a name in PATH",
+        "processes.{process}: found no program '{}' that may be run, expected the path of one, or a name in PATH",
         program.display()
     );
     Ok(())
+}
+
+fn may_run(program: &Path) -> bool {
+    program.is_file() && rustix::fs::access(program, rustix::fs::Access::EXEC_OK).is_ok()
 }
 
 /// How a process ended, in words.
@@ -123,61 +138,45 @@ pub fn describe(status: ExitStatus) -> String {
     }
 }
 
-/// All processes of a run; ended when dropped.
-#[derive(Debug, Default)]
-pub struct Children(pub Vec<Child>);
-
-impl Children {
-    /// Waits until one of them ends, or the time is up.
-    pub fn watch(&self, timeout: Duration) {
-        let mut fds: Vec<_> =
-            self.0.iter().filter(|c| c.ended.is_none()).map(|c| PollFd::new(&c.handle, PollFlags::IN)).collect();
-        // Interrupted by a signal is as good as timed out: the caller looks at everything anyway.
-        let _ = poll(&mut fds, Some(&hapfic_ipc::clock::timespec(timeout.as_nanos() as u64)));
-    }
-
-    /// Asks all to end and waits; kills what does not end in time. Returns those that had to be killed.
-    ///
-    /// # Errors
-    /// If the system does not tell how one ended.
-    pub fn end(&mut self) -> Result<Vec<Process>> {
-        for child in &self.0 {
-            // A stopped process acts on the signal only when it goes on.
-            child.signal(Signal::TERM);
-            child.signal(Signal::CONT);
-        }
-        let deadline = Instant::now() + GRACE;
-        let mut killed = Vec::new();
-        while self.living()? > 0 {
-            let left = deadline.saturating_duration_since(Instant::now());
-            if left.is_zero() && killed.is_empty() {
-                for child in self.0.iter().filter(|c| c.ended.is_none()) {
-                    killed.push(child.process);
-                    child.signal(Signal::KILL);
-                }
-            }
-            self.watch(left.max(Duration::from_millis(10)));
-        }
-        for child in &self.0 {
-            // Whatever its leader has left in the group.
-            child.signal(Signal::KILL);
-        }
-        self.0.clear();
-        Ok(killed)
-    }
-
-    fn living(&mut self) -> Result<usize> {
-        let mut living = 0;
-        for child in &mut self.0 {
-            living += usize::from(child.ended()?.is_none());
-        }
-        Ok(living)
-    }
+/// Waits until one of some processes ends, or the time is up.
+pub fn watch<'a>(children: impl Iterator<Item = &'a Child>, timeout: Duration) {
+    let mut fds: Vec<_> = children.filter(|c| c.ended.is_none()).map(|c| PollFd::new(&c.handle, PollFlags::IN)).collect();
+    // Interrupted by a signal is as good as timed out: the caller looks at everything anyway.
+    let _ = poll(&mut fds, Some(&hapfic_ipc::clock::timespec(timeout.as_nanos() as u64)));
 }
 
-impl Drop for Children {
-    fn drop(&mut self) {
-        // Nothing to report to: whoever cared has called `end`.
-        let _ = self.end();
+/// Asks all to end and waits; kills what does not end in time. Returns those that had to be killed.
+///
+/// # Errors
+/// If the system does not tell how one ended.
+pub fn end(mut children: Vec<Child>) -> Result<Vec<Process>> {
+    for child in &children {
+        // A stopped process acts on the signal only when it goes on.
+        child.signal(Signal::TERM);
+        child.signal(Signal::CONT);
     }
+    let deadline = Instant::now() + GRACE;
+    let mut killed = Vec::new();
+    loop {
+        let mut living = 0;
+        for child in &mut children {
+            living += usize::from(child.ended()?.is_none());
+        }
+        if living == 0 {
+            break;
+        }
+        let left = deadline.saturating_duration_since(Instant::now());
+        if left.is_zero() && killed.is_empty() {
+            for child in children.iter().filter(|c| c.ended.is_none()) {
+                killed.push(child.process);
+                child.signal(Signal::KILL);
+            }
+        }
+        watch(children.iter(), left.max(Duration::from_millis(10)));
+    }
+    for child in &children {
+        // Whatever its leader has left in the group.
+        child.signal(Signal::KILL);
+    }
+    Ok(killed)
 }

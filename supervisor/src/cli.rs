@@ -60,6 +60,27 @@ pub enum Command {
         #[arg(long)]
         run: Option<String>,
     },
+    /// Latched stop of a running stack: the drive brakes at the next tick, until `rearm`.
+    Estop {
+        /// The run; not needed while only one is running.
+        #[arg(long)]
+        run: Option<String>,
+    },
+    /// Leave a latched stop: starts from where the foot is, and ramps the torque in.
+    Rearm {
+        /// The run; not needed while only one is running.
+        #[arg(long)]
+        run: Option<String>,
+    },
+    /// Make a fault on purpose in a running stack: `kind=kill process=controller`, `kind=stop process=planner for_ms=50`.
+    Inject {
+        /// The run, as `status` names it; not needed while only one is running.
+        #[arg(long)]
+        run: Option<String>,
+        /// What to do, as in a scenario's `[[fault]]` entry.
+        #[arg(required = true, value_name = "KEY=VALUE")]
+        fault: Vec<String>,
+    },
     /// Print what the operator did in a log as entries of a scenario, to replay it.
     Timeline {
         /// A log of `hapfic run`.
@@ -75,11 +96,22 @@ pub enum Command {
         #[arg(long, value_name = "FILE")]
         output: Option<PathBuf>,
     },
+    /// Something in everybody's way; started by the supervisor for a fault on purpose.
+    #[command(hide = true)]
+    Nuisance {
+        /// Process id of the supervisor.
+        supervisor: i32,
+        /// What to do.
+        what: Vec<String>,
+    },
     /// One process of a running stack; started by the supervisor.
     #[command(hide = true)]
     Process {
         /// Which one.
         name: ProcessName,
+        /// A foreign program to become, and its arguments.
+        #[arg(last = true)]
+        foreign: Vec<String>,
     },
 }
 

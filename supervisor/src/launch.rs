@@ -1,28 +1,30 @@
 //! One run from start to end: everything checked first, then started, watched, ended, and removed.
 
-use crate::children::{self, Children};
+use crate::children;
 use crate::gate::core::Limits;
 use crate::gate::timeline::Timeline;
+use crate::gate::torque::TorqueCheck;
 use crate::gate::{Gateway, Start as GateStart};
 use crate::live::Live;
 use crate::operator::{self, Served};
-use crate::privileges;
+use crate::privileges::{self, Cores};
 use crate::recorder::{self, Recorder};
 use crate::registry::Place;
 use crate::scene;
-use crate::summary::{Fault, Recorder as RecorderSummary, Run, Summary};
-use crate::watch::{STARTED, Timed, Watch};
+use crate::summary::{Fault, Losses, Recorder as RecorderSummary, Run, Summary};
+use crate::notify::Notify;
+use crate::watch::{self, Begin, Timed, Watch};
 use anyhow::{Context, Result};
 use hapfic_config::{PERIOD_S, Placement, Settings};
 use hapfic_ipc::message::MAX_JOINTS;
-use hapfic_ipc::realtime::IdleHold;
+use hapfic_ipc::realtime::{BringIn, IdleHold};
 use hapfic_ipc::{Bus, Clock, Domain, IpcError, RealtimeMode, RunFile, topic};
 use hapfic_log::{Attachment, Names, Viewer, Writer, WriterOptions};
 use hapfic_plant::Plant;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -73,9 +75,10 @@ impl Prepared {
         let settings = &request.settings;
         let plant = Plant::new(settings)?;
         privileges::require(settings, request.clock, request.realtime)?;
-        for process in STARTED {
-            children::find_program(&settings.processes, process)?;
+        for process in watch::started(settings) {
+            children::find_program(&settings.processes, *process)?;
         }
+        watch::check_faults(&settings.faults, &request.log, settings.supervisor.standby)?;
         let place = Place::take(&request.scenario, &request.log)?;
         let start_unix_ns = if request.clock == Clock::Realtime { hapfic_ipc::clock::unix_ns() } else { 0 };
         let writer = open_log(request, &plant, start_unix_ns)?;
@@ -93,10 +96,13 @@ impl Prepared {
     fn run(self, request: &Request) -> Result<Summary> {
         let Self { place, plant, writer, viewer, stop } = self;
         let settings = &request.settings;
-        let domain = Domain::new(&place.prefix(), &place.root())?;
-        let core = match settings.realtime.placement {
-            Placement::OneCore => hapfic_ipc::realtime::shared_core(place.others()),
-            Placement::Free => None,
+        let domain = Domain::new(&place.prefix(), &place.root())?.hasty(request.clock);
+        let cores = match settings.realtime.placement {
+            Placement::OneCore => Cores {
+                shared: hapfic_ipc::realtime::shared_core(place.others()),
+                reserve: hapfic_ipc::realtime::reserve_core(place.others()),
+            },
+            Placement::Free => Cores::default(),
         };
         let run_file = Path::new(&place.root()).join("run.json");
         RunFile {
@@ -105,20 +111,24 @@ impl Prepared {
             supervisor_pid: std::process::id() as i32,
             clock: request.clock,
             realtime: request.realtime,
-            core,
+            core: cores.shared,
+            reserve_core: cores.reserve,
             settings: settings.effective_toml(),
             urdf_name: settings.robot.urdf.name.clone(),
             urdf: settings.robot.urdf.text.clone(),
         }
         .write(&run_file)?;
+        let realtime = request.clock == Clock::Realtime && request.realtime != RealtimeMode::Off;
+        if realtime {
+            hapfic_ipc::realtime::lock_memory(BringIn::All);
+        }
         // First of all, and until the end: a service whose maker dies while making it can be lost for good.
         let bus = Bus::open(&domain, "supervisor")?;
+        place.close_to_others()?;
         let _services = hold_all(&bus)?;
-        let realtime = request.clock == Clock::Realtime && request.realtime != RealtimeMode::Off;
         let _idle = if realtime { IdleHold::take() } else { None };
 
         let live = Arc::new(Live::new());
-        live.gated.store(-1, Ordering::Relaxed);
         let recorder = Recorder::start(recorder::Start {
             domain: domain.clone(),
             clock: request.clock,
@@ -127,10 +137,13 @@ impl Prepared {
             viewer,
             chain: plant.chain().clone(),
             flush_every: Duration::from_millis(settings.recorder.flush_ms.into()),
+            log: request.log.clone(),
             live: Arc::clone(&live),
         })?;
         let here = plant.sample().foot_position;
         let (desk, hatch) = operator::exchange::exchange();
+        let (inject, asked) = std::sync::mpsc::channel();
+        let notify = Notify::from_env();
         // Before the gate, so that its failure leaves nobody behind.
         let _served = Served::start(operator::Start {
             domain: domain.clone(),
@@ -144,33 +157,38 @@ impl Prepared {
                 ..settings.initial
             },
             desk,
+            inject,
+            standby: settings.supervisor.standby,
             live: Arc::clone(&live),
         })?;
         let gate = start_gate(GateStart {
             domain,
             clock: request.clock,
             limits: limits(settings, &plant),
+            torque: TorqueCheck::new(plant.chain().clone(), settings.world.gravity_m_per_s2),
             timeline: Timeline::new(settings, here),
             ticks: settings.duration_ticks as i64,
             deadline: Duration::from_micros(settings.supervisor.deadline_us.into()),
-            wish: realtime.then(|| GateStart::wish(settings, core)),
+            wish: realtime.then(|| GateStart::wish(settings, cores.shared)),
             hatch,
             live: Arc::clone(&live),
         })?;
 
-        let mut watch = Watch {
-            clock: request.clock,
-            settings,
-            live: Arc::clone(&live),
-            children: Children::default(),
-            gate: Some(gate),
-            recorder: &recorder,
-            stop,
-            faults: Vec::new(),
-            events: bus.output(&topic::EVENT)?,
-            advanced: (-1, Instant::now()),
-        };
-        let timed = match watch.start_and_follow(request, &run_file, core) {
+        let mut watch = Watch::open(
+            &bus,
+            Begin {
+                request,
+                live: Arc::clone(&live),
+                gate,
+                recorder: &recorder,
+                stop,
+                run_file: &run_file,
+                cores,
+                asked,
+                notify: &notify,
+            },
+        )?;
+        let timed = match watch.start_and_follow() {
             Ok(timed) => timed,
             // From here on nothing may end without ending everyone.
             Err(e) => {
@@ -180,8 +198,9 @@ impl Prepared {
         };
         watch.end(timed.completed)?;
         let faults = std::mem::take(&mut watch.faults);
+        let losses = watch.losses();
         drop(watch);
-        Ok(summarise(request, timed, faults, recorder))
+        Ok(summarise(request, timed, faults, losses, recorder))
     }
 }
 
@@ -202,6 +221,8 @@ fn hold_all(bus: &Bus) -> Result<Vec<Box<dyn std::any::Any>>> {
         bus.hold(&topic::EVENT)?,
         bus.hold(&topic::TIMING)?,
         bus.hold(&topic::CREDIT)?,
+        bus.hold(&topic::INJECTION)?,
+        bus.hold(&topic::ANSWERED)?,
         hapfic_ipc::service::hold(bus)?,
     ])
 }
@@ -213,7 +234,14 @@ pub(crate) fn limits(settings: &Settings, plant: &Plant) -> Limits {
     for (i, joint) in joints.iter().enumerate() {
         peak[i] = settings.supervisor.torque_peak.as_ref().map_or(joint.effort, |list| list[i]);
     }
-    Limits { joints: joints.len(), bandwidth_hz: settings.supervisor.torque_bandwidth_hz, peak, period_s: PERIOD_S }
+    Limits {
+        joints: joints.len(),
+        bandwidth_hz: settings.supervisor.torque_bandwidth_hz,
+        peak,
+        period_s: PERIOD_S,
+        ramp_rate: settings.supervisor.ramp_rate,
+        discontinuity: settings.supervisor.discontinuity,
+    }
 }
 
 fn open_log(request: &Request, plant: &Plant, start_unix_ns: u64) -> Result<Writer> {
@@ -255,8 +283,8 @@ fn open_log(request: &Request, plant: &Plant, start_unix_ns: u64) -> Result<Writ
     Ok(Writer::create(&request.log, &names, &[("hapfic".to_owned(), header)], &attachments, &options)?)
 }
 
-fn summarise(request: &Request, timed: Timed, mut faults: Vec<Fault>, recorder: Recorder) -> Summary {
-    let (recorded, error) = recorder.finish();
+fn summarise(request: &Request, timed: Timed, mut faults: Vec<Fault>, losses: Losses, recorder: Recorder) -> Summary {
+    let (recorded, incidents, error) = recorder.finish();
     let mut completed = timed.completed && faults.is_empty();
     if let Some(error) = error {
         completed = false;
@@ -280,6 +308,8 @@ fn summarise(request: &Request, timed: Timed, mut faults: Vec<Fault>, recorder: 
         launch_s: timed.launch_s,
         completed,
         steal_ms: timed.steal_ms,
+        losses,
+        incidents,
         faults,
         log: request.log.clone(),
     };

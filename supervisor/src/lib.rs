@@ -9,6 +9,7 @@ mod commands;
 pub mod gate;
 mod launch;
 mod live;
+mod notify;
 mod operator;
 mod privileges;
 mod progress;
@@ -18,9 +19,10 @@ mod scene;
 pub mod simulation;
 pub mod stability;
 mod summary;
-mod watch;
+pub mod watch;
 
 use clap::Parser;
+use hapfic_ipc::service::OperatorKind;
 use std::io::Write;
 use std::process::ExitCode;
 use std::time::Instant;
@@ -42,13 +44,17 @@ pub fn main() -> ExitCode {
             print(&hapfic_config::json_schema());
             Ok(Outcome::Done)
         }
-        cli::Command::Set { run, changes } => commands::set::set(run.as_deref(), &changes),
+        cli::Command::Set { run, changes } => commands::order::order(run.as_deref(), OperatorKind::Set, &changes),
         cli::Command::Status { run, json, once } => commands::status::status(run.as_deref(), json, once),
         cli::Command::Stop { run } => commands::stop::stop(run.as_deref()),
+        cli::Command::Estop { run } => commands::order::order(run.as_deref(), OperatorKind::EmergencyStop, &[]),
+        cli::Command::Rearm { run } => commands::order::order(run.as_deref(), OperatorKind::Rearm, &[]),
+        cli::Command::Inject { run, fault } => commands::order::order(run.as_deref(), OperatorKind::Inject, &fault),
+        cli::Command::Nuisance { supervisor, what } => commands::nuisance::nuisance(supervisor, &what),
         cli::Command::Timeline { log } => commands::timeline::timeline(&log),
         cli::Command::Report(args) => commands::report::report(&args),
         cli::Command::Recover { log, output } => commands::recover::recover(&log, output.as_deref()),
-        cli::Command::Process { name } => commands::process::process(name),
+        cli::Command::Process { name, foreign } => commands::process::process(name, &foreign),
     };
     match outcome {
         Ok(Outcome::Done) => ExitCode::SUCCESS,

@@ -1,7 +1,7 @@
 //! What the supervisor's threads tell each other: plain atomics, so that the gate never waits for anybody.
 
 use hapfic_ipc::clock;
-use hapfic_ipc::message::{Phase, Process, Timing};
+use hapfic_ipc::message::{Detector, Phase, Process, Timing};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU32, AtomicU64, Ordering};
 
@@ -23,6 +23,10 @@ pub struct Pulse {
     refused: AtomicU32,
     /// Its last tick.
     tick: AtomicI64,
+    /// How often it could not meet somebody.
+    unmet: AtomicU32,
+    /// Which start of the process it is; what earlier ones said does not count.
+    generation: AtomicU32,
 }
 
 impl Pulse {
@@ -53,6 +57,12 @@ impl Pulse {
     #[must_use]
     pub fn refused(&self) -> u32 {
         self.refused.load(Ordering::Relaxed)
+    }
+
+    /// How often it could not meet somebody who had joined, since it started.
+    #[must_use]
+    pub fn unmet(&self) -> u32 {
+        self.unmet.load(Ordering::Relaxed)
     }
 
     /// Real-time privileges it has, bits of [`hapfic_ipc::realtime::Granted`].
@@ -138,10 +148,24 @@ pub struct Live {
     rounds: AtomicU64,
     /// The log cannot be written any further.
     pub log_failed: AtomicBool,
-    /// Last tick whose command went out; starts at 0, see `go`.
+    /// Last tick whose command went out; -1 before the first.
     pub gated: AtomicI64,
     /// Code of the severity.
     pub severity: AtomicU32,
+    /// Processes that live and do ticks: a bit for each, by its code.
+    pub present: AtomicU32,
+    /// Processes that should live and do not, or do no ticks yet.
+    pub missing: AtomicU32,
+    /// Code of the controller whose requests count if both answer.
+    pub primary: AtomicU32,
+    /// Latched stops asked for so far, and the code of the detector that asked last.
+    pub stops: AtomicU64,
+    /// See `stops`.
+    pub stop_by: AtomicU32,
+    /// How often the recorder could not meet somebody.
+    pub recorder_unmet: AtomicU32,
+    /// Re-armings so far.
+    pub rearms: AtomicU64,
     /// Version of the parameters announced last.
     pub announced: AtomicU64,
     /// An operator has asked for the end of the run.
@@ -159,7 +183,7 @@ impl Live {
     /// Nothing has happened yet.
     #[must_use]
     pub fn new() -> Self {
-        Self::default()
+        Self { primary: AtomicU32::new(Process::Controller.code()), gated: AtomicI64::new(-1), ..Self::default() }
     }
 
     /// Signs of life of a process.
@@ -191,13 +215,34 @@ impl Live {
         self.rounds.load(Ordering::Acquire)
     }
 
+    /// A process is started anew: it has not been heard of yet.
+    pub fn expect(&self, process: Process, generation: u32) {
+        let pulse = self.pulse(process);
+        pulse.generation.store(generation, Ordering::Release);
+        pulse.phase.store(0, Ordering::Release);
+        pulse.heard_ns.store(0, Ordering::Relaxed);
+        pulse.refused.store(0, Ordering::Relaxed);
+        pulse.unmet.store(0, Ordering::Relaxed);
+        pulse.tick.store(-1, Ordering::Relaxed);
+    }
+
+    /// Asks the gate for a latched stop.
+    pub fn stop_latched(&self, by: Detector) {
+        self.stop_by.store(by.code(), Ordering::Relaxed);
+        self.stops.fetch_add(1, Ordering::AcqRel);
+    }
+
     /// Takes note of a timing message.
     pub fn hear(&self, timing: &Timing) {
         let Some(pulse) = self.pulses.get(timing.process as usize) else { return };
+        if timing.generation != pulse.generation.load(Ordering::Acquire) {
+            return;
+        }
         pulse.heard_ns.store(clock::now_ns(), Ordering::Relaxed);
         pulse.heard_at.store(self.listening_ns.load(Ordering::Relaxed), Ordering::Relaxed);
         pulse.realtime.store(timing.realtime, Ordering::Relaxed);
         pulse.refused.store(timing.refused, Ordering::Relaxed);
+        pulse.unmet.store(timing.unmet, Ordering::Relaxed);
         pulse.tick.store(timing.tick, Ordering::Relaxed);
         if timing.process == Process::Supervisor.code() && timing.latency_ns > 0 {
             self.latencies.push(timing.latency_ns);

@@ -26,6 +26,15 @@ pub fn require(settings: &Settings, clock: Clock, mode: RealtimeMode) -> Result<
     Ok(())
 }
 
+/// The cores of threads that the settings give none; none: any.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Cores {
+    /// Of all but the controller in reserve.
+    pub shared: Option<u32>,
+    /// Of the controller in reserve.
+    pub reserve: Option<u32>,
+}
+
 /// A real-time thread and what it asks for.
 struct Row {
     name: &'static str,
@@ -34,22 +43,26 @@ struct Row {
     core: Option<u32>,
 }
 
-fn rows(settings: &Settings, shared_core: Option<u32>) -> [Row; 4] {
+fn rows(settings: &Settings, cores: Cores) -> Vec<Row> {
     let rt = &settings.realtime;
     [
         ("plant", Process::Plant, rt.priority_plant, rt.core_plant),
         ("gate", Process::Supervisor, rt.priority_gate, rt.core_gate),
         ("controller", Process::Controller, rt.priority_controller, rt.core_controller),
+        ("standby", Process::Standby, rt.priority_controller - 1, rt.core_standby.or(cores.reserve)),
         ("planner", Process::Planner, rt.priority_planner, rt.core_planner),
     ]
-    .map(|(name, process, priority, core)| Row { name, process, priority, core: core.or(shared_core) })
+    .into_iter()
+    .filter(|(_, process, ..)| *process != Process::Standby || settings.supervisor.standby)
+    .map(|(name, process, priority, core)| Row { name, process, priority, core: core.or(cores.shared) })
+    .collect()
 }
 
 /// What threads asked for and did not get: who, and what.
 #[must_use]
-pub fn missing(settings: &Settings, shared_core: Option<u32>, live: &Live) -> Vec<(&'static str, String)> {
+pub fn missing(settings: &Settings, cores: Cores, live: &Live) -> Vec<(&'static str, String)> {
     let mut missing = Vec::new();
-    for row in rows(settings, shared_core) {
+    for row in rows(settings, cores) {
         let granted = Granted(live.pulse(row.process).realtime());
         if !granted.has(Granted::FIFO) {
             missing.push((row.name, format!("SCHED_FIFO at priority {}", row.priority)));
@@ -74,13 +87,13 @@ fn table(list: &[Privilege]) -> String {
 }
 
 /// Says in one table what the run got: the machine's side, and each process's.
-pub fn report(settings: &Settings, mode: RealtimeMode, shared_core: Option<u32>, live: &Live) {
+pub fn report(settings: &Settings, mode: RealtimeMode, cores: Cores, live: &Live) {
     let mut out = String::from("real time:");
     if mode == RealtimeMode::Off {
         out.push_str(" off, nothing asked for");
     } else {
         let _ = write!(out, "\n{}", table(&privileges(settings.realtime.priority_plant as i32)));
-        for Row { name, process, priority, core } in rows(settings, shared_core) {
+        for Row { name, process, priority, core } in rows(settings, cores) {
             let granted = Granted(live.pulse(process).realtime());
             let fifo = if granted.has(Granted::FIFO) { format!("FIFO {priority}") } else { "not FIFO".to_owned() };
             let memory = if granted.has(Granted::LOCKED) { "memory locked" } else { "memory not locked" };

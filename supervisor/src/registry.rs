@@ -9,6 +9,7 @@ use rustix::fs::{FlockOperation, flock};
 use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
 use serde::{Deserialize, Serialize};
 use std::fs::{self, DirBuilder, File, OpenOptions};
+use std::io::Write;
 use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 
@@ -45,7 +46,7 @@ impl Registration {
 /// If the place where they are registered, or a registration, cannot be read.
 pub fn running() -> Result<Vec<Registration>> {
     let folder = folder_path();
-    if !folder.is_dir() {
+    if !is_ours(&folder)? {
         return Ok(Vec::new());
     }
     let _turn = Turn::take(&folder)?;
@@ -56,10 +57,14 @@ pub fn running() -> Result<Vec<Registration>> {
         if !is_alive(&path) {
             continue;
         }
-        let problem =
-            || format!("cannot read {}, the registration of a run; is it of another version of hapfic?", path.display());
-        let text = fs::read_to_string(&path).with_context(problem)?;
-        runs.push(serde_json::from_str::<Registration>(&text).with_context(problem)?);
+        match fs::read_to_string(&path).map_err(anyhow::Error::from).and_then(|t| Ok(serde_json::from_str::<Registration>(&t)?)) {
+            Ok(run) => runs.push(run),
+            // It is no reason not to reach the others.
+            Err(e) => crate::say(&format!(
+                "hapfic: {}: cannot read this registration of a run ({e:#}); is it of another version of hapfic?",
+                path.display()
+            )),
+        }
     }
     runs.sort_by(|a, b| a.run.cmp(&b.run));
     Ok(runs)
@@ -71,7 +76,7 @@ pub fn running() -> Result<Vec<Registration>> {
 /// If the place where runs are registered cannot be locked.
 pub fn while_alive<T>(run: &str, act: impl FnOnce() -> T) -> Result<Option<T>> {
     let folder = folder_path();
-    if !folder.is_dir() {
+    if !is_ours(&folder)? {
         return Ok(None);
     }
     let _turn = Turn::take(&folder)?;
@@ -145,6 +150,26 @@ impl Place {
     #[must_use]
     pub fn prefix(&self) -> String {
         format!("{}_", self.run)
+    }
+
+    /// Puts a copy that only this user may open in place of iceoryx2's counter of nodes, which is made with mode 0666: whoever
+    /// else opened the first one then has nothing. To be called when the first node is there, before any other.
+    ///
+    /// # Errors
+    /// If it cannot be replaced.
+    pub fn close_to_others(&self) -> Result<()> {
+        let problem = || format!("cannot close {SHM}/{}* to other users", self.prefix());
+        for entry in fs::read_dir(SHM).with_context(problem)?.flatten() {
+            let name = entry.file_name().to_string_lossy().into_owned();
+            if name.starts_with(&self.prefix()) && name.ends_with(".global_mgmt") {
+                let bytes = fs::read(entry.path()).with_context(problem)?;
+                let copy = format!("{SHM}/{}closed", self.prefix());
+                let mut file = OpenOptions::new().write(true).create_new(true).mode(0o600).open(&copy).with_context(problem)?;
+                file.write_all(&bytes).with_context(problem)?;
+                fs::rename(&copy, entry.path()).with_context(problem)?;
+            }
+        }
+        Ok(())
     }
 
     /// Runs that were alive on this machine when this one registered.
@@ -222,15 +247,39 @@ fn runtime_folder() -> Result<PathBuf> {
     let folder = folder_path();
     match DirBuilder::new().mode(0o700).create(&folder) {
         Ok(()) => Ok(folder),
-        Err(e) if e.kind() == std::io::ErrorKind::AlreadyExists && folder.is_dir() => {
-            let owner = std::os::unix::fs::MetadataExt::uid(&fs::metadata(&folder)?);
-            if owner == rustix::process::getuid().as_raw() {
-                return Ok(folder);
-            }
-            anyhow::bail!("{} belongs to user {owner}; set XDG_RUNTIME_DIR to a folder of your own", folder.display())
+        Err(e) if e.kind() == std::io::ErrorKind::AlreadyExists => {
+            anyhow::ensure!(is_ours(&folder)?, "{} has just been removed; try again", folder.display());
+            Ok(folder)
         }
         Err(e) => Err(e).with_context(|| format!("cannot make {}, where runs are registered", folder.display())),
     }
+}
+
+/// Whether the folder where runs are registered is there. Not one that somebody else has put there, or may write to.
+fn is_ours(folder: &Path) -> Result<bool> {
+    use std::os::unix::fs::MetadataExt;
+    let found = match fs::symlink_metadata(folder) {
+        Ok(found) => found,
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(false),
+        Err(e) => {
+            return Err(e).with_context(|| {
+                format!(
+                    "cannot look at {}, where runs are registered; set XDG_RUNTIME_DIR to a folder of your own",
+                    folder.display()
+                )
+            });
+        }
+    };
+    let own = rustix::process::getuid().as_raw();
+    anyhow::ensure!(
+        found.is_dir() && found.uid() == own && found.mode() & 0o022 == 0,
+        "{} belongs to user {} with mode {:o}, expected a folder of user {own} that nobody else may write; set XDG_RUNTIME_DIR to a \
+         folder of your own",
+        folder.display(),
+        found.uid(),
+        found.mode() & 0o7777
+    );
+    Ok(true)
 }
 
 /// Removes what dead runs have left. Returns how many are alive.

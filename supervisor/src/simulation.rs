@@ -5,7 +5,9 @@
 //! (stamps are zero in both). For studies, checks and searches over parameters.
 
 use crate::gate::core::Gate;
+use crate::gate::protocol::{Observed, Place, Wishes};
 use crate::gate::timeline::Timeline;
+use crate::gate::torque::TorqueCheck;
 use crate::launch::limits;
 use hapfic_config::{OperatorChange, Settings};
 use hapfic_controller::answer::{Known, answer};
@@ -97,7 +99,7 @@ impl Simulation {
     /// As for [`new`](Self::new).
     pub fn with_dead_time(settings: &Settings, dead_time: DeadTime) -> Result<Self, SimulationError> {
         let plant = Plant::new(settings)?;
-        let gate = Gate::new(limits(settings, &plant));
+        let gate = Gate::new(limits(settings, &plant), TorqueCheck::new(plant.chain().clone(), settings.world.gravity_m_per_s2));
         let state = plant.sample();
         let mut timeline = Timeline::new(settings, state.foot_position);
         timeline.announce(-1);
@@ -157,8 +159,10 @@ impl Simulation {
         };
         let request =
             answer(&self.chain, &self.gravity, &known, Process::Controller).ok_or(SimulationError::NoRequest { tick })?;
-        self.gate.judge(&request, operator.at(tick).version).map_err(|defect| SimulationError::Refused { tick, defect })?;
-        let command = self.gate.accept(&request);
+        self.gate
+            .judge(&request, &state, operator.at(tick))
+            .map_err(|defect| SimulationError::Refused { tick, defect })?;
+        let command = self.gate.accept(Place::First, &request, &Observed::alone(), &Wishes::default());
         self.timeline.announce(tick);
         self.drive(tick, &command);
         self.plant.advance()?;

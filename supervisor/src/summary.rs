@@ -4,9 +4,12 @@ use hapfic_log::MetricsSummary;
 use hapfic_log::metrics::{
     ForceCommandSummary, ForceSummary, IntegrationSummary, MomentsSummary, PairSummary, Quantiles, TickSummary, TrackingSummary,
 };
+use crate::recorder::IncidentSummary;
+use hapfic_ipc::message::Process;
 use serde::Serialize;
 use std::fmt::Write;
 use std::path::PathBuf;
+use std::time::Duration;
 
 /// Everything there is to say about a run.
 #[derive(Clone, Debug, Serialize)]
@@ -41,6 +44,10 @@ pub struct Summary {
     pub recorder: Recorder,
     /// Ticks the figures are from.
     pub ticks: TickSummary,
+    /// What the run got over.
+    pub losses: Losses,
+    /// Brakes and stops, and where they are described.
+    pub incidents: Option<IncidentSummary>,
     /// What went wrong, in the order of time.
     pub faults: Vec<Fault>,
     /// Where the log is.
@@ -75,6 +82,39 @@ pub struct Recorder {
     pub lost: u64,
     /// Size of the file, bytes.
     pub file_bytes: u64,
+}
+
+/// Processes that were lost, and what became of them.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Losses {
+    /// Those that were lost at all.
+    pub processes: Vec<Loss>,
+    /// Faults that were made on purpose.
+    pub injected: u64,
+}
+
+/// A process that was lost.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Loss {
+    /// Its name.
+    pub process: &'static str,
+    /// How often.
+    pub times: u32,
+    /// Longest time from when it was found lost until its successor did ticks, ms.
+    pub longest_ms: f64,
+}
+
+impl Losses {
+    /// From each process's number of losses and longest time without it.
+    pub fn new(all: impl Iterator<Item = (Process, u32, Duration)>, injected: u64) -> Self {
+        let lost = all.filter(|(_, times, _)| *times > 0);
+        let processes = lost.map(|(process, times, longest)| Loss {
+            process: process.name(),
+            times,
+            longest_ms: longest.as_secs_f64() * 1e3,
+        });
+        Self { processes: processes.collect(), injected }
+    }
 }
 
 /// Something that went wrong.
@@ -120,6 +160,8 @@ impl Summary {
             },
             recorder,
             ticks: metrics.ticks,
+            losses: run.losses,
+            incidents: run.incidents,
             faults: run.faults,
             log: run.log,
         }
@@ -233,6 +275,20 @@ impl Summary {
     }
 
     fn write_faults(&self, out: &mut String) -> std::fmt::Result {
+        let losses = &self.losses;
+        if losses.injected > 0 {
+            writeln!(out, "  faults on purpose  {}", losses.injected)?;
+        }
+        for loss in &losses.processes {
+            let times = if loss.times == 1 { "once".to_owned() } else { format!("{} times", loss.times) };
+            writeln!(out, "  lost               {} {times}, back within {:.1} ms", loss.process, loss.longest_ms)?;
+        }
+        if let Some(incidents) = &self.incidents {
+            writeln!(out, "  brakes and stops   {}, described in {}", incidents.count, incidents.file.display())?;
+            if let Some(error) = &incidents.error {
+                writeln!(out, "  brakes and stops   the description is not whole: {error}")?;
+            }
+        }
         for fault in &self.faults {
             writeln!(
                 out,
@@ -259,6 +315,10 @@ pub struct Run {
     pub completed: bool,
     /// Stolen time, ms.
     pub steal_ms: u64,
+    /// What it got over.
+    pub losses: Losses,
+    /// Brakes and stops.
+    pub incidents: Option<IncidentSummary>,
     /// What went wrong.
     pub faults: Vec<Fault>,
     /// Where the log is.

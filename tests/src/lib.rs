@@ -4,6 +4,7 @@
 //! A failure here is a failure of the test that uses it, so everything panics with what it was about.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
+pub mod fuzz;
 mod leftovers;
 mod stack;
 

@@ -9,7 +9,8 @@ use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Topics that are functions of scenario and seed alone. `/timing` has what the clock on the wall says.
-const PURE: [&str; 9] = ["/state", "/reference", "/request", "/command", "/operator", "/event", "/tf", "/scene", "/log"];
+const PURE: [&str; 10] =
+    ["/state", "/reference", "/request", "/request/standby", "/command", "/operator", "/event", "/tf", "/scene", "/log"];
 
 fn run(stack: &Stack, name: &str, arguments: &[&str]) -> Streams {
     let log = format!("{name}.mcap");

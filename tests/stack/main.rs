@@ -7,9 +7,11 @@
 mod bad_input;
 mod command_line;
 mod ending;
+mod faults;
 mod lockstep;
 mod log_file;
 mod online;
 mod readme;
 mod realtime;
 mod recover;
+mod security;

@@ -1,7 +1,7 @@
 //! Robot, world and plant as written.
 
 use super::PerJoint;
-use crate::policy::ShapeKind;
+use crate::policy::{OnLoss, ShapeKind};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -196,10 +196,19 @@ pub(crate) struct RawPlant {
 
     /// Damping of the joints while the drive brakes, N m s/rad, in [0, 1e4]. Raising it lets the limb sink more slowly.
     pub(crate) brake_damping_n_m_s_per_rad: f64,
+
+    /// What becomes of a run whose plant is lost: "fail" ends it, "restart" starts the plant again from its last state.
+    pub(crate) on_loss: OnLoss,
 }
 
 impl Default for RawPlant {
     fn default() -> Self {
-        Self { contact_substep_us: 20, flight_substep_us: 100, command_timeout_ticks: 3, brake_damping_n_m_s_per_rad: 2.0 }
+        Self {
+            contact_substep_us: 20,
+            flight_substep_us: 100,
+            command_timeout_ticks: 3,
+            brake_damping_n_m_s_per_rad: 2.0,
+            on_loss: OnLoss::Fail,
+        }
     }
 }

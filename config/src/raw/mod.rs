@@ -1,11 +1,13 @@
 //! A scenario as written. The doc comments of the keys are what the JSON Schema says about them.
 
 mod body;
+mod fault;
 mod law;
 mod per_joint;
 mod stack;
 
 pub(crate) use body::{RawObject, RawPlant, RawRobot, RawWorld};
+pub(crate) use fault::{RawFault, RawTargets};
 pub(crate) use law::{RawController, RawOperator, RawPlanner};
 pub(crate) use per_joint::PerJoint;
 pub(crate) use stack::{RawProcesses, RawRealtime, RawRecorder, RawSupervisor};
@@ -72,6 +74,10 @@ pub(crate) struct RawScenario {
     /// What the operator does, in the order of time.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(crate) operator: Vec<RawOperator>,
+
+    /// Faults on purpose, in any order.
+    #[serde(default, rename = "fault", skip_serializing_if = "Vec::is_empty")]
+    pub(crate) faults: Vec<RawFault>,
 }
 
 fn default_duration_s() -> f64 {
@@ -100,6 +106,7 @@ impl Default for RawScenario {
             recorder: RawRecorder::default(),
             processes: RawProcesses::default(),
             operator: Vec::new(),
+            faults: Vec::new(),
         }
     }
 }

@@ -34,6 +34,33 @@ pub(crate) struct RawSupervisor {
     /// on the machine.
     pub(crate) stall_timeout_ms: u32,
 
+    /// How long a process may be alive without doing a tick while others do, ms, an integer in [50, 60000]. Raising it detects
+    /// a process that hangs later and bears longer pauses.
+    pub(crate) tick_timeout_ms: u32,
+
+    /// Whether a second controller computes every request, too, and takes over within the tick in which the first one fails.
+    /// Without it the limb brakes until a controller is back.
+    pub(crate) standby: bool,
+
+    /// How many times one process may be started again within the window, an integer in [0, 1000000]; one loss more is a
+    /// stop that stays. Raising it keeps a run up that loses processes often.
+    pub(crate) restart_budget: u32,
+
+    /// The window in which restarts count, ms, an integer in [100, 3600000]. Raising it spends the budget sooner.
+    pub(crate) restart_window_ms: u32,
+
+    /// How long the second restart within a window waits, ms, an integer in [0, 60000]; the first one is at once, each further
+    /// one waits twice as long, at most 1 s. Raising it spares the machine and leaves the place empty for longer.
+    pub(crate) restart_backoff_ms: u32,
+
+    /// Most that a joint's torque may change per second while it comes back after a brake, N m/s (N/s for a prismatic joint),
+    /// in (0, 1e7]. Raising it brings the full torque back sooner and with a harder jerk.
+    pub(crate) ramp_rate_n_m_per_s: f64,
+
+    /// Step of a joint's torque from one tick to the next above which an event is written, N m (N for a prismatic joint), in
+    /// (0, 1e5]. Raising it reports fewer.
+    pub(crate) discontinuity_n_m: f64,
+
     /// In lockstep: how many ticks the plant may be ahead of the recorder, an integer in [1, 1000000]. Raising it takes
     /// more memory and waits less.
     pub(crate) credit_ticks: u32,
@@ -48,6 +75,13 @@ impl Default for RawSupervisor {
             ready_timeout_ms: 10_000,
             heartbeat_timeout_ms: 1000,
             stall_timeout_ms: 10_000,
+            tick_timeout_ms: 300,
+            standby: true,
+            restart_budget: 5,
+            restart_window_ms: 10_000,
+            restart_backoff_ms: 10,
+            ramp_rate_n_m_per_s: 2000.0,
+            discontinuity_n_m: 10.0,
             credit_ticks: 1024,
         }
     }
@@ -76,6 +110,10 @@ pub(crate) struct RawRealtime {
     /// Processor core, an integer in [0, 1023]; without it as `placement` says.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) core_controller: Option<u32>,
+    /// Processor core of the controller in reserve, an integer in [0, 1023]; without it as `placement` says: with `one_core` another
+    /// core than the others', if there is one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) core_standby: Option<u32>,
     /// Processor core, an integer in [0, 1023]; without it as `placement` says.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) core_planner: Option<u32>,
@@ -92,6 +130,7 @@ impl Default for RawRealtime {
             core_plant: None,
             core_gate: None,
             core_controller: None,
+            core_standby: None,
             core_planner: None,
         }
     }

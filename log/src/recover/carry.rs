@@ -139,7 +139,7 @@ impl Carry {
         let Ok(records::Record::Channel(channel)) = mcap::parse_record(op::CHANNEL, body) else {
             return Ok(Err("a channel cannot be read".to_owned()));
         };
-        let ours = Topic::ALL.into_iter().find(|topic| topic.name() == channel.topic);
+        let ours = Topic::from_name(&channel.topic);
         let Some(schema) = self.schemas.get(&channel.schema_id) else {
             // Its schema is lost.
             if let Some(topic) = ours {

@@ -4,6 +4,7 @@ use super::records::Message;
 use crate::topic::Topic;
 use crate::{TICK_NS, proto, time_of};
 use foxglove::messages::{FrameTransforms, Log, SceneUpdate};
+use hapfic_ipc::message::Process;
 use prost::Message as _;
 use std::collections::BTreeSet;
 use std::hash::{DefaultHasher, Hash, Hasher};
@@ -68,8 +69,10 @@ impl Judge {
             Topic::Reference => {
                 proto::Reference::decode(data).ok().filter(|m| are_finite(&[&m.position, &m.velocity])).map(|m| m.tick)
             }
-            Topic::Request => proto::Request::decode(data)
+            Topic::Request | Topic::StandbyRequest => proto::Request::decode(data)
                 .ok()
+                // One altered bit of a channel's number makes one topic of the other.
+                .filter(|m| (m.controller == Process::Standby.name()) == (topic == Topic::StandbyRequest))
                 .filter(|m| are_finite(&[&m.error, &m.error_rate, &m.force, &m.torque]))
                 .map(|m| m.tick),
             Topic::Command => {
@@ -189,6 +192,17 @@ mod tests {
                 assert!(!is_believed(Topic::State, &damaged), "damage {place}, {value}");
             }
         }
+    }
+
+    #[test]
+    fn a_request_is_believed_on_the_topic_of_its_controller_alone() {
+        for controller in ["controller", "standby", "none", "unknown"] {
+            let request = proto::Request { tick: TICK, controller: controller.to_owned(), ..proto::Request::default() };
+            assert_eq!(is_believed(Topic::Request, &request), controller != "standby", "{controller}");
+            assert_eq!(is_believed(Topic::StandbyRequest, &request), controller == "standby", "{controller}");
+        }
+        let standby = proto::Request { tick: TICK, controller: "standby".to_owned(), ..proto::Request::default() };
+        assert!(!is_believed(Topic::StandbyRequest, &proto::Request { torque: vec![f64::NAN], ..standby }));
     }
 
     #[test]

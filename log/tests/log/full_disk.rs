@@ -33,6 +33,7 @@ fn write_all(room: usize) -> Result<(), LogError> {
     for tick in 0..TICKS {
         if let Err(error) = write_tick(&mut writer, tick) {
             assert!(writer.flush().is_err(), "a flush after {error} claims that all is written");
+            assert!(writer.sync().is_err(), "so does a sync");
             assert!(write_tick(&mut writer, tick).is_err(), "a message after {error} is taken");
             drop(writer);
             return Err(error);

@@ -1,13 +1,17 @@
 //! What is written is read again, here and by another reader.
 
 use crate::samples::{
-    MESSAGES_PER_TICK, attachments, command, event, header, line, log, names, parameters, read, reference, request, scene, state,
-    timing, transforms, write_tick,
+    MESSAGES_PER_TICK, attachments, command, event, header, line, log, names, parameters, read, reference, request, scene,
+    standby_request, state, timing, transforms, write_tick,
 };
 use foxglove::messages::{FrameTransforms, Log, SceneUpdate};
-use hapfic_ipc::message::{Command, Mode, Source};
+use hapfic_ipc::message::{Command, Mode, Request, Source};
 use hapfic_log::{Attachment, LogError, Metrics, Reader, Record, Topic, Writer, WriterOptions, convert, time_of};
+use mcap::records::MessageHeader;
 use prost::Message;
+use std::collections::BTreeMap;
+use std::io::Read;
+use std::os::fd::AsRawFd;
 use std::path::{Path, PathBuf};
 
 fn path(name: &str) -> PathBuf {
@@ -30,21 +34,72 @@ fn every_topic_comes_back_as_it_was_written() {
         assert_eq!(records[1].record, Record::State(convert::state(&state(tick), &names())));
         assert_eq!(records[2].record, Record::Reference(convert::reference(&reference(tick))));
         assert_eq!(records[3].record, Record::Request(convert::request(&request(tick))));
-        assert_eq!(records[4].record, Record::Command(convert::command(&command(tick))));
-        assert_eq!(records[5].record, Record::Event(convert::event(&event(tick, "größer"))));
-        assert_eq!(records[6].record, Record::Timing(convert::timing(&timing(tick))));
-        assert_eq!(decoded::<FrameTransforms>(&records[7].record, "foxglove.FrameTransforms"), transforms(tick));
-        assert_eq!(decoded::<SceneUpdate>(&records[8].record, "foxglove.SceneUpdate"), scene(tick));
-        assert_eq!(decoded::<Log>(&records[9].record, "foxglove.Log"), line(tick));
+        assert_eq!(records[4].record, Record::Request(convert::request(&standby_request(tick))));
+        assert_eq!(records[5].record, Record::Command(convert::command(&command(tick))));
+        assert_eq!(records[6].record, Record::Event(convert::event(&event(tick, "größer"))));
+        assert_eq!(records[7].record, Record::Timing(convert::timing(&timing(tick))));
+        assert_eq!(decoded::<FrameTransforms>(&records[8].record, "foxglove.FrameTransforms"), transforms(tick));
+        assert_eq!(decoded::<SceneUpdate>(&records[9].record, "foxglove.SceneUpdate"), scene(tick));
+        assert_eq!(decoded::<Log>(&records[10].record, "foxglove.Log"), line(tick));
         for (index, entry) in records.iter().enumerate() {
-            let late = if index == 6 { 17 } else { 0 };
+            let late = if index == 7 { 17 } else { 0 };
             assert_eq!((entry.sequence, entry.log_time_ns), (tick as u32, tick as u64 * 1_000_000 + late));
         }
         let topics: Vec<_> = records.iter().map(|entry| &*entry.topic).collect();
-        let expected =
-            ["/operator", "/state", "/reference", "/request", "/command", "/event", "/timing", "/tf", "/scene", "/log"];
+        let expected = [
+            "/operator",
+            "/state",
+            "/reference",
+            "/request",
+            "/request/standby",
+            "/command",
+            "/event",
+            "/timing",
+            "/tf",
+            "/scene",
+            "/log",
+        ];
         assert_eq!(topics, expected);
     }
+}
+
+#[test]
+fn each_controller_has_a_topic_for_its_requests() {
+    let mut bytes = Vec::new();
+    let options = WriterOptions::default();
+    let mut writer = Writer::new(&mut bytes, Path::new("memory"), &names(), &[], &[], &options).unwrap();
+    for tick in 0..5 {
+        writer.request(&standby_request(tick)).unwrap();
+    }
+    writer.request(&request(0)).unwrap();
+    // The supervisor's code, as in a zeroed request: whatever else asks is not the standby.
+    writer.request(&Request { controller: 0, ..request(1) }).unwrap();
+    let totals = writer.finish().unwrap();
+    assert_eq!((totals.messages(Topic::Request), totals.messages(Topic::StandbyRequest)), (2, 5));
+    let (entries, error) = read(&bytes);
+    assert!(error.is_none() && entries.len() == 7, "{error:?}");
+    for entry in entries {
+        let Record::Request(request) = &entry.record else { panic!("found {:?}", entry.record) };
+        assert_eq!(&*entry.topic == "/request/standby", request.controller == "standby", "{request:?}");
+    }
+}
+
+#[test]
+fn a_message_of_another_program_is_known_by_its_schema() {
+    let mut bytes = Vec::new();
+    let mut writer = mcap::WriteOptions::new().create(std::io::Cursor::new(&mut bytes)).unwrap();
+    let schema = writer.add_schema("hapfic.Request", "protobuf", b"not read").unwrap();
+    // Of the second, name and schema contradict each other.
+    for topic in ["/elsewhere", "/state", "/request/standby"] {
+        let channel_id = writer.add_channel(schema, topic, "protobuf", &BTreeMap::new()).unwrap();
+        let header = MessageHeader { channel_id, sequence: 3, log_time: 3, publish_time: 3 };
+        writer.write_to_known_channel(&header, &convert::request(&request(3)).encode_to_vec()).unwrap();
+    }
+    writer.finish().unwrap();
+    drop(writer);
+    let (entries, error) = read(&bytes);
+    assert!(error.is_none() && entries.len() == 3, "{error:?}");
+    assert!(entries.iter().all(|entry| entry.record == Record::Request(convert::request(&request(3)))));
 }
 
 #[test]
@@ -151,6 +206,41 @@ fn what_was_flushed_survives_a_writer_that_is_killed() {
     writer.finish().unwrap();
     let entries: Result<Vec<_>, _> = Reader::open(&path).unwrap().collect();
     assert_eq!(entries.unwrap().len(), 2 * MESSAGES_PER_TICK);
+}
+
+#[test]
+fn a_log_that_is_synced_holds_everything_written_and_goes_on() {
+    let path = path("synced.mcap");
+    let options = WriterOptions::default();
+    let mut writer = Writer::create(&path, &names(), &header(), &attachments(), &options).unwrap();
+    write_tick(&mut writer, 0).unwrap();
+    writer.sync().unwrap();
+    let (entries, _) = read(&std::fs::read(&path).unwrap());
+    assert_eq!(entries.len(), MESSAGES_PER_TICK);
+    write_tick(&mut writer, 1).unwrap();
+    writer.finish().unwrap();
+    let entries: Result<Vec<_>, _> = Reader::open(&path).unwrap().collect();
+    assert_eq!(entries.unwrap().len(), 2 * MESSAGES_PER_TICK);
+    // Nobody holds the finished file any more.
+    drop(Writer::create(&path, &names(), &[], &[], &options).unwrap());
+}
+
+#[test]
+fn a_pipe_is_synced_without_complaint() {
+    let (mut output, input) = std::io::pipe().unwrap();
+    let reader = std::thread::spawn(move || {
+        let mut bytes = Vec::new();
+        output.read_to_end(&mut bytes).unwrap();
+        bytes
+    });
+    let path = PathBuf::from(format!("/proc/self/fd/{}", input.as_raw_fd()));
+    let mut writer = Writer::create(&path, &names(), &header(), &attachments(), &WriterOptions::default()).unwrap();
+    write_tick(&mut writer, 0).unwrap();
+    writer.sync().unwrap();
+    writer.finish().unwrap();
+    drop(input);
+    let (entries, error) = read(&reader.join().unwrap());
+    assert!(error.is_none() && entries.len() == MESSAGES_PER_TICK, "{error:?}");
 }
 
 #[test]

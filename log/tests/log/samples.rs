@@ -98,7 +98,7 @@ pub(crate) fn request(tick: i64) -> Request {
         tick,
         state_tick: tick - 1,
         parameters_version: 3,
-        controller: Process::Standby.code(),
+        controller: Process::Controller.code(),
         joints: JOINTS,
         error: numbers(tick, 13.0),
         error_rate: numbers(tick, 14.0),
@@ -117,6 +117,11 @@ pub(crate) fn request(tick: i64) -> Request {
     }
 }
 
+/// What the other controller asks for at the same tick.
+pub(crate) fn standby_request(tick: i64) -> Request {
+    Request { stamp_ns: 9, controller: Process::Standby.code(), torque: numbers(tick, 22.0), ..request(tick) }
+}
+
 pub(crate) fn command(tick: i64) -> Command {
     Command {
         stamp_ns: 7,
@@ -126,9 +131,9 @@ pub(crate) fn command(tick: i64) -> Command {
         severity: Severity::Degraded.code(),
         joints: JOINTS,
         limited: 0b101,
-        reserved: 0,
+        ramped: 0b010,
         torque: numbers(tick, 19.0),
-        request: request(tick),
+        request: standby_request(tick),
     }
 }
 
@@ -184,6 +189,8 @@ pub(crate) fn timing(tick: i64) -> Timing {
         refused: 2,
         page_faults: 3,
         realtime: 0,
+        generation: 4,
+        unmet: 0,
     }
 }
 
@@ -217,6 +224,7 @@ pub(crate) fn write_tick<W: Write>(writer: &mut Writer<W>, tick: i64) -> Result<
     writer.state(&state(tick))?;
     writer.reference(&reference(tick))?;
     writer.request(&request(tick))?;
+    writer.request(&standby_request(tick))?;
     writer.command(&command(tick))?;
     writer.event(&event(tick, "größer"))?;
     writer.timing(&timing(tick), writer.time_of(tick) + 17)?;

@@ -61,6 +61,47 @@ fn command(tick: i64) -> Command {
     command
 }
 
+/// A log of two incidents: the planner is lost and comes back, the other controller having taken over; later a latched stop, for a
+/// cause that no event tells.
+pub(crate) fn log_of_incidents() -> Vec<u8> {
+    let names = Names::default();
+    let mut bytes = Vec::new();
+    let mut writer = Writer::new(&mut bytes, Path::new("memory"), &names, &[], &[], &WriterOptions::default()).unwrap();
+    for tick in 0..500 {
+        writer.state(&state(tick, 500)).unwrap();
+        let severity = match tick {
+            200..202 => Severity::Degraded,
+            202..220 | 402..405 => Severity::Brake,
+            405.. => Severity::Stopped,
+            _ => Severity::Nominal,
+        };
+        let mode = match severity {
+            Severity::Brake => Mode::Brake,
+            Severity::Stopped => Mode::Stopped,
+            _ => Mode::Active,
+        };
+        let mut command = Command { mode: mode.code(), severity: severity.code(), ..command(tick) };
+        if tick >= 202 {
+            command.request.controller = Process::Standby.code();
+        }
+        writer.command(&command).unwrap();
+        let told = match tick {
+            200 => Some((Process::Planner, EventKind::Lost, Detector::Exit, "killed")),
+            202 => Some((Process::Supervisor, EventKind::Transition, Detector::Deadline, "severity degraded -> brake")),
+            203 => Some((Process::Standby, EventKind::Promoted, Detector::None, "its requests count")),
+            220 => Some((Process::Supervisor, EventKind::Transition, Detector::Deadline, "severity brake -> nominal")),
+            402 => Some((Process::Supervisor, EventKind::Transition, Detector::Deadline, "severity nominal -> brake")),
+            405 => Some((Process::Supervisor, EventKind::Transition, Detector::Budget, "severity brake -> stopped")),
+            _ => None,
+        };
+        if let Some((process, kind, detector, text)) = told {
+            writer.event(&Event::new(tick, process, kind, severity, detector, text)).unwrap();
+        }
+    }
+    writer.finish().unwrap();
+    bytes
+}
+
 fn parameters(version: u64, effective_tick: i64, force: f64) -> Parameters {
     Parameters {
         version,

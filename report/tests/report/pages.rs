@@ -1,8 +1,8 @@
 //! Figures, page and JSON.
 
-use crate::logs::{NASTY, PEAK, log, report, state};
+use crate::logs::{NASTY, PEAK, log, log_of_incidents, report, state};
 use hapfic_log::{Names, Writer, WriterOptions};
-use hapfic_report::figure::{Content, Curve, Figure, Panel};
+use hapfic_report::figure::{Content, Curve, Figure, MarkKind, Panel};
 use hapfic_report::series::CAPACITY;
 use hapfic_report::{Report, ReportError, SNAPSHOTS};
 use std::path::Path;
@@ -48,7 +48,7 @@ fn the_figures_hold_what_the_log_does() {
     let contacts = &figure(&figures, "contacts").panels;
     assert_eq!(lanes(&contacts[0]), [("foot-box", [(0.5, 1.0)].as_slice())]);
     assert!(lanes(&contacts[1]).contains(&("drive: torque", [(0.0, 1.0)].as_slice())));
-    assert_eq!(contacts[0].marks.iter().filter(|mark| mark.fault).count(), 1);
+    assert_eq!(contacts[0].marks.iter().filter(|mark| mark.kind == MarkKind::Fault).count(), 1);
 
     let tilt = curves(&figure(&figures, "objects").panels[1])[0].points.last().unwrap().1;
     assert!((tilt - 89.91).abs() < 1e-6, "{tilt}");
@@ -99,6 +99,48 @@ fn the_json_says_what_the_log_does() {
     assert_eq!(json["snapshots"].as_array().map(Vec::len), Some(SNAPSHOTS));
     let text = report.text();
     assert!(text.contains("completed") && text.contains("1.000 s"), "{text}");
+}
+
+#[test]
+fn incidents_are_seen_on_the_time_axes_and_listed_for_programs() {
+    let report = report(&log_of_incidents()).unwrap();
+    let overview = report.overview();
+    let severity = overview.panels.last().unwrap();
+    let (degraded, brake, stopped) = ([(0.2, 0.202)], [(0.202, 0.22), (0.402, 0.405)], [(0.405, 0.5)]);
+    let expected = [("degraded", degraded.as_slice()), ("brake", brake.as_slice()), ("stopped", stopped.as_slice())];
+    assert_eq!(lanes(severity), expected);
+    let contacts = figure(&report.figures(), "contacts").clone();
+    let modes = lanes(&contacts.panels[1]);
+    for lane in [
+        ("severity: brake", brake.as_slice()),
+        ("torque from: controller", [(0.0, 0.202)].as_slice()),
+        ("torque from: standby", [(0.22, 0.402)].as_slice()),
+    ] {
+        assert!(modes.contains(&lane), "{lane:?} is not in {modes:?}");
+    }
+    let count = |kind: MarkKind| severity.marks.iter().filter(|mark| mark.kind == kind).count();
+    // Lost, and three transitions to worse; promoted.
+    assert_eq!(MarkKind::ALL.map(count), [0, 1, 4]);
+
+    let json = report.json();
+    assert_eq!(json["incidents"]["total"], 2);
+    let first = serde_json::json!({
+        "from_tick": 202, "to_tick": 219, "from_s": 0.202, "to_s": 0.22, "worst": "brake", "recovered": true,
+        "cause": "planner lost: killed",
+    });
+    let second = serde_json::json!({
+        "from_tick": 402, "to_tick": 499, "from_s": 0.402, "to_s": 0.5, "worst": "stopped", "recovered": false,
+        "cause": "supervisor transition: severity nominal -> brake",
+    });
+    assert_eq!(json["incidents"]["listed"], serde_json::json!([first, second]));
+    assert_eq!(json["events"]["by_kind"]["promoted"], 1);
+}
+
+#[test]
+fn a_run_without_incidents_has_no_panel_of_severities() {
+    let report = report(&log(100, "lockstep")).unwrap();
+    assert!(report.incidents().is_empty());
+    assert_eq!(report.overview().panels.len(), 3);
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! The figures for print.
 
-use crate::logs::{log, report};
+use crate::logs::{log, log_of_incidents, report};
 use tiny_skia::Pixmap;
 
 /// Share of the pixels that are not white.
@@ -43,6 +43,20 @@ fn the_snapshots_show_the_box_in_its_colour() {
             .count();
         assert!(found > 2000, "snapshot {i}: {found} pixels");
     }
+}
+
+#[test]
+fn an_incident_is_seen_in_the_overview() {
+    let red = |bytes: &[u8]| {
+        let pictures = report(bytes).unwrap().pictures().unwrap();
+        let overview = pictures.iter().find(|picture| picture.name == "overview").unwrap();
+        let pixmap = Pixmap::decode_png(&overview.png).unwrap();
+        assert_eq!((pixmap.width(), pixmap.height()), (1600, 1000));
+        pixmap.pixels().iter().filter(|p| (p.red(), p.green(), p.blue()) == (213, 94, 0)).count()
+    };
+    // The wished force and the mark of a fault have the same colour: lines, no areas.
+    let (with, without) = (red(&log_of_incidents()), red(&log(500, "lockstep")));
+    assert!(with > without + 1000, "{with} and {without} pixels");
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! `hapfic check`: everything that can be known to be wrong without running.
 
 use crate::children::find_program;
-use crate::watch::STARTED;
+use crate::watch::started;
 use crate::{Outcome, print, say, stability};
 use anyhow::Result;
 use hapfic_config::Settings;
@@ -17,7 +17,7 @@ pub fn check(scenario: &str, set: &[String]) -> Result<Outcome> {
         Ok(plant) => plant,
         Err(e) => return Ok(Outcome::Refused(anyhow::Error::from(e).context(scenario.to_owned()))),
     };
-    for process in STARTED {
+    for process in started(&settings).iter().copied() {
         if let Err(e) = find_program(&settings.processes, process) {
             return Ok(Outcome::Refused(e.context(scenario.to_owned())));
         }

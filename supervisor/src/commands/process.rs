@@ -5,11 +5,12 @@ use crate::cli::ProcessName;
 use anyhow::{Context as _, Result};
 use hapfic_config::Settings;
 use hapfic_ipc::message::Process;
-use hapfic_ipc::{Context, RunFile};
+use hapfic_ipc::{Context, RunFile, Start};
+use std::os::unix::process::CommandExt;
 use std::path::PathBuf;
 
-/// Joins the run that the environment names, and works until it ends.
-pub fn process(name: ProcessName) -> Result<Outcome> {
+/// Joins the run that the environment names, and works until it ends; or becomes a foreign program that does.
+pub fn process(name: ProcessName, foreign: &[String]) -> Result<Outcome> {
     let process = match name {
         ProcessName::Plant => Process::Plant,
         ProcessName::Planner => Process::Planner,
@@ -26,8 +27,13 @@ pub fn process(name: ProcessName) -> Result<Outcome> {
         Ok(run) => run,
         Err(e) => return Ok(Outcome::Refused(e.into())),
     };
+    if let [program, arguments @ ..] = foreign {
+        hapfic_ipc::tie_to_supervisor(run.supervisor_pid).context("cannot join the run")?;
+        let failed = std::process::Command::new(program).args(arguments).exec();
+        return Err(failed).with_context(|| format!("processes.{process}: cannot start '{program}'"));
+    }
     let settings = Settings::from_effective(&run.settings, &run.urdf_name, &run.urdf)?;
-    let mut context = Context::join(&run, process)?;
+    let mut context = Context::join(&run, process, Start::from_env()?)?;
     match process {
         Process::Plant => hapfic_plant::process::run(&mut context, &settings).context("plant")?,
         Process::Planner => hapfic_planner::process::run(&mut context, &settings).context("planner")?,

@@ -3,9 +3,11 @@
 //! [`core::Gate`] decides; this thread waits, reads, judges, publishes and accounts.
 
 pub mod core;
+pub mod protocol;
 pub mod severity;
 mod tell;
 mod thread;
 pub mod timeline;
+pub mod torque;
 
 pub use thread::{Gateway, Start};

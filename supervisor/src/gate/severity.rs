@@ -8,12 +8,14 @@ pub const CLEAR_AFTER: u32 = 20;
 pub const BRAKE_AT: u32 = 2;
 
 /// What the ladder looks at. Each cause has a condition of its own.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Conditions {
     /// Ticks in a row without a valid request.
     pub missed: u32,
     /// Ticks in a row with one.
     pub good: u32,
+    /// A process is missing; clears when it is back.
+    pub missing: bool,
     /// The operator, or a spent restart budget, asks for a latched stop.
     pub stop: bool,
     /// The operator re-arms after a latched stop.
@@ -30,7 +32,7 @@ pub fn severity(before: Severity, now: &Conditions) -> Severity {
         Severity::Stopped
     } else if now.missed >= BRAKE_AT {
         Severity::Brake
-    } else if now.missed > 0 {
+    } else if now.missed > 0 || now.missing {
         Severity::Degraded
     } else {
         Severity::Nominal
@@ -53,8 +55,9 @@ mod tests {
         Severity::ALL.iter().flat_map(|&before| {
             (0..4_u32).flat_map(move |missed| {
                 [0, 1, CLEAR_AFTER - 1, CLEAR_AFTER, CLEAR_AFTER + 1].into_iter().flat_map(move |good| {
-                    [false, true].into_iter().flat_map(move |stop| {
-                        [false, true].into_iter().map(move |rearm| (before, Conditions { missed, good, stop, rearm }))
+                    (0..8_u32).map(move |bits| {
+                        let [stop, rearm, missing] = [bits & 1 > 0, bits & 2 > 0, bits & 4 > 0];
+                        (before, Conditions { missed, good, missing, stop, rearm })
                     })
                 })
             })
@@ -71,7 +74,7 @@ mod tests {
             if now.missed >= BRAKE_AT {
                 assert!(after >= Severity::Brake);
             }
-            if now.missed > 0 {
+            if now.missed > 0 || now.missing {
                 assert!(after >= Severity::Degraded);
             }
         }
@@ -84,7 +87,12 @@ mod tests {
             if after < before {
                 match before {
                     Severity::Stopped => assert!(now.rearm && after == Severity::Brake),
-                    _ => assert!(now.good >= CLEAR_AFTER && now.missed == 0 && after == Severity::Nominal || now.missed == 1),
+                    // Down to what is still amiss, and no further.
+                    _ => {
+                        let amiss = now.missed == 1 || now.missing;
+                        assert!(now.good >= CLEAR_AFTER);
+                        assert_eq!(after, if amiss { Severity::Degraded } else { Severity::Nominal });
+                    }
                 }
             }
         }

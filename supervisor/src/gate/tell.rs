@@ -1,10 +1,78 @@
 //! What the gate tells of: events, written without touching the heap, sent in the slack.
 
-use super::thread::Gateway;
-use hapfic_ipc::message::{Command, Detector, Event, EventKind, Process, Severity};
+use super::protocol::Place;
+use super::thread::{Gateway, TOLD_ONE_BY_ONE};
+use hapfic_ipc::message::{Command, Detector, Event, EventKind, Mode, Process, Severity, Source};
 use hapfic_ipc::{Clock, IpcError, clock};
 
 impl Gateway {
+    /// Everything that a tick brought, after its command has gone out.
+    pub(super) fn tell_all(
+        &mut self,
+        command: &Command,
+        severity_before: u32,
+        announced: Option<(u64, i64)>,
+    ) -> Result<(), IpcError> {
+        if let Some(defect) = self.state_defect.take() {
+            self.tell(Process::Plant, EventKind::Refused, Detector::Check, |text| write!(text, "state refused: {defect}"))?;
+        }
+        for place in Place::BOTH {
+            if let Some(defect) = self.defects[place as usize].take() {
+                self.tell(place.process(), EventKind::Refused, Detector::Check, |text| {
+                    write!(text, "request refused: {defect}")
+                })?;
+            }
+        }
+        self.tell_slip()?;
+        if let Some((version, from)) = announced {
+            self.tell_parameters(version, from)?;
+        }
+        if (command.limited == 0) != (self.limited == 0) {
+            self.tell_limited(command)?;
+        }
+        self.limited = command.limited;
+        if let Some(step) = self.gate.discontinuity() {
+            self.tell(Process::Supervisor, EventKind::Discontinuity, Detector::Check, |text| {
+                write!(text, "torque of joint {} steps by {:.3} N m", step.joint, step.size)
+            })?;
+        }
+        self.tell_missed(command)?;
+        if let Some(place) = self.promoted.take() {
+            self.tell(place.process(), EventKind::Promoted, Detector::Deadline, |text| {
+                write!(text, "{} is the primary controller from tick {}", place.process(), command.tick)
+            })?;
+        }
+        if command.severity != severity_before {
+            self.tell_transition(severity_before, command.severity)?;
+        }
+        Ok(())
+    }
+
+    /// Ticks that nobody has answered: the first ones each, the others together.
+    fn tell_missed(&mut self, command: &Command) -> Result<(), IpcError> {
+        let tick = command.tick;
+        let answered = command.source == Source::Fresh.code() || command.source == Source::Withheld.code();
+        if answered {
+            let missed = std::mem::take(&mut self.missed);
+            if missed > TOLD_ONE_BY_ONE {
+                self.tell(Process::Controller, EventKind::Note, Detector::Deadline, |text| {
+                    write!(text, "requests are back at tick {tick}, after {missed} ticks without any")
+                })?;
+            }
+            return Ok(());
+        }
+        if command.mode == Mode::Hold.code() {
+            return Ok(());
+        }
+        self.missed += 1;
+        if self.missed > TOLD_ONE_BY_ONE {
+            return Ok(());
+        }
+        self.tell(Process::Controller, EventKind::Missed, Detector::Deadline, |text| {
+            write!(text, "no valid request for tick {tick} by the deadline")
+        })
+    }
+
     /// Time that slipped, once it has grown.
     pub(super) fn tell_slip(&mut self) -> Result<(), IpcError> {
         let (before, (now, late_ns)) = (self.slipped, self.slip);
@@ -34,7 +102,18 @@ impl Gateway {
 
     pub(super) fn tell_transition(&mut self, from: u32, to: u32) -> Result<(), IpcError> {
         let name = |code| Severity::from_code(code).map_or("?", Severity::name);
-        self.tell(Process::Supervisor, EventKind::Transition, Detector::Deadline, |text| {
+        let stop_by = Detector::from_code(self.start.live.stop_by.load(std::sync::atomic::Ordering::Relaxed));
+        let detector = match Severity::from_code(to) {
+            Some(Severity::Stopped) => stop_by.unwrap_or(Detector::Operator),
+            _ if from == Severity::Stopped.code() => Detector::Operator,
+            _ => Detector::Deadline,
+        };
+        if from == Severity::Stopped.code() {
+            self.tell(Process::Supervisor, EventKind::Rearmed, Detector::Operator, |text| {
+                write!(text, "re-armed by the operator: starts from where the foot is, the torque ramps in")
+            })?;
+        }
+        self.tell(Process::Supervisor, EventKind::Transition, detector, |text| {
             write!(text, "severity {} -> {}", name(from), name(to))
         })
     }

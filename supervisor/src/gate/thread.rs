@@ -1,12 +1,14 @@
 //! The gate's thread.
 
 use super::core::{Gate, Limits};
+use super::protocol::{Choice, Observed, Patience, Place, Wishes};
 use super::timeline::Timeline;
+use super::torque::TorqueCheck;
 use crate::live::Live;
 use crate::operator::exchange::{Answer, Hatch, Verdict};
 use hapfic_config::Settings;
 use hapfic_ipc::message::{
-    Command, Detector, Event, EventKind, Operator, Phase, Process, Request, Severity, Source, State, Timing,
+    Command, Detector, Event, EventKind, MAX_JOINTS, Operator, Phase, Process, Request, State, Timing,
 };
 use hapfic_ipc::realtime::{self, Granted, Wish};
 use hapfic_ipc::{Bus, Check, Clock, Defect, Domain, Input, IpcError, Output, Recent, Wait, allocations, clock, topic, wait};
@@ -24,6 +26,12 @@ const LOOK_AGAIN: Duration = Duration::from_micros(500);
 const PERIOD_NS: u64 = 1_000_000;
 /// Controllers: the primary and its standby.
 const CONTROLLERS: usize = 2;
+/// How far from the tick that is due a request's tick may be.
+const NEAR: i64 = 8;
+/// In lockstep: how long one controller's request waits for the other's, which lives and should answer.
+const LOCKSTEP_PATIENCE_NS: u64 = 2_000_000_000;
+/// Ticks in a row without a request that are told of one by one.
+pub(super) const TOLD_ONE_BY_ONE: u64 = 2;
 
 /// What the gate starts with.
 #[derive(Debug)]
@@ -34,6 +42,8 @@ pub struct Start {
     pub clock: Clock,
     /// What is enforced.
     pub limits: Limits,
+    /// What torques have to agree with.
+    pub torque: TorqueCheck,
     /// The operator's script.
     pub timeline: Timeline,
     /// Ticks of the run.
@@ -68,14 +78,28 @@ pub struct Gateway {
     timing: Output<Timing>,
     /// What each controller has asked for lately: primary first.
     inbox: [Recent<Request>; CONTROLLERS],
-    /// What was refused in this tick, to be told of in the slack.
-    defects: [Option<(Process, Defect)>; CONTROLLERS],
+    /// The states they answer.
+    states: Recent<State>,
+    /// What was refused lately, to be told of in the slack.
+    pub(super) state_defect: Option<Defect>,
+    pub(super) defects: [Option<Defect>; CONTROLLERS],
+    /// Who has just become the primary.
+    pub(super) promoted: Option<Place>,
+    /// When the gate began to wait for the tick that is due, ns; 0: not yet.
+    waiting_ns: u64,
+    /// Ticks in a row without a request.
+    pub(super) missed: u64,
+    /// Last tick at which the controllers' requests were compared, and whether they differed.
+    compared: (i64, bool),
+    /// Stops and re-armings that have been taken in.
+    stops: u64,
+    rearms: u64,
     /// Newest state's tick and time of publication.
     newest: Option<(i64, u64)>,
     refused: u32,
     /// Periods slipped so far, and joints limited in the last tick.
     pub(super) slipped: u64,
-    limited: u32,
+    pub(super) limited: u32,
     /// Periods slipped by the newest state that told of more, and how late its timer was, ns.
     pub(super) slip: (u64, u64),
     /// Time of the last heartbeat sent while waiting.
@@ -93,7 +117,7 @@ impl Gateway {
     pub fn open(start: Start) -> Result<Self, IpcError> {
         let bus = Bus::open(&start.domain, "gate")?;
         Ok(Self {
-            gate: Gate::new(start.limits),
+            gate: Gate::new(start.limits, start.torque.clone()),
             state: bus.input(&topic::STATE, Wait::No)?,
             request: bus.input(&topic::REQUEST, Wait::Yes)?,
             command: bus.output(&topic::COMMAND)?,
@@ -101,7 +125,15 @@ impl Gateway {
             event: bus.output(&topic::EVENT)?,
             timing: bus.output(&topic::TIMING)?,
             inbox: [Recent::default(); CONTROLLERS],
+            states: Recent::default(),
+            state_defect: None,
             defects: [None; CONTROLLERS],
+            promoted: None,
+            waiting_ns: 0,
+            missed: 0,
+            compared: (-1, false),
+            stops: 0,
+            rearms: 0,
             newest: None,
             refused: 0,
             slipped: 0,
@@ -143,7 +175,7 @@ impl Gateway {
         if let Some((version, from)) = announced {
             self.tell_parameters(version, from)?;
         }
-        self.slack();
+        self.slack()?;
         while self.gate.tick() < self.start.ticks && !self.stopped() {
             match self.start.clock {
                 Clock::Realtime => self.realtime_tick()?,
@@ -159,16 +191,19 @@ impl Gateway {
         self.start.live.stop.load(Ordering::Acquire)
     }
 
-    /// Waits for a request of any controller, however long it takes.
+    /// Waits for a request of every controller that is there, and of one in any case, however long it takes.
     fn lockstep_tick(&mut self) -> Result<(), IpcError> {
         loop {
             self.read()?;
-            if let Some(request) = self.choose() {
-                let now = clock::now_ns();
-                let command = self.gate.accept(&request);
+            let now = clock::now_ns();
+            if self.waiting_ns == 0 {
+                self.waiting_ns = now;
+            }
+            let overdue = now - self.waiting_ns > LOCKSTEP_PATIENCE_NS;
+            if let Some(command) = self.decide(overdue, Patience::Lockstep) {
                 return self.publish(&command, now, now);
             }
-            self.slack();
+            self.slack()?;
             if self.stopped() {
                 return Ok(());
             }
@@ -186,22 +221,79 @@ impl Gateway {
             self.read()?;
             let now = clock::now_ns();
             let before = allocations::count();
-            let seen = self.newest.filter(|(newest, _)| *newest >= tick);
-            let command = if let Some(request) = self.choose() {
-                self.gate.accept(&request)
-            } else if let Some((newest, stamp)) = seen
-                && (newest > tick || now >= stamp + deadline)
-            {
-                self.gate.miss()
-            } else {
-                self.wait_for_request(tick, now, deadline)?;
-                if self.stopped() {
-                    return Ok(());
-                }
-                continue;
-            };
-            return self.publish(&command, now, before);
+            let overdue = self.newest.is_some_and(|(newest, stamp)| newest > tick || (newest == tick && now >= stamp + deadline));
+            if let Some(command) = self.decide(overdue, Patience::Deadline) {
+                return self.publish(&command, now, before);
+            }
+            self.wait_for_request(tick, now, deadline)?;
+            if self.stopped() {
+                return Ok(());
+            }
         }
+    }
+
+    /// The command of the tick that is due, if it can be told by now.
+    fn decide(&mut self, overdue: bool, patience: Patience) -> Option<Command> {
+        let (seen, requests) = self.observe(overdue);
+        let choice = self.gate.choose(&seen, patience);
+        if choice == Choice::Wait {
+            return None;
+        }
+        let wishes = self.wishes();
+        let primary = self.gate.primary();
+        let command = match choice {
+            Choice::Take(place) => {
+                let request = requests[place as usize]?;
+                self.gate.accept(place, &request, &seen, &wishes)
+            }
+            _ => self.gate.miss(&seen, &wishes),
+        };
+        self.promoted = (self.gate.primary() != primary).then_some(self.gate.primary());
+        self.waiting_ns = 0;
+        Some(command)
+    }
+
+    /// Who has answered the tick that is due, and with what. A request whose state is not here yet has not come either.
+    fn observe(&mut self, overdue: bool) -> (Observed, [Option<Request>; CONTROLLERS]) {
+        let tick = self.gate.tick();
+        let present = self.start.live.present.load(Ordering::Acquire);
+        let mut seen = Observed { overdue, ..Observed::default() };
+        let mut requests = [None; CONTROLLERS];
+        let state = self.states.at(tick);
+        for place in Place::BOTH {
+            let i = place as usize;
+            seen.present[i] = present & (1 << place.process().code()) != 0;
+            let (Some(state), Some(request)) = (state, self.inbox[i].at(tick)) else { continue };
+            match self.gate.judge(request, state, self.start.timeline.operator().at(tick)) {
+                Ok(()) => {
+                    seen.valid[i] = true;
+                    requests[i] = Some(*request);
+                }
+                Err(defect) => {
+                    seen.refused[i] = true;
+                    // Asked again at every wake-up of this tick, told once.
+                    if self.defects[i].is_none() {
+                        self.refused += 1;
+                        self.defects[i] = Some(defect);
+                    }
+                }
+            }
+        }
+        (seen, requests)
+    }
+
+    /// What has been asked for since the last tick.
+    fn wishes(&mut self) -> Wishes {
+        let live = &self.start.live;
+        let (stops, rearms) = (live.stops.load(Ordering::Acquire), live.rearms.load(Ordering::Acquire));
+        let wishes = Wishes {
+            stop: stops != self.stops,
+            rearm: rearms != self.rearms,
+            // In lockstep the clock waits for whoever is missing.
+            missing: self.start.clock == Clock::Realtime && live.missing.load(Ordering::Acquire) != 0,
+        };
+        (self.stops, self.rearms) = (stops, rearms);
+        wishes
     }
 
     /// Waits for a request, at most until the deadline of `tick` as far as it can be foreseen.
@@ -218,24 +310,33 @@ impl Gateway {
         if due > now {
             wait(&[&self.request], Duration::from_nanos(due - now))?;
         } else if !wait(&[&self.request], LOOK_AGAIN)? && now - due > PATIENCE.as_nanos() as u64 {
-            // The plant's timer is late, or the plant is gone; the watchdog knows which.
+            // The plant's timer is late, or the plant is gone; the watchdog knows which, and a successor needs the last command.
+            self.slack()?;
             self.beat(Phase::Waiting)?;
         }
         Ok(())
     }
 
-    /// Takes in what has come: states for their time, requests into the inbox.
+    /// Takes in what has come: states for their time and for the check of torques, requests into the inbox.
     fn read(&mut self) -> Result<(), IpcError> {
         while let Some(state) = self.state.next()? {
-            let in_order = self.newest.is_none_or(|(tick, _)| state.tick > tick) && (0..self.start.ticks).contains(&state.tick);
-            if state.check().is_ok() && in_order {
-                let now = clock::now_ns();
-                // A stamp that cannot be right must not move the deadline.
-                let stamp = if (1..=now).contains(&state.stamp_ns) { state.stamp_ns } else { now };
-                self.newest = Some((state.tick, stamp));
-                self.slip = self.slip.max((state.slipped, state.wake_lateness_ns));
-            } else {
-                self.refused += 1;
+            if self.newest.is_some_and(|(tick, _)| state.tick == tick) && state.check().is_ok() {
+                // A successor of the plant says once more what its forerunner said last.
+                continue;
+            }
+            match self.judge_state(&state) {
+                Ok(()) => {
+                    let now = clock::now_ns();
+                    // A stamp that cannot be right must not move the deadline.
+                    let stamp = if (1..=now).contains(&state.stamp_ns) { state.stamp_ns } else { now };
+                    self.newest = Some((state.tick, stamp));
+                    self.states.keep(state);
+                    self.slip = self.slip.max((state.slipped, state.wake_lateness_ns));
+                }
+                Err(defect) => {
+                    self.refused += 1;
+                    self.state_defect = Some(defect);
+                }
             }
         }
         while let Some(request) = self.request.next()? {
@@ -247,29 +348,26 @@ impl Gateway {
                     continue;
                 }
             };
+            let due = self.gate.tick();
+            let newest = self.inbox[place].newest().map_or(i64::MIN, |r| r.tick);
+            let again = request.tick < due && request.tick <= newest;
+            if again || (request.tick - due).abs() > NEAR {
+                self.refused += 1;
+                self.defects[place] = Some(Defect::Tick { field: "tick", found: request.tick, expected: due.max(newest + 1) });
+                continue;
+            }
             self.inbox[place].keep(request);
         }
         Ok(())
     }
 
-    /// The first valid request for the tick that is due, primary before standby. Those for later ticks wait.
-    fn choose(&mut self) -> Option<Request> {
-        let tick = self.gate.tick();
-        let version = self.start.timeline.operator().at(tick).version;
-        for place in 0..CONTROLLERS {
-            let Some(request) = self.inbox[place].at(tick).copied() else { continue };
-            match self.gate.judge(&request, version) {
-                Ok(()) => return Some(request),
-                Err(defect) => {
-                    // Asked again at every wake-up of this tick, told once.
-                    if self.defects[place].is_none() {
-                        self.refused += 1;
-                        self.defects[place] = Some((Process::from_code(request.controller)?, defect));
-                    }
-                }
-            }
+    fn judge_state(&self, state: &State) -> Result<(), Defect> {
+        state.check()?;
+        let expected = self.newest.map_or(0, |(tick, _)| tick + 1);
+        if state.tick >= expected && state.tick < self.start.ticks {
+            return Ok(());
         }
-        None
+        Err(Defect::Tick { field: "tick", found: state.tick, expected })
     }
 
     fn publish(&mut self, command: &Command, wake: u64, before: u64) -> Result<(), IpcError> {
@@ -281,29 +379,9 @@ impl Gateway {
         let allocated = if self.start.clock == Clock::Realtime { allocations::count() - before } else { 0 };
         // From here on it is slack.
         self.start.live.severity.store(command.severity, Ordering::Relaxed);
+        self.start.live.primary.store(self.gate.primary().process().code(), Ordering::Relaxed);
         self.start.live.gated.store(tick, Ordering::Release);
-        for place in 0..CONTROLLERS {
-            if let Some((process, defect)) = self.defects[place].take() {
-                self.tell(process, EventKind::Refused, Detector::Check, |text| write!(text, "request refused: {defect}"))?;
-            }
-        }
-        self.tell_slip()?;
-        if let Some((version, from)) = announced {
-            self.tell_parameters(version, from)?;
-        }
-        if (command.limited == 0) != (self.limited == 0) {
-            self.tell_limited(command)?;
-        }
-        self.limited = command.limited;
-        if command.severity != severity_before {
-            self.tell_transition(severity_before, command.severity)?;
-        }
-        let missed = command.source != Source::Fresh.code() && command.source != Source::Withheld.code();
-        if missed && Severity::from_code(command.severity) != Some(Severity::Nominal) {
-            self.tell(Process::Controller, EventKind::Missed, Detector::Deadline, |text| {
-                write!(text, "no valid request for tick {tick} by the deadline")
-            })?;
-        }
+        self.tell_all(command, severity_before, announced)?;
         let latency_ns = match self.newest {
             Some((newest, stamp)) if newest == tick && stamp > 0 => published.saturating_sub(stamp),
             _ => 0,
@@ -322,8 +400,7 @@ impl Gateway {
             ..Timing::default()
         };
         self.account(&timing)?;
-        self.slack();
-        Ok(())
+        self.slack()
     }
 
     /// Publishes parameters whose time is near. Returns their version and first tick.
@@ -354,17 +431,42 @@ impl Gateway {
             refused: self.refused,
             page_faults: self.faults,
             realtime: self.granted.0,
+            unmet: self.command.unmet() + self.operator.unmet() + self.request.unmet() + self.state.unmet() + self.timing.unmet(),
             ..*timing
         })?;
         Ok(())
     }
 
-    fn slack(&mut self) {
-        self.command.prepare();
+    /// What can be done while nobody waits for it: loans, meeting those who have joined, changes of the operator.
+    fn slack(&mut self) -> Result<(), IpcError> {
+        // Parameters first: whoever joins and has a command has them, too.
         self.operator.prepare();
+        self.command.prepare();
         self.event.prepare();
         self.timing.prepare();
+        self.request.prepare();
+        self.state.prepare();
+        self.compare()?;
         self.take_change();
+        Ok(())
+    }
+
+    /// Compares what the two controllers have asked for: they compute the same function of the same inputs.
+    fn compare(&mut self) -> Result<(), IpcError> {
+        let last = self.gate.last().tick;
+        for tick in (self.compared.0 + 1).max(last - 1)..=last {
+            let (Some(a), Some(b)) = (self.inbox[0].at(tick), self.inbox[1].at(tick)) else { continue };
+            let (a, b) = (*a, *b);
+            let differs = bits(&a) != bits(&b);
+            let told = std::mem::replace(&mut self.compared, (tick, differs)).1;
+            if differs && !told {
+                self.tell(Process::Standby, EventKind::Differs, Detector::Check, |text| {
+                    let worst = (0..MAX_JOINTS).map(|i| (a.torque[i] - b.torque[i]).abs()).fold(0.0, f64::max);
+                    write!(text, "controller and standby asked for different things at tick {tick}: torque by {worst:e} N m")
+                })?;
+            }
+        }
+        Ok(())
     }
 
     /// Takes a change that the operator offers, at most one a call: no lock, no waiting, no allocation.
@@ -384,4 +486,9 @@ impl Gateway {
         let answer = Answer::new(&offer, verdict, slot.version, slot.effective_tick, tick, slot.before);
         self.start.hatch.answer(answer);
     }
+}
+
+/// What has to be the same in the requests of both controllers, bit by bit.
+fn bits(request: &Request) -> ([u64; MAX_JOINTS], [u64; 3], [u64; 3]) {
+    (request.torque.map(f64::to_bits), request.force.map(f64::to_bits), request.state.offset.map(f64::to_bits))
 }

@@ -5,17 +5,17 @@ use super::status::{ProcessStatus, Quantiles, Status};
 use crate::live::Live;
 use crate::recorder::GATE;
 use crate::say;
-use crate::watch::STARTED;
+use crate::watch;
 use anyhow::{Context, Result};
-use hapfic_config::{OperatorChange, PERIOD_S, Parameters, differences};
-use hapfic_ipc::message::{Mode, Phase, Process, Severity};
+use hapfic_config::{Fault, OperatorChange, PERIOD_S, Parameters, differences};
+use hapfic_ipc::message::{Detector, Mode, Phase, Process, Severity};
 use hapfic_ipc::service::{Asked, OperatorKind, OperatorReply, REPLY_TEXT, ReplyCode, Requests};
 use hapfic_ipc::{Bus, Clock, Domain, IpcError, wait};
 use std::fmt::Write;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::channel;
+use std::sync::mpsc::{Sender, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -27,6 +27,9 @@ const GATE_PATIENCE: Duration = Duration::from_millis(500);
 const TRIES: usize = 8;
 /// How often it looks for dead callers when there are many.
 const SWEEP_EVERY: Duration = Duration::from_secs(1);
+
+/// The processes that are told of.
+const STARTED: [Process; 4] = [Process::Plant, Process::Planner, Process::Controller, Process::Standby];
 
 /// What the thread starts with.
 #[derive(Debug)]
@@ -47,6 +50,10 @@ pub struct Start {
     pub initial: Parameters,
     /// The way to the gate.
     pub desk: Desk,
+    /// The way to those who make faults on purpose.
+    pub inject: Sender<Fault>,
+    /// Whether there is a second controller.
+    pub standby: bool,
     /// Shared with the rest of the supervisor.
     pub live: Arc<Live>,
 }
@@ -120,6 +127,9 @@ impl Desked {
                     Ok((OperatorKind::Set, text)) => (self.set(text), false),
                     Ok((OperatorKind::Status, _)) => (OperatorReply::new(ReplyCode::Done, &self.status_text()), false),
                     Ok((OperatorKind::Stop, _)) => (self.stop(), true),
+                    Ok((OperatorKind::EmergencyStop, _)) => (self.emergency_stop(), false),
+                    Ok((OperatorKind::Rearm, _)) => (self.rearm(), false),
+                    Ok((OperatorKind::Inject, text)) => (self.inject(text), false),
                     Err(defect) => {
                         self.start.live.requests_refused.fetch_add(1, Ordering::Relaxed);
                         let text = format!("request refused: {defect}; ask with the same version of hapfic that runs");
@@ -154,6 +164,67 @@ impl Desked {
 
     fn stop(&self) -> OperatorReply {
         OperatorReply::new(ReplyCode::Done, &format!("run {} ends", self.start.run))
+    }
+
+    /// The gate latches at the next tick; what it takes until then is told.
+    fn emergency_stop(&self) -> OperatorReply {
+        let live = &self.start.live;
+        live.stop_latched(Detector::Operator);
+        if self.await_gate(|severity| severity == Severity::Stopped) {
+            let tick = live.gated.load(Ordering::Acquire);
+            return OperatorReply::new(
+                ReplyCode::Done,
+                &format!("latched stop at tick {tick}: the drive brakes until `hapfic rearm`"),
+            );
+        }
+        OperatorReply::new(
+            ReplyCode::Done,
+            "latched stop asked for: no tick has been done since, so nothing moves the drive; it takes effect with the next one",
+        )
+    }
+
+    fn rearm(&self) -> OperatorReply {
+        let live = &self.start.live;
+        if live.severity.load(Ordering::Relaxed) != Severity::Stopped.code() {
+            return OperatorReply::new(ReplyCode::Refused, "nothing to re-arm: the run is not in a latched stop");
+        }
+        live.rearms.fetch_add(1, Ordering::AcqRel);
+        if self.await_gate(|severity| severity < Severity::Stopped) {
+            let text = "re-armed: the drive brakes until 20 ticks in a row were good, then the torque ramps in from where the foot is";
+            return OperatorReply::new(ReplyCode::Done, text);
+        }
+        OperatorReply::new(ReplyCode::Done, "re-armed: takes effect with the next tick")
+    }
+
+    fn inject(&self, text: &str) -> OperatorReply {
+        let refused = |text: &str| OperatorReply::new(ReplyCode::Refused, text);
+        let pairs: Vec<&str> = text.split('\0').filter(|pair| !pair.is_empty()).collect();
+        let fault = match Fault::from_pairs(&pairs) {
+            Ok(fault) => fault,
+            Err(e) => return refused(&e.to_string()),
+        };
+        if !self.start.live.go.load(Ordering::Acquire) {
+            return refused("nothing injected: the run has not started yet, expected its first tick. Hint: try again in a moment");
+        }
+        if let Err(e) = watch::fault_possible(&fault, &self.start.log, self.start.standby) {
+            return refused(&format!("{e:#}"));
+        }
+        if self.start.inject.send(fault).is_err() {
+            return refused("nothing injected: the run is ending");
+        }
+        OperatorReply::new(ReplyCode::Done, &format!("{}, at once", watch::describe_fault(&fault)))
+    }
+
+    /// Waits until the gate's severity is as wished; not for ever.
+    fn await_gate(&self, wished: impl Fn(Severity) -> bool) -> bool {
+        let asked = Instant::now();
+        while asked.elapsed() < GATE_PATIENCE {
+            if Severity::from_code(self.start.live.severity.load(Ordering::Acquire)).is_some_and(&wished) {
+                return true;
+            }
+            std::thread::sleep(Duration::from_micros(500));
+        }
+        false
     }
 
     /// All pairs at one tick, or none.
@@ -243,8 +314,10 @@ impl Desked {
             parameters_version: glance.version,
             announced_version: live.announced.load(Ordering::Relaxed),
             latency_us: Quantiles::of(&latencies),
+            primary: Process::from_code(live.primary.load(Ordering::Relaxed)).map_or("?", Process::name).to_owned(),
             processes: STARTED
                 .iter()
+                .filter(|process| self.start.standby || **process != Process::Standby)
                 .chain([&GATE])
                 .map(|process| {
                     let pulse = live.pulse(*process);

@@ -37,6 +37,8 @@ pub struct Status {
     pub announced_version: u64,
     /// From state to command in the last second, us; none in lockstep.
     pub latency_us: Option<Quantiles>,
+    /// Whose requests count if both controllers answer.
+    pub primary: String,
     /// The processes, and the gate.
     pub processes: Vec<ProcessStatus>,
     /// Periods the plant's timer came late.
@@ -120,7 +122,8 @@ impl Status {
         }
         for p in &self.processes {
             let heard = p.heard_ms_ago.map_or("never".to_owned(), |ms| format!("{ms:.0} ms ago"));
-            writeln!(out, "  {:<12}{:<14}tick {:<10}heard {heard:<12}{} refused", p.name, p.phase, p.tick, p.refused)?;
+            let primary = if p.name == self.primary { ", primary" } else { "" };
+            writeln!(out, "  {:<12}{:<14}tick {:<10}heard {heard:<12}{} refused{primary}", p.name, p.phase, p.tick, p.refused)?;
         }
         writeln!(
             out,

@@ -2,7 +2,7 @@
 
 use super::Record;
 use crate::live::Live;
-use hapfic_ipc::message::{Command, Credit, Event, Operator, Reference, Request, State, Timing};
+use hapfic_ipc::message::{Command, Credit, Event, Operator, Process, Reference, Request, State, Timing};
 use hapfic_ipc::{Bus, Check, Clock, Domain, Input, IpcError, Output, topic};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -11,6 +11,9 @@ use std::time::Duration;
 
 /// How often shared memory is drained.
 const DRAIN_EVERY: Duration = Duration::from_millis(1);
+
+/// How far ahead of the last command a message's tick may be, and a bit.
+const AHEAD: i64 = 8;
 
 /// Everything that is sent, and where it goes.
 pub(super) struct Drain {
@@ -27,6 +30,8 @@ pub(super) struct Drain {
     timing: Input<Timing>,
     credit: Output<Credit>,
     granted: i64,
+    /// Newest tick of states, references and both controllers' requests.
+    last: [i64; 4],
 }
 
 impl Drain {
@@ -53,6 +58,7 @@ impl Drain {
             timing: bus.recorder_input(&topic::TIMING)?,
             credit: bus.output(&topic::CREDIT)?,
             granted: -1,
+            last: [-1; 4],
         })
     }
 
@@ -73,6 +79,7 @@ impl Drain {
             batch.reverse();
             // Tick by tick, causes first.
             batch.sort_by_key(Record::tick);
+            batch.retain(|record| self.is_new(record));
             for record in &batch {
                 match record {
                     Record::Timing(timing) => self.live.hear(timing),
@@ -85,6 +92,9 @@ impl Drain {
                 self.credit.send(&Credit { tick: self.granted })?;
                 self.credit.prepare();
             }
+            let inputs = self.state.unmet() + self.reference.unmet() + self.request.unmet() + self.command.unmet();
+            let unmet = inputs + self.operator.unmet() + self.event.unmet() + self.timing.unmet() + self.credit.unmet();
+            self.live.recorder_unmet.store(unmet, Ordering::Relaxed);
             self.live.listened();
             let quiet = batch.is_empty();
             if !quiet && self.sender.send(batch).is_err() {
@@ -103,6 +113,25 @@ impl Drain {
                 std::thread::sleep(DRAIN_EVERY);
             }
         }
+    }
+}
+
+impl Drain {
+    /// Whether a message has not been recorded yet: a successor says once more what its forerunner said last.
+    fn is_new(&mut self, record: &Record) -> bool {
+        let (last, tick) = match record {
+            Record::State(m) => (&mut self.last[0], m.tick),
+            Record::Reference(m) => (&mut self.last[1], m.tick),
+            Record::Request(m) if m.controller == Process::Controller.code() => (&mut self.last[2], m.tick),
+            Record::Request(m) => (&mut self.last[3], m.tick),
+            _ => return true,
+        };
+        let new = tick > *last;
+        // A tick that cannot be yet is recorded as it is, and does not keep out those that come.
+        if new && tick <= self.live.gated.load(Ordering::Acquire) + AHEAD {
+            *last = tick;
+        }
+        new
     }
 }
 

@@ -4,6 +4,7 @@
 //! (`drain.rs`) and passes what it found on; the other encodes, sums up and writes (`write.rs`). Neither is a real-time thread.
 
 mod drain;
+mod incident;
 mod shown;
 mod write;
 
@@ -14,7 +15,9 @@ use hapfic_ipc::message::{Command, Event, Operator, Process, Reference, Request,
 use hapfic_ipc::{Clock, Domain, IpcError};
 use hapfic_log::{LogError, Metrics, MetricsSummary, Viewer, Writer};
 use hapfic_robot::Chain;
+use incident::Incidents;
 use shown::Shown;
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::mpsc::{channel, sync_channel};
 use std::thread::JoinHandle;
@@ -69,6 +72,8 @@ pub struct Start {
     pub chain: Chain,
     /// How often the file is flushed.
     pub flush_every: Duration,
+    /// Where the log is.
+    pub log: PathBuf,
     /// Shared with the rest of the supervisor.
     pub live: Arc<Live>,
 }
@@ -88,10 +93,13 @@ pub struct Recorded {
     pub file_bytes: u64,
 }
 
+/// What the writing half ends with: the file's size, the figures, the brakes and stops.
+type Written = (Result<u64, LogError>, Recorded, Option<IncidentSummary>);
+
 /// A running recorder.
 pub struct Recorder {
     drain: JoinHandle<Result<(), IpcError>>,
-    write: JoinHandle<(Result<u64, LogError>, Recorded)>,
+    write: JoinHandle<Written>,
 }
 
 impl Recorder {
@@ -102,7 +110,7 @@ impl Recorder {
     pub fn start(start: Start) -> Result<Self> {
         let (sender, receiver) = sync_channel(if start.clock == Clock::Lockstep { QUEUE_LOCKSTEP } else { QUEUE_REALTIME });
         let (ready, connected) = channel();
-        let Start { domain, clock, credit_ticks, writer, viewer, chain, flush_every, live } = start;
+        let Start { domain, clock, credit_ticks, writer, viewer, chain, flush_every, log, live } = start;
         let drain_live = Arc::clone(&live);
         let drain = std::thread::Builder::new()
             .name("hapfic-recorder".to_owned())
@@ -134,6 +142,7 @@ impl Recorder {
                     braked: 0,
                     active: false,
                     timing_at: 0,
+                    incidents: Incidents::new(&log, clock),
                 }
                 .run(&receiver, flush_every)
             })
@@ -148,21 +157,24 @@ impl Recorder {
         self.drain.is_finished() || self.write.is_finished()
     }
 
-    /// Waits for the end; [`Live::drain`] asks for it. Returns what was recorded, and what went wrong, if anything did.
+    /// Waits for the end; [`Live::drain`] asks for it. Returns what was recorded, the brakes and stops, and what went wrong, if
+    /// anything did.
     #[must_use]
-    pub fn finish(self) -> (Option<Recorded>, Option<String>) {
+    pub fn finish(self) -> (Option<Recorded>, Option<IncidentSummary>, Option<String>) {
         let drained = match self.drain.join() {
             Ok(Ok(())) => None,
             Ok(Err(e)) => Some(e.to_string()),
             Err(_) => Some("the recorder's thread panicked".to_owned()),
         };
         match self.write.join() {
-            Ok((Ok(file_bytes), recorded)) => (Some(Recorded { file_bytes, ..recorded }), drained),
-            Ok((Err(e), recorded)) => (Some(recorded), Some(e.to_string())),
-            Err(_) => (None, Some("the writer's thread panicked".to_owned())),
+            Ok((Ok(file_bytes), recorded, incidents)) => (Some(Recorded { file_bytes, ..recorded }), incidents, drained),
+            Ok((Err(e), recorded, incidents)) => (Some(recorded), incidents, Some(e.to_string())),
+            Err(_) => (None, None, Some("the writer's thread panicked".to_owned())),
         }
     }
 }
+
+pub use incident::IncidentSummary;
 
 /// The process whose heartbeats stand for the gate.
 pub const GATE: Process = Process::Supervisor;

@@ -1,7 +1,8 @@
 //! The writing half.
 
+use super::incident::Incidents;
 use super::shown::Shown;
-use super::{Record, Recorded};
+use super::{Record, Recorded, Written};
 use crate::live::{Glance, Live};
 use crate::scene;
 use hapfic_ipc::message::{Mode, Operator, Source};
@@ -24,19 +25,27 @@ pub(super) struct Write {
     pub(super) braked: u64,
     pub(super) active: bool,
     pub(super) timing_at: u64,
+    pub(super) incidents: Incidents,
 }
 
 impl Write {
-    pub(super) fn run(mut self, receiver: &Receiver<Vec<Record>>, flush_every: Duration) -> (Result<u64, LogError>, Recorded) {
+    pub(super) fn run(mut self, receiver: &Receiver<Vec<Record>>, flush_every: Duration) -> Written {
         let mut failed = None;
         let mut flushed = Instant::now();
         loop {
             match receiver.recv_timeout(flush_every) {
                 // After an error the figures go on; only the file does not.
                 Ok(batch) => {
+                    let mut sync = false;
                     for record in &batch {
                         let written = self.record(record, failed.is_none());
                         failed = failed.or(written.err());
+                        sync |= self.incidents.observe(record, &self.live);
+                    }
+                    // What led to a brake is on the disk before anything else happens.
+                    if sync && failed.is_none() {
+                        failed = self.writer.sync().err();
+                        flushed = Instant::now();
                     }
                 }
                 Err(RecvTimeoutError::Timeout) => {}
@@ -61,7 +70,7 @@ impl Write {
             Some(e) => Err(e),
             None => self.writer.finish().map(|totals| totals.file_bytes),
         };
-        (finished, recorded)
+        (finished, recorded, self.incidents.finish())
     }
 
     fn record(&mut self, record: &Record, write: bool) -> Result<(), LogError> {

@@ -1,0 +1,243 @@
+//! An incident, and its account in Markdown.
+
+use hapfic_ipc::message::{Command, Detector, Event, EventKind, MAX_JOINTS, Mode, Process, Request, Severity, Source};
+use std::collections::VecDeque;
+use std::fmt::{self, Write as _};
+
+/// Ticks whose torques are shown.
+const TORQUE_TICKS: usize = 10;
+/// Requests kept of each controller: they come some ticks before their commands.
+const REQUESTS: usize = 4 * TORQUE_TICKS;
+/// Events listed of an incident: of any kind, and of those kinds that tell what was done about it.
+const LISTED: usize = 40;
+const LISTED_ACTIONS: usize = 200;
+/// Period of a tick, ms.
+const TICK_MS: f64 = 1.0;
+
+/// What was asked for and what was commanded, lately.
+#[derive(Clone, Default)]
+pub(super) struct Torques {
+    commands: VecDeque<Command>,
+    /// Of the controller's place, and of the standby's.
+    requests: [VecDeque<Request>; 2],
+}
+
+/// An incident that goes on, or whose first torque has not come yet.
+pub(super) struct Incident {
+    pub(super) number: u64,
+    pub(super) begin: Event,
+    /// Those shortly before it, and all from then on.
+    pub(super) events: Vec<Event>,
+    pub(super) more_events: u64,
+    pub(super) torques: Torques,
+    pub(super) ages: Vec<Age>,
+    /// The transition to nominal.
+    pub(super) end: Option<Event>,
+    /// The first command that acts on a request of its own tick.
+    pub(super) torque_again: Option<(i64, u64)>,
+}
+
+/// How long a process had not been heard of.
+pub(super) struct Age {
+    pub(super) process: Process,
+    pub(super) ms: Option<f64>,
+    pub(super) tick: Option<i64>,
+}
+
+impl Torques {
+    pub(super) fn command(&mut self, m: &Command) {
+        push(&mut self.commands, *m, TORQUE_TICKS);
+    }
+
+    pub(super) fn request(&mut self, m: &Request) {
+        push(&mut self.requests[usize::from(m.controller == Process::Standby.code())], *m, REQUESTS);
+    }
+
+    pub(super) fn until(&self, tick: i64) -> Self {
+        let mut some = self.clone();
+        some.commands.retain(|m| m.tick <= tick);
+        some.requests.iter_mut().for_each(|requests| requests.retain(|m| m.tick <= tick));
+        some
+    }
+}
+
+impl Incident {
+    pub(super) fn event(&mut self, m: &Event) {
+        let action = EventKind::from_code(m.kind).is_some_and(|kind| {
+            use EventKind::{Injected, Joined, Lost, Promoted, Rearmed, Restarted, Transition};
+            matches!(kind, Lost | Restarted | Promoted | Joined | Rearmed | Injected | Transition)
+        });
+        let room = if action { LISTED_ACTIONS } else { LISTED };
+        if self.events.len() < room {
+            self.events.push(*m);
+        } else {
+            self.more_events += 1;
+        }
+    }
+
+    /// What began it: the first fault before it, unless it was asked for; else the transition itself.
+    fn cause(&self) -> &Event {
+        let before = || self.events.iter().filter(|event| event.tick <= self.begin.tick);
+        let asked = self.begin.detector == Detector::Operator.code();
+        let first = if asked {
+            before().filter(|event| event.detector == Detector::Operator.code()).min_by_key(|event| event.tick)
+        } else {
+            before().filter(|event| is_fault(event)).min_by_key(|event| event.tick)
+        };
+        first.unwrap_or(&self.begin)
+    }
+
+    /// In Markdown.
+    pub(super) fn tell(&self, out: &mut String) -> fmt::Result {
+        let (begin, cause) = (&self.begin, self.cause());
+        let severity = Severity::from_code(begin.severity).map_or("?", Severity::name);
+        writeln!(out, "\n## {}. {severity} at tick {} ({:.3} s)\n", self.number, begin.tick, begin.tick as f64 * TICK_MS / 1e3)?;
+        write!(out, "**What happened**: {}", words(cause))?;
+        if begin.detector == Detector::Budget.code() && cause != begin {
+            write!(out, "; the restart budget is spent")?;
+        }
+        let rows = self.rows(cause);
+        let lost = EventKind::Lost.code();
+        for (_, event) in rows.iter().filter(|(_, event)| event.kind == lost && *event != cause) {
+            write!(out, "; {}", words(event))?;
+        }
+        writeln!(out, ".\n")?;
+        let none = Detector::None.code();
+        let seen =
+            rows.iter().map(|(_, event)| *event).find(|event| event.detector != none && (is_fault(event) || *event == cause));
+        let seen = seen.unwrap_or(begin);
+        let detector = Detector::from_code(seen.detector).map_or("?", Detector::name);
+        let before = ms(moment(seen), moment(begin));
+        writeln!(
+            out,
+            "**Seen first by**: {detector}, of {}, tick {}, {before:.1} ms before the transition.\n",
+            name(seen.process),
+            seen.tick
+        )?;
+        self.tell_ages(out)?;
+        self.tell_events(out, &rows)?;
+        writeln!(out, "\n- time to brake: {:.1} ms (first cause to {severity})", ms(moment(cause), moment(begin)))?;
+        match &self.end {
+            Some(end) => write!(out, "- time to recover: {:.1} ms ({severity} to nominal)", ms(moment(begin), moment(end)))?,
+            None => write!(out, "- time to recover: has not recovered")?,
+        }
+        match self.torque_again {
+            Some(torque) => writeln!(out, ", {:.1} ms to the first torque of a fresh request", ms(moment(begin), torque))?,
+            None => writeln!(out, ", no torque of a fresh request since")?,
+        }
+        self.tell_torques(out)
+    }
+
+    fn tell_ages(&self, out: &mut String) -> fmt::Result {
+        writeln!(out, "**Ages at that moment**\n\n| process | heard of, ms before | last tick |\n|---|---|---|")?;
+        for Age { process, ms, tick } in &self.ages {
+            let ms = ms.map_or("never".to_owned(), |ms| format!("{ms:.1}"));
+            let tick = tick.map_or("-".to_owned(), |tick| tick.to_string());
+            writeln!(out, "| {} | {ms} | {tick} |", process.name())?;
+        }
+        Ok(())
+    }
+
+    /// Events from the cause on, and when they were, ms after it.
+    fn rows(&self, cause: &Event) -> Vec<(f64, &Event)> {
+        let timed = self.events.iter().map(|event| (ms(moment(cause), moment(event)), event));
+        let mut rows: Vec<_> = timed.filter(|(after, event)| *after >= 0.0 || *event == cause).collect();
+        rows.sort_by(|a, b| a.0.total_cmp(&b.0));
+        rows
+    }
+
+    fn tell_events(&self, out: &mut String, rows: &[(f64, &Event)]) -> fmt::Result {
+        writeln!(out, "\n**What was done, and how long it took** (ms after the first cause)\n")?;
+        writeln!(out, "| ms | tick | process | kind | seen by | what |\n|---|---|---|---|---|---|")?;
+        for (after, event) in rows {
+            let kind = EventKind::from_code(event.kind).map_or("?", EventKind::name);
+            let detector = Detector::from_code(event.detector).map_or("?", Detector::name);
+            let (process, text) = (name(event.process), cell(&event.text()));
+            writeln!(out, "| {after:.1} | {} | {process} | {kind} | {detector} | {text} |", event.tick)?;
+        }
+        if self.more_events > 0 {
+            writeln!(out, "\n{} further events are in the log alone.", self.more_events)?;
+        }
+        Ok(())
+    }
+
+    fn tell_torques(&self, out: &mut String) -> fmt::Result {
+        writeln!(
+            out,
+            "\n**Torques of the last {TORQUE_TICKS} ticks**, N m (N), joint by joint: accepted is the raw torque of the request"
+        )?;
+        writeln!(out, "that the command stands on, commanded what went to the drive.\n")?;
+        writeln!(out, "| tick | mode | source | from | asked by controller | asked by standby | accepted | commanded |")?;
+        writeln!(out, "|---|---|---|---|---|---|---|---|")?;
+        let Torques { commands, requests } = &self.torques;
+        for m in commands {
+            let mode = Mode::from_code(m.mode).map_or("?", Mode::name);
+            let source = Source::from_code(m.source).map_or("?", Source::name);
+            let from = match Process::from_code(m.request.controller) {
+                Some(made @ (Process::Controller | Process::Standby)) => made.name(),
+                _ => "none",
+            };
+            let [controller, standby] = requests.each_ref().map(|requests| {
+                let asked = requests.iter().rev().find(|request| request.tick == m.tick);
+                asked.map_or("-".to_owned(), |request| joints(&request.torque, m.joints))
+            });
+            let (accepted, commanded) = (joints(&m.request.torque, m.joints), joints(&m.torque, m.joints));
+            writeln!(out, "| {} | {mode} | {source} | {from} | {controller} | {standby} | {accepted} | {commanded} |", m.tick)?;
+        }
+        Ok(())
+    }
+}
+
+fn push<T>(list: &mut VecDeque<T>, item: T, most: usize) {
+    if list.len() == most {
+        list.pop_front();
+    }
+    list.push_back(item);
+}
+
+/// Whether it can be what everything began with.
+fn is_fault(event: &Event) -> bool {
+    use EventKind::{Injected, Lost, Missed, Refused};
+    EventKind::from_code(event.kind).is_some_and(|kind| matches!(kind, Lost | Missed | Refused | Injected))
+}
+
+/// Tick and stamp.
+fn moment(event: &Event) -> (i64, u64) {
+    (event.tick, event.stamp_ns)
+}
+
+/// From one moment to another, ms: by their stamps, or by their ticks if one has none.
+fn ms(from: (i64, u64), to: (i64, u64)) -> f64 {
+    if from.1 > 0 && to.1 > 0 {
+        return to.1.wrapping_sub(from.1) as i64 as f64 / 1e6;
+    }
+    to.0.saturating_sub(from.0) as f64 * TICK_MS
+}
+
+fn name(process: u32) -> &'static str {
+    Process::from_code(process).map_or("?", Process::name)
+}
+
+/// `controller lost: it was killed`.
+fn words(event: &Event) -> String {
+    let kind = EventKind::from_code(event.kind).map_or("?", EventKind::name);
+    format!("{} {kind}: {}", name(event.process), cell(&event.text()))
+}
+
+/// Text that means itself in a table of Markdown.
+fn cell(text: &str) -> String {
+    text.chars().fold(String::with_capacity(text.len()), |mut out, c| {
+        match c {
+            '|' => out.push_str("\\|"),
+            '<' => out.push_str("&lt;"),
+            c if c.is_control() => out.push(' '),
+            c => out.push(c),
+        }
+        out
+    })
+}
+
+fn joints(torque: &[f64; MAX_JOINTS], count: u32) -> String {
+    let each: Vec<_> = torque.iter().take(count as usize).map(|torque| format!("{torque:.3}")).collect();
+    each.join(" ")
+}

@@ -1,0 +1,306 @@
+//! Faults on purpose: those of the scenario at their ticks, and those that an operator asks for.
+//!
+//! What the operating system does to processes is done to them in earnest: signals, hogs on every core, a full disk, a limit on
+//! locked memory. What a process does wrong in its messages it is told ahead of the tick.
+
+use super::slot::Slot;
+use crate::live::Live;
+use anyhow::{Context, Result, bail};
+use hapfic_config::{Fault, FaultKind, FaultTarget};
+use hapfic_ipc::message::{Injection, Process, Tampering};
+use hapfic_ipc::{IpcError, Output};
+use rustix::process::{Resource, Rlimit, Signal, prlimit};
+use std::collections::VecDeque;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::mpsc::Receiver;
+use std::time::{Duration, Instant};
+
+/// Ticks by which a process is told ahead of a fault in its messages.
+const AHEAD: i64 = 2000;
+/// Largest file system that is filled up, bytes: only one that was made for it.
+const LARGEST_DISK: u64 = 256 << 20;
+/// Bytes of memory a process may lock when that is exhausted.
+const LITTLE_MEMORY: u64 = 64 << 10;
+
+/// The faults of a run.
+pub struct Injections {
+    /// Signals, limits and hogs still to come, in the order of time.
+    outer: VecDeque<Fault>,
+    /// Faults in messages that have not been told of yet, in the order of time.
+    inner: VecDeque<Fault>,
+    asked: Receiver<Fault>,
+    output: Output<Injection>,
+    /// Faults in messages that were told of and may still be to come.
+    told: Vec<Injection>,
+    number: u64,
+    /// Halted processes, and when they go on.
+    halted: Vec<(Process, u32, Instant)>,
+    helpers: Vec<Child>,
+    log: PathBuf,
+    filler: Option<PathBuf>,
+    /// Done so far.
+    pub done: u64,
+}
+
+/// What a fault does wrong in messages, if it does.
+fn tampering(kind: FaultKind) -> Option<Tampering> {
+    Some(match kind {
+        FaultKind::Slow => Tampering::Slow,
+        FaultKind::Drop => Tampering::Drop,
+        FaultKind::Repeat => Tampering::Repeat,
+        FaultKind::Corrupt => Tampering::Corrupt,
+        FaultKind::Nan => Tampering::Nan,
+        FaultKind::Stale => Tampering::Stale,
+        _ => return None,
+    })
+}
+
+/// The processes a fault happens to.
+fn targets(target: FaultTarget) -> &'static [Process] {
+    match target {
+        FaultTarget::Plant => &[Process::Plant],
+        FaultTarget::Planner => &[Process::Planner],
+        FaultTarget::Controller => &[Process::Controller],
+        FaultTarget::Standby => &[Process::Standby],
+        FaultTarget::Controllers => &[Process::Controller, Process::Standby],
+        FaultTarget::Supervisor => &[Process::Supervisor],
+        FaultTarget::Machine => &[],
+    }
+}
+
+/// Checks what a scenario's faults need of the machine and of the run.
+///
+/// # Errors
+/// What cannot be done here.
+pub fn check(faults: &[Fault], log: &Path, standby: bool) -> Result<()> {
+    for fault in faults {
+        possible(fault, log, standby)?;
+    }
+    Ok(())
+}
+
+/// Whether a fault can be made here.
+///
+/// # Errors
+/// Why not.
+pub fn possible(fault: &Fault, log: &Path, standby: bool) -> Result<()> {
+    let name = fault.kind.name();
+    if !standby && matches!(fault.target, FaultTarget::Standby | FaultTarget::Controllers) {
+        bail!("fault '{name}' of process '{}': found no standby, expected supervisor.standby = true", fault.target.name());
+    }
+    if fault.kind == FaultKind::FullDisk {
+        let folder = log.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let fs = rustix::fs::statfs(folder).with_context(|| format!("fault '{name}': cannot look at {}", folder.display()))?;
+        let size = fs.f_blocks as u64 * fs.f_bsize as u64;
+        let tmpfs = fs.f_type as u64 == 0x0102_1994;
+        if !tmpfs || size > LARGEST_DISK {
+            bail!(
+                "fault '{name}': the log's folder {} is on a {} of {} MB, expected a tmpfs of its own of at most {} MB, since it is filled \
+                 up. Hint: mount -t tmpfs -o size=8m tmpfs DIR",
+                folder.display(),
+                if tmpfs { "tmpfs" } else { "disk" },
+                size >> 20,
+                LARGEST_DISK >> 20
+            );
+        }
+    }
+    Ok(())
+}
+
+/// What a fault does, in words.
+pub fn describe(fault: &Fault) -> String {
+    let mut text = format!("{} {}", fault.kind.name(), fault.target.name());
+    if fault.ticks > 0 {
+        text.push_str(&format!(" for {} ms", fault.ticks));
+    }
+    if fault.by_us > 0 {
+        text.push_str(&format!(" by {} us", fault.by_us));
+    }
+    text
+}
+
+impl Injections {
+    /// Those of a scenario, and a way in for others.
+    pub fn new(faults: &[Fault], asked: Receiver<Fault>, output: Output<Injection>, log: &Path) -> Self {
+        let (inner, outer) = faults.iter().copied().partition(|f| tampering(f.kind).is_some());
+        Self {
+            outer,
+            inner,
+            asked,
+            output,
+            told: Vec::new(),
+            number: 0,
+            halted: Vec::new(),
+            helpers: Vec::new(),
+            log: log.to_owned(),
+            filler: None,
+            done: 0,
+        }
+    }
+
+    /// Whether something happens soon, so that the supervisor should look more often.
+    #[must_use]
+    pub fn near(&self, gated: i64, within: i64) -> bool {
+        !self.halted.is_empty() || self.outer.front().is_some_and(|f| f.tick <= gated + within)
+    }
+
+    /// Does what is due. Returns what was done, in words, and to whom.
+    ///
+    /// # Errors
+    /// If something that should be possible is not.
+    pub fn act(&mut self, slots: &mut [Slot], live: &Live, gated: i64) -> Result<Vec<(Fault, String)>> {
+        let mut done = Vec::new();
+        self.wake(slots);
+        while let Ok(fault) = self.asked.try_recv() {
+            match tampering(fault.kind) {
+                Some(tampering) => {
+                    self.instruct(&fault, tampering, gated + 1)?;
+                    done.push((fault, describe(&fault)));
+                }
+                None => self.outer.push_front(fault),
+            }
+        }
+        while let Some(fault) = self.inner.front().copied().filter(|f| f.tick <= gated + AHEAD) {
+            self.inner.pop_front();
+            if let Some(tampering) = tampering(fault.kind) {
+                self.instruct(&fault, tampering, fault.tick)?;
+                done.push((fault, describe(&fault)));
+            }
+        }
+        while let Some(fault) = self.outer.front().copied().filter(|f| f.tick <= gated + 1) {
+            // Whoever is not there yet cannot be hit: it is, as soon as it is there.
+            if !ready(&fault, slots, live) {
+                break;
+            }
+            self.outer.pop_front();
+            self.happen(&fault, slots)?;
+            done.push((fault, describe(&fault)));
+        }
+        self.done += done.len() as u64;
+        Ok(done)
+    }
+
+    fn instruct(&mut self, fault: &Fault, tampering: Tampering, tick: i64) -> Result<(), IpcError> {
+        for process in targets(fault.target) {
+            self.number += 1;
+            let told = Injection {
+                number: self.number,
+                tick,
+                ticks: fault.ticks,
+                process: process.code(),
+                tampering: tampering.code(),
+                by_us: fault.by_us,
+            };
+            self.output.send(&told)?;
+            self.output.prepare();
+            self.told.push(told);
+        }
+        Ok(())
+    }
+
+    /// Tells a process that was started again of the faults that are still to come.
+    ///
+    /// # Errors
+    /// If it cannot be told.
+    pub fn tell_again(&mut self, process: Process, gated: i64) -> Result<(), IpcError> {
+        self.told.retain(|told| told.tick > gated + 1);
+        for told in self.told.iter().filter(|told| told.process == process.code()) {
+            self.output.send(told)?;
+            self.output.prepare();
+        }
+        Ok(())
+    }
+
+    fn happen(&mut self, fault: &Fault, slots: &mut [Slot]) -> Result<()> {
+        let until = Instant::now() + Duration::from_millis(fault.ticks.into());
+        match fault.kind {
+            FaultKind::Hog => {
+                for _ in 0..std::thread::available_parallelism().map_or(1, usize::from) {
+                    self.helper(&["hog", &fault.ticks.to_string()])?;
+                }
+            }
+            FaultKind::FullDisk => {
+                let filler = self.log.with_extension("filler");
+                self.helper(&["fill", &filler.to_string_lossy()])?;
+                self.filler = Some(filler);
+            }
+            FaultKind::Kill if fault.target == FaultTarget::Supervisor => {
+                // Nothing after this happens.
+                let _ = rustix::process::kill_process(rustix::process::getpid(), Signal::KILL);
+            }
+            kind => {
+                for slot in slots.iter_mut().filter(|s| targets(fault.target).contains(&s.process)) {
+                    let Some(child) = &slot.child else { continue };
+                    match kind {
+                        FaultKind::Kill => {
+                            child.signal(Signal::KILL);
+                            slot.doomed = true;
+                        }
+                        FaultKind::Stop => {
+                            child.signal(Signal::STOP);
+                            self.halted.push((slot.process, slot.generation, until));
+                        }
+                        FaultKind::MemoryLock => {
+                            let little = Rlimit { current: Some(LITTLE_MEMORY), maximum: Some(LITTLE_MEMORY) };
+                            prlimit(Some(child.pid()), Resource::Memlock, little).context("cannot limit locked memory")?;
+                        }
+                        _ => {}
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Lets those go on that have been halted long enough.
+    fn wake(&mut self, slots: &[Slot]) {
+        let now = Instant::now();
+        self.halted.retain(|(process, generation, until)| {
+            if now < *until {
+                return true;
+            }
+            let same = slots.iter().find(|s| s.process == *process && s.generation == *generation);
+            if let Some(child) = same.and_then(|s| s.child.as_ref()) {
+                child.signal(Signal::CONT);
+            }
+            false
+        });
+        self.helpers.retain_mut(|helper| matches!(helper.try_wait(), Ok(None)));
+    }
+
+    /// Starts this program as something that is in everybody's way.
+    fn helper(&mut self, arguments: &[&str]) -> Result<()> {
+        let program = std::env::current_exe().context("cannot find this program's own file")?;
+        let child = Command::new(program)
+            .arg("nuisance")
+            .arg(std::process::id().to_string())
+            .args(arguments)
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .spawn()
+            .context("cannot start what is to be in the way")?;
+        self.helpers.push(child);
+        Ok(())
+    }
+}
+
+impl Drop for Injections {
+    fn drop(&mut self) {
+        for helper in &mut self.helpers {
+            // Gone already is as good.
+            let _ = helper.kill();
+            let _ = helper.wait();
+        }
+        if let Some(filler) = &self.filler {
+            let _ = std::fs::remove_file(filler);
+        }
+    }
+}
+
+/// Whether all that a fault should hit are there.
+fn ready(fault: &Fault, slots: &[Slot], live: &Live) -> bool {
+    targets(fault.target).iter().all(|process| {
+        *process == Process::Supervisor || slots.iter().any(|slot| slot.process == *process && slot.ticks(live) && !slot.doomed)
+    })
+}

@@ -1,0 +1,78 @@
+//! What outlives a process: the last states and references, to be handed to its successor.
+//!
+//! A publisher's history ends with it. So the supervisor listens, too, and after a death says once more what the dead one said
+//! last: the successor goes on from there, and those who join later find it as if its publisher still lived.
+
+use anyhow::Result;
+use hapfic_ipc::inject::Tamper;
+use hapfic_ipc::message::{Process, Reference, State};
+use hapfic_ipc::topic::{self, Topic};
+use hapfic_ipc::{Bus, Check, Input, IpcError, Output, Recent, Ticked, Wait, ZeroCopySend};
+
+/// How far ahead of the last command a message may be: the planner is one tick ahead, its state another.
+const AHEAD: i64 = 3;
+
+/// One topic that is kept.
+struct Kept<T: Copy + std::fmt::Debug + ZeroCopySend + 'static> {
+    input: Input<T>,
+    output: Output<T>,
+    recent: Recent<T>,
+}
+
+impl<T: Check + Tamper + Ticked + std::fmt::Debug + ZeroCopySend + 'static> Kept<T> {
+    fn open(bus: &Bus, topic: &Topic<T>) -> Result<Self, IpcError> {
+        Ok(Self { input: bus.input(topic, Wait::No)?, output: bus.output(topic)?, recent: Recent::default() })
+    }
+
+    /// Says once more what was said last, oldest first. Returns the tick of the newest; `None` if nothing was ever said.
+    fn hand_over(&mut self, gated: i64) -> Result<Option<i64>, IpcError> {
+        while let Some(message) = self.input.next()? {
+            // Its own words come back as well; and what is damaged is no start for anybody.
+            if message.check().is_ok() && (0..=gated + AHEAD).contains(&message.tick()) {
+                self.recent.keep(message);
+            }
+        }
+        let mut last: Vec<T> = self.recent.iter().copied().collect();
+        last.sort_by_key(Ticked::tick);
+        for message in &last {
+            self.output.send(message)?;
+            self.output.prepare();
+        }
+        Ok(last.last().map(Ticked::tick))
+    }
+}
+
+/// The last states and references.
+pub struct Keeper {
+    states: Kept<State>,
+    references: Kept<Reference>,
+}
+
+impl Keeper {
+    /// Begins to listen. To be called before anyone publishes.
+    ///
+    /// # Errors
+    /// [`IpcError`] if the topics cannot be had.
+    pub fn open(bus: &Bus) -> Result<Self, IpcError> {
+        Ok(Self { states: Kept::open(bus, &topic::STATE)?, references: Kept::open(bus, &topic::REFERENCE)? })
+    }
+
+    /// After the death of a process: hands over what it said last. Returns the tick from which its successor goes on; `None` if
+    /// it starts from nothing, as controllers always do.
+    ///
+    /// # Errors
+    /// [`IpcError`] if messaging fails.
+    pub fn hand_over(&mut self, process: Process, gated: i64) -> Result<Option<i64>, IpcError> {
+        match process {
+            Process::Plant => self.states.hand_over(gated),
+            Process::Planner => self.references.hand_over(gated),
+            _ => Ok(None),
+        }
+    }
+
+    /// Lets those in who have joined since.
+    pub fn prepare(&mut self) {
+        self.states.output.prepare();
+        self.references.output.prepare();
+    }
+}

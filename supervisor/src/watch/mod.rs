@@ -1,0 +1,463 @@
+//! The main thread during a run: starts the processes, watches them with three detectors, starts them again, and ends them.
+
+mod inject;
+mod keeper;
+pub mod life;
+mod restart;
+mod slot;
+
+use crate::children::{self, Child};
+use crate::launch::Request;
+use crate::live::Live;
+use crate::notify::Notify;
+use crate::privileges::{self, Cores};
+use crate::progress::Progress;
+use crate::recorder::{self, Recorder};
+use crate::summary::{self, Fault, Losses};
+use anyhow::Result;
+use hapfic_config::{PERIOD_S, Settings};
+use hapfic_ipc::message::{Detector, Event, EventKind, Phase, Process, Severity};
+use hapfic_ipc::{Bus, Clock, IpcError, Knocker, Output, RealtimeMode, Start};
+use inject::Injections;
+use keeper::Keeper;
+use slot::Slot;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+pub use inject::{check as check_faults, describe as describe_fault, possible as fault_possible};
+
+/// How often the supervisor looks at its processes when nothing calls.
+const LOOK_EVERY: Duration = Duration::from_millis(20);
+/// How often while somebody joins, or a fault on purpose is near.
+const LOOK_CLOSELY: Duration = Duration::from_millis(1);
+/// Ticks before a fault on purpose from which on it looks closely.
+const NEAR: i64 = 200;
+/// In lockstep nothing is lost while a process stands still, so a busy host gets so many times as long.
+const LOCKSTEP_PATIENCE: u64 = 5;
+/// How long processes may take to do their last tick after the gate's.
+const LAST_TICK: Duration = Duration::from_secs(1);
+
+/// The processes of a run, in the order in which they are started.
+#[must_use]
+pub fn started(settings: &Settings) -> &'static [Process] {
+    const ALL: [Process; 4] = [Process::Plant, Process::Planner, Process::Controller, Process::Standby];
+    if settings.supervisor.standby { &ALL } else { &ALL[..3] }
+}
+
+/// When a run started and ended.
+#[derive(Default)]
+pub struct Timed {
+    /// From the start of the program to the first tick, s.
+    pub launch_s: f64,
+    /// From the first tick to the last, by the clock on the wall, s.
+    pub wall_s: f64,
+    /// Time the host took away meanwhile, ms.
+    pub steal_ms: u64,
+    /// Whether the run reached its end.
+    pub completed: bool,
+}
+
+/// What the main thread starts with.
+pub struct Begin<'a> {
+    /// What was asked for.
+    pub request: &'a Request,
+    /// Shared with the rest of the supervisor.
+    pub live: Arc<Live>,
+    /// The gate's thread.
+    pub gate: JoinHandle<Result<(), IpcError>>,
+    /// The recorder.
+    pub recorder: &'a Recorder,
+    /// Set by signals.
+    pub stop: Arc<AtomicBool>,
+    /// What the processes need.
+    pub run_file: &'a Path,
+    /// Cores of the real-time threads.
+    pub cores: Cores,
+    /// Faults that operators ask for.
+    pub asked: std::sync::mpsc::Receiver<hapfic_config::Fault>,
+    /// The way to the service manager.
+    pub notify: &'a Notify,
+}
+
+/// The main thread's view of a run.
+pub struct Watch<'a> {
+    request: &'a Request,
+    settings: &'a Settings,
+    clock: Clock,
+    live: Arc<Live>,
+    slots: Vec<Slot>,
+    gate: Option<JoinHandle<Result<(), IpcError>>>,
+    recorder: &'a Recorder,
+    stop: Arc<AtomicBool>,
+    run_file: &'a Path,
+    cores: Cores,
+    notify: &'a Notify,
+    bus: &'a Bus,
+    keeper: Keeper,
+    injections: Injections,
+    knockers: Vec<Knocker>,
+    events: Output<Event>,
+    begun: Instant,
+    /// Re-armings that have been taken in.
+    rearms: u64,
+    /// Dead processes whose places have not been swept yet.
+    unswept: u32,
+    /// Meetings that have failed so far.
+    unmet: u32,
+    /// Whether a latched stop was asked for because a budget was spent, and not left since.
+    stopped_by_budget: bool,
+    /// What went wrong so far that the run cannot get over.
+    pub faults: Vec<Fault>,
+    /// Last tick that had been gated, and when that was first seen.
+    advanced: (i64, Instant),
+}
+
+impl<'a> Watch<'a> {
+    /// Opens the main thread's ports; nobody is started yet.
+    ///
+    /// # Errors
+    /// [`IpcError`] if they cannot be had.
+    pub fn open(bus: &'a Bus, begin: Begin<'a>) -> Result<Self, IpcError> {
+        use hapfic_ipc::topic;
+        let Begin { request, live, gate, recorder, stop, run_file, cores, asked, notify } = begin;
+        Ok(Self {
+            request,
+            settings: &request.settings,
+            clock: request.clock,
+            slots: Vec::new(),
+            gate: Some(gate),
+            recorder,
+            stop,
+            run_file,
+            cores,
+            notify,
+            bus,
+            keeper: Keeper::open(bus)?,
+            injections: Injections::new(&request.settings.faults, asked, bus.output(&topic::INJECTION)?, &request.log),
+            knockers: vec![
+                bus.knocker(&topic::STATE)?,
+                bus.knocker(&topic::REFERENCE)?,
+                bus.knocker(&topic::REQUEST)?,
+                bus.knocker(&topic::COMMAND)?,
+                bus.knocker(&topic::CREDIT)?,
+            ],
+            events: bus.output(&topic::EVENT)?,
+            begun: Instant::now(),
+            rearms: 0,
+            unswept: 0,
+            unmet: 0,
+            stopped_by_budget: false,
+            faults: Vec::new(),
+            advanced: (-1, Instant::now()),
+            live,
+        })
+    }
+
+    /// Starts all processes, waits until they are ready, and follows the run to its end.
+    ///
+    /// # Errors
+    /// If a process cannot be started or watched.
+    pub fn start_and_follow(&mut self) -> Result<Timed> {
+        for process in started(self.settings) {
+            let child = Child::start(*process, self.settings, self.run_file, Start::default())?;
+            self.slots.push(Slot::new(*process, child));
+        }
+        let ready = self.wait_until_ready()?;
+        let begun = Instant::now();
+        let launch_s = self.request.since.elapsed().as_secs_f64();
+        let stolen = summary::steal_ms();
+        let mut completed = false;
+        if ready {
+            if self.clock == Clock::Realtime && !self.has_what_it_requires() {
+                return Ok(Timed { launch_s, ..Timed::default() });
+            }
+            if self.clock == Clock::Realtime {
+                privileges::report(self.settings, self.request.realtime, self.cores, &self.live);
+            }
+            let what = format!("{} ({}) starts", self.request.scenario, self.clock.name());
+            self.tell(-1, Process::Supervisor, EventKind::Started, Severity::Nominal, Detector::None, &what);
+            self.notify.ready();
+            self.notify.status(&what);
+            self.begun = Instant::now();
+            self.advanced = (-1, Instant::now());
+            let present = started(self.settings).iter().fold(0, |bits, p| bits | bit(*p));
+            self.live.present.store(present, Ordering::Release);
+            for slot in &mut self.slots {
+                slot.life.stage = life::Stage::Working;
+            }
+            self.inject()?;
+            self.live.go.store(true, Ordering::Release);
+            completed = self.follow()?;
+            if completed {
+                let last = self.live.gated.load(Ordering::Relaxed);
+                self.tell(last, Process::Supervisor, EventKind::Ended, Severity::Nominal, Detector::None, "all ticks are done");
+            }
+        }
+        Ok(Timed {
+            launch_s,
+            wall_s: begun.elapsed().as_secs_f64(),
+            steal_ms: summary::steal_ms().saturating_sub(stolen),
+            completed,
+        })
+    }
+
+    /// Takes note of something that the run cannot get over.
+    pub fn fault(&mut self, process: &str, what: String, detector: &'static str) {
+        let tick = self.live.gated.load(Ordering::Relaxed);
+        let (kind, seen) = match detector {
+            "exit" => (EventKind::Lost, Detector::Exit),
+            "heartbeat" => (EventKind::Lost, Detector::Heartbeat),
+            "tick" => (EventKind::Lost, Detector::Tick),
+            "budget" => (EventKind::Lost, Detector::Budget),
+            _ => (EventKind::Ended, Detector::None),
+        };
+        let about = Process::from_name(process).unwrap_or(Process::Supervisor);
+        self.tell(tick, about, kind, Severity::Stopped, seen, &format!("{process} {what}"));
+        self.faults.push(Fault { process: process.to_owned(), what, detector, tick });
+    }
+
+    /// Into the log. Whoever cannot be told is the recorder, and its own failure is reported elsewhere.
+    fn tell(&mut self, tick: i64, about: Process, kind: EventKind, severity: Severity, seen: Detector, text: &str) {
+        let stamp_ns = if self.clock == Clock::Realtime { hapfic_ipc::clock::now_ns() } else { 0 };
+        let _ = self.events.send(&Event { stamp_ns, ..Event::new(tick, about, kind, severity, seen, text) });
+    }
+
+    /// An event of now, with the severity there is.
+    fn note(&mut self, about: Process, kind: EventKind, seen: Detector, text: &str) {
+        let severity = Severity::from_code(self.live.severity.load(Ordering::Relaxed)).unwrap_or(Severity::Nominal);
+        self.tell(self.live.gated.load(Ordering::Relaxed), about, kind, severity, seen, text);
+    }
+
+    /// Waits until all have said that they are ready. `false` if one does not get there.
+    fn wait_until_ready(&mut self) -> Result<bool> {
+        let deadline = Instant::now() + Duration::from_millis(self.settings.supervisor.ready_timeout_ms.into());
+        loop {
+            if !self.all_well()? {
+                return Ok(false);
+            }
+            let missing: Vec<_> = started(self.settings)
+                .iter()
+                .chain([&recorder::GATE])
+                .filter(|p| self.live.pulse(**p).phase().is_none())
+                .map(|p| p.name())
+                .collect();
+            if missing.is_empty() {
+                return Ok(true);
+            }
+            if Instant::now() > deadline {
+                for process in missing {
+                    self.fault(process, "did not get ready in time".to_owned(), "start");
+                }
+                return Ok(false);
+            }
+            self.pause(LOOK_CLOSELY);
+        }
+    }
+
+    /// Follows the run to its end. Whether it got there.
+    fn follow(&mut self) -> Result<bool> {
+        let mut progress = Progress::new(self.settings.duration_ticks as f64 * PERIOD_S);
+        loop {
+            let gated = self.gate.as_ref().is_none_or(JoinHandle::is_finished);
+            if gated && self.live.gated.load(Ordering::Acquire) + 1 >= self.settings.duration_ticks as i64 {
+                progress.clear();
+                let stopped = self.live.severity.load(Ordering::Relaxed) == Severity::Stopped.code();
+                if stopped && !self.stopped_by_budget {
+                    self.fault("supervisor", "was in a latched stop when the run ended".to_owned(), "operator");
+                }
+                return Ok(true);
+            }
+            if !self.all_well()? {
+                progress.clear();
+                return Ok(false);
+            }
+            if let Ok(glance) = self.live.glance.lock() {
+                progress.show(&glance);
+            }
+            self.notify.watchdog();
+            let joining = self.slots.iter().any(Slot::joining);
+            if joining {
+                self.keeper.prepare();
+                for knocker in &self.knockers {
+                    knocker.knock();
+                }
+            }
+            let near = joining || self.injections.near(self.live.gated.load(Ordering::Relaxed), NEAR);
+            self.pause(if near { LOOK_CLOSELY } else { LOOK_EVERY });
+        }
+    }
+
+    /// Waits until a process ends, or for so long.
+    fn pause(&self, time: Duration) {
+        children::watch(self.slots.iter().filter_map(|s| s.child.as_ref()), time);
+    }
+
+    /// Looks at everyone, and does what can be done. `false` if the run has to end.
+    fn all_well(&mut self) -> Result<bool> {
+        if self.live.asked_to_stop.load(Ordering::Relaxed) {
+            self.fault("supervisor", "was asked to end by the operator".to_owned(), "operator");
+            return Ok(false);
+        }
+        if self.stop.load(Ordering::Relaxed) {
+            self.fault("supervisor", "was asked to end by a signal".to_owned(), "signal");
+            return Ok(false);
+        }
+        let well = self.look_after_processes()?;
+        if let Some(age) = self.live.silence_ns(recorder::GATE)
+            && age > self.patience_ns()
+            && self.live.pulse(recorder::GATE).phase() != Some(Phase::Finished)
+        {
+            self.fault("gate", format!("has not been heard of for {} ms", age / 1_000_000), "heartbeat");
+            return Ok(false);
+        }
+        if well && self.live.go.load(Ordering::Relaxed) {
+            self.inject()?;
+            if self.stalled()? {
+                return Ok(false);
+            }
+        }
+        if self.live.log_failed.load(Ordering::Acquire) || self.recorder.failed() {
+            self.fault("recorder", "cannot write the log any further".to_owned(), "recorder");
+            return Ok(false);
+        }
+        if well && self.gate.as_ref().is_some_and(JoinHandle::is_finished) {
+            let done = self.live.gated.load(Ordering::Acquire) + 1 >= self.settings.duration_ticks as i64;
+            if !done {
+                self.fault("gate", "ended too early".to_owned(), "exit");
+                return Ok(false);
+            }
+        }
+        Ok(well)
+    }
+
+    /// Age of the last sign of life at which a process counts as lost, ns.
+    fn patience_ns(&self) -> u64 {
+        let patience = if self.clock == Clock::Lockstep { LOCKSTEP_PATIENCE } else { 1 };
+        u64::from(self.settings.supervisor.heartbeat_timeout_ms) * patience * 1_000_000
+    }
+
+    /// Does the faults that are due.
+    fn inject(&mut self) -> Result<()> {
+        let gated = self.live.gated.load(Ordering::Acquire);
+        for (fault, what) in self.injections.act(&mut self.slots, &self.live, gated)? {
+            let about = Process::from_name(fault.target.name()).unwrap_or(Process::Supervisor);
+            let when = if fault.tick > gated + 1 { format!(", from tick {}", fault.tick) } else { String::new() };
+            self.note(about, EventKind::Injected, Detector::None, &format!("fault on purpose: {what}{when}"));
+        }
+        Ok(())
+    }
+
+    /// The third detector, for all together: everybody lives, and no tick is done.
+    fn stalled(&mut self) -> Result<bool> {
+        let gated = self.live.gated.load(Ordering::Acquire);
+        let joining = self.slots.iter().any(Slot::joining);
+        if joining || gated != self.advanced.0 || gated + 1 >= self.settings.duration_ticks as i64 {
+            self.advanced = (gated, Instant::now());
+            return Ok(false);
+        }
+        let limit = Duration::from_millis(self.settings.supervisor.stall_timeout_ms.into());
+        if self.advanced.1.elapsed() <= limit {
+            return Ok(false);
+        }
+        self.advanced = (gated, Instant::now());
+        let refused: Vec<_> = started(self.settings)
+            .iter()
+            .chain([&recorder::GATE])
+            .filter(|p| self.live.pulse(**p).refused() > 0)
+            .map(|p| format!("{p} {}", self.live.pulse(*p).refused()))
+            .collect();
+        let refused = if refused.is_empty() { "none".to_owned() } else { refused.join(", ") };
+        if self.clock == Clock::Lockstep && self.restarts_help() {
+            // One of them has not said what another waits for. The clock waits, so all may start anew.
+            let what = format!("is started anew with the others: no tick was done for {} ms; messages refused: {refused}", limit.as_millis());
+            for process in [Process::Planner, Process::Controller, Process::Standby] {
+                if !self.lose(process, Detector::Tick, &what)? {
+                    return Ok(true);
+                }
+            }
+            return Ok(false);
+        }
+        self.fault(
+            "gate",
+            format!("has had nothing to pass on for {} ms; messages refused: {refused}", limit.as_millis()),
+            "tick",
+        );
+        Ok(true)
+    }
+
+    /// Whether anybody but the plant may be what keeps all waiting.
+    fn restarts_help(&self) -> bool {
+        self.settings.processes.planner.is_none() || self.settings.processes.controller.is_none()
+    }
+
+    /// With `--realtime require`: whether every thread has got what it asked for.
+    fn has_what_it_requires(&mut self) -> bool {
+        if self.request.realtime != RealtimeMode::Require {
+            return true;
+        }
+        let missing = privileges::missing(self.settings, self.cores, &self.live);
+        for (process, what) in &missing {
+            self.fault(process, format!("did not get {what}, which --realtime require asks for"), "start");
+        }
+        missing.is_empty()
+    }
+
+    /// What the run got over.
+    #[must_use]
+    pub fn losses(&self) -> Losses {
+        Losses::new(self.slots.iter().map(|s| (s.process, s.losses, s.longest)), self.injections.done)
+    }
+
+    /// Ends everyone, then lets the recorder take in what is left.
+    ///
+    /// # Errors
+    /// If the system does not tell how one ended.
+    pub fn end(&mut self, completed: bool) -> Result<()> {
+        self.notify.stopping();
+        if completed {
+            // Controllers whose request was not needed for the last tick still send it.
+            let asked = Instant::now();
+            let done = |s: &Slot| s.child.is_none() || self.live.pulse(s.process).phase() == Some(Phase::Finished);
+            while !self.slots.iter().all(done) && asked.elapsed() < LAST_TICK {
+                self.pause(LOOK_CLOSELY);
+            }
+        }
+        self.live.stop.store(true, Ordering::Release);
+        if let Some(gate) = self.gate.take() {
+            match gate.join() {
+                Ok(Ok(())) => {}
+                Ok(Err(e)) => self.fault("gate", e.to_string(), "exit"),
+                Err(_) => self.fault("gate", "panicked".to_owned(), "exit"),
+            }
+        }
+        if completed {
+            // What they published last is still theirs: let the recorder have it before they go.
+            let asked = Instant::now();
+            let seen = self.live.rounds();
+            while self.live.rounds() < seen + 2 && asked.elapsed() < LAST_TICK {
+                self.pause(LOOK_CLOSELY);
+            }
+        }
+        let children: Vec<Child> = self.slots.iter_mut().filter_map(|s| s.child.take()).collect();
+        for process in children::end(children)? {
+            self.fault(process.name(), "did not end when asked to, and was killed".to_owned(), "exit");
+        }
+        self.live.drain.store(true, Ordering::Release);
+        Ok(())
+    }
+}
+
+impl Drop for Watch<'_> {
+    fn drop(&mut self) {
+        // Nothing to report to: whoever cared has called `end`.
+        let _ = children::end(self.slots.iter_mut().filter_map(|s| s.child.take()).collect());
+    }
+}
+
+/// A process's place in a set of processes.
+fn bit(process: Process) -> u32 {
+    1 << process.code()
+}

@@ -1,0 +1,257 @@
+//! What is done about a lost process: noted, handed over, started again, welcomed; or given up.
+
+use super::life::{Order, Policy, Sign};
+use super::slot::{Limits, Slot};
+use super::{Watch, bit};
+use crate::children::{self, Child};
+use anyhow::Result;
+use hapfic_config::OnLoss;
+use hapfic_ipc::message::{Detector, EventKind, Process};
+use hapfic_ipc::realtime::{self, Granted};
+use hapfic_ipc::{Clock, Start, topic};
+use rustix::process::Signal;
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+
+/// Priority of a process that joins, until it takes its own: below all that tick.
+const JOINING: u32 = 10;
+/// Dead processes whose places have to be swept, whoever is joining.
+const MANY_DEAD: u32 = 3;
+
+impl Watch<'_> {
+    /// Looks at every process and does what its life orders. `false` if the run has to end.
+    pub(super) fn look_after_processes(&mut self) -> Result<bool> {
+        let supervisor = &self.settings.supervisor;
+        let limits = Limits {
+            ready: Duration::from_millis(supervisor.ready_timeout_ms.into()),
+            silence_ns: self.patience_ns(),
+            behind: (self.clock == Clock::Realtime).then_some(i64::from(supervisor.tick_timeout_ms)),
+        };
+        for index in 0..self.slots.len() {
+            let slot = &mut self.slots[index];
+            let process = slot.process;
+            if let Some((detector, what)) = slot.look(&self.live, &limits)?
+                && !self.lose(process, detector, &what)?
+            {
+                return Ok(false);
+            }
+        }
+        if !self.live.go.load(Ordering::Relaxed) {
+            return Ok(true);
+        }
+        let rearms = self.live.rearms.load(Ordering::Acquire);
+        if rearms != std::mem::replace(&mut self.rearms, rearms) {
+            self.stopped_by_budget = false;
+            self.faults.retain(|fault| fault.detector != "budget");
+            for index in 0..self.slots.len() {
+                self.live_on(index, Sign::Rearmed)?;
+            }
+        }
+        for index in 0..self.slots.len() {
+            let sign = if self.slots[index].ticks(&self.live) { Sign::Ticked } else { Sign::Time };
+            self.live_on(index, sign)?;
+            self.tell_refused(index);
+        }
+        self.let_all_meet()?;
+        // When all are back: it takes milliseconds and is in the way of those who join. Topics have places for some dead ones.
+        let joining = self.slots.iter().any(Slot::joining);
+        if self.unswept > MANY_DEAD || (self.unswept > 0 && !joining) {
+            self.unswept = 0;
+            self.bus.sweep_dead();
+        }
+        Ok(true)
+    }
+
+    /// Where somebody could not be met, as he was killed while he made the connection, or was put aside for too long: removes what
+    /// the dead have left, and lets all look round once more.
+    fn let_all_meet(&mut self) -> Result<()> {
+        let pulses = self.slots.iter().map(|s| s.process).chain([crate::recorder::GATE]).map(|p| self.live.pulse(p).unmet());
+        let unmet = pulses.sum::<u32>() + self.live.recorder_unmet.load(Ordering::Relaxed);
+        // Counts begin anew with a process.
+        if std::mem::replace(&mut self.unmet, unmet) >= unmet {
+            return Ok(());
+        }
+        self.unswept = 0;
+        self.bus.sweep_dead();
+        self.bus.stir(&topic::STATE)?;
+        self.bus.stir(&topic::REFERENCE)?;
+        self.bus.stir(&topic::REQUEST)?;
+        self.bus.stir(&topic::COMMAND)?;
+        self.bus.stir(&topic::OPERATOR)?;
+        self.bus.stir(&topic::EVENT)?;
+        self.bus.stir(&topic::TIMING)?;
+        self.bus.stir(&topic::CREDIT)?;
+        self.bus.stir(&topic::INJECTION)?;
+        self.note(Process::Supervisor, EventKind::Note, Detector::None, "a connection was left half-made: all look round once more");
+        Ok(())
+    }
+
+    fn policy(&self) -> Policy {
+        let supervisor = &self.settings.supervisor;
+        Policy {
+            budget: supervisor.restart_budget,
+            window_ms: supervisor.restart_window_ms.into(),
+            backoff_ms: supervisor.restart_backoff_ms.into(),
+        }
+    }
+
+    /// Time for the lives, ms.
+    fn now_ms(&self) -> u64 {
+        self.begun.elapsed().as_millis() as u64
+    }
+
+    /// A process is lost. `false` if the run has to end.
+    pub(super) fn lose(&mut self, process: Process, detector: Detector, what: &str) -> Result<bool> {
+        let Some(index) = self.slots.iter().position(|s| s.process == process) else { return Ok(true) };
+        // Gone for the gate before anything else is done.
+        self.live.present.fetch_and(!bit(process), Ordering::AcqRel);
+        let ends_the_run = match process {
+            _ if !self.live.go.load(Ordering::Relaxed) => true,
+            Process::Plant => self.settings.plant.on_loss == OnLoss::Fail,
+            _ => false,
+        };
+        if ends_the_run {
+            self.fault(process.name(), what.to_owned(), detector.name());
+            return Ok(false);
+        }
+        self.live.missing.fetch_or(bit(process), Ordering::AcqRel);
+        for knocker in &self.knockers {
+            knocker.knock();
+        }
+        let slot = &mut self.slots[index];
+        slot.lost = Some(Instant::now());
+        slot.losses += 1;
+        if let Some(child) = slot.child.take() {
+            // Whatever it still is or has started: its place is needed.
+            child.signal(Signal::KILL);
+            children::end(vec![child])?;
+        }
+        self.note(process, EventKind::Lost, detector, &format!("{process} {what}"));
+        self.live_on(index, Sign::Lost)?;
+        // In lockstep nobody is there to be waited for: the clock would stand still for ever.
+        if self.stopped_by_budget && self.clock == Clock::Lockstep {
+            return Ok(false);
+        }
+        self.live_on(index, Sign::Time)?;
+        Ok(true)
+    }
+
+    /// Lets a place's life go on, and does what it orders.
+    fn live_on(&mut self, index: usize, sign: Sign) -> Result<()> {
+        let (policy, now) = (self.policy(), self.now_ms());
+        let slot = &mut self.slots[index];
+        let (life, order) = std::mem::take(&mut slot.life).after(sign, now, &policy);
+        slot.life = life;
+        match order {
+            Some(Order::Start) => self.start_again(index),
+            Some(Order::Stop) => {
+                self.give_up(index);
+                Ok(())
+            }
+            Some(Order::Welcome) => self.welcome(index),
+            None => Ok(()),
+        }
+    }
+
+    fn start_again(&mut self, index: usize) -> Result<()> {
+        let process = self.slots[index].process;
+        let gated = self.live.gated.load(Ordering::Acquire);
+        let resume = self.keeper.hand_over(process, gated)?;
+        let slot = &mut self.slots[index];
+        slot.generation += 1;
+        slot.started = Instant::now();
+        slot.refused = 0;
+        slot.doomed = false;
+        self.live.expect(process, slot.generation);
+        let start = Start { generation: slot.generation, resume };
+        let child = Child::start(process, self.settings, self.run_file, start)?;
+        if self.clock == Clock::Realtime && Granted(self.live.pulse(crate::recorder::GATE).realtime()).has(Granted::FIFO) {
+            join_quickly(&child, self.cores.reserve);
+        }
+        slot.child = Some(child);
+        let from = resume.map_or(String::new(), |tick| format!(", goes on from tick {tick}"));
+        let (number, waited) = (slot.life.restarts(), slot.lost.map_or(0, |lost| lost.elapsed().as_millis()));
+        let text = format!("{process} is started again, {waited} ms after it was found lost (number {number} of its budget){from}");
+        self.note(process, EventKind::Restarted, Detector::None, &text);
+        self.unswept += 1;
+        Ok(())
+    }
+
+    fn welcome(&mut self, index: usize) -> Result<()> {
+        let slot = &mut self.slots[index];
+        let (process, generation) = (slot.process, slot.generation);
+        let out = slot.lost.take().map_or(Duration::ZERO, |lost| lost.elapsed());
+        slot.longest = slot.longest.max(out);
+        self.live.present.fetch_or(bit(process), Ordering::AcqRel);
+        self.live.missing.fetch_and(!bit(process), Ordering::AcqRel);
+        if generation > 0 {
+            self.give_way(process);
+            let text = format!("{process} does ticks again, {:.1} ms after it was found lost", out.as_secs_f64() * 1e3);
+            self.note(process, EventKind::Joined, Detector::None, &text);
+            self.injections.tell_again(process, self.live.gated.load(Ordering::Acquire))?;
+        }
+        Ok(())
+    }
+
+    /// The primary controller runs before the other one and on the core of all, whichever place it is in.
+    fn give_way(&mut self, joined: Process) {
+        if self.clock == Clock::Lockstep || !matches!(joined, Process::Controller | Process::Standby) {
+            return;
+        }
+        let primary = self.live.primary.load(Ordering::Relaxed);
+        for slot in self.slots.iter().filter(|s| matches!(s.process, Process::Controller | Process::Standby)) {
+            let first = slot.process.code() == primary;
+            let realtime = &self.settings.realtime;
+            let priority = realtime.priority_controller - u32::from(!first);
+            let core = if first { realtime.core_controller.or(self.cores.shared) } else { realtime.core_standby.or(self.cores.reserve) };
+            let Some(child) = &slot.child else { continue };
+            let granted = Granted(self.live.pulse(slot.process).realtime());
+            // One that has just died needs neither.
+            if granted.has(Granted::FIFO) {
+                let _ = realtime::set_priority_of(child.pid(), priority);
+            }
+            if let Some(core) = core.filter(|_| granted.has(Granted::PINNED)) {
+                let _ = realtime::pin(Some(child.pid()), core as usize);
+            }
+        }
+    }
+
+    fn give_up(&mut self, index: usize) {
+        let process = self.slots[index].process;
+        let budget = self.settings.supervisor.restart_budget;
+        let window_s = f64::from(self.settings.supervisor.restart_window_ms) * 1e-3;
+        self.stopped_by_budget = true;
+        self.live.stop_latched(Detector::Budget);
+        let what = format!("was lost once more after {budget} restarts within {window_s} s: it is not started again");
+        self.fault(process.name(), what.clone(), "budget");
+        if self.clock == Clock::Realtime {
+            crate::say(&format!(
+                "hapfic: LATCHED STOP: {process} {what}. The drive brakes. Hint: `hapfic rearm` tries again, `hapfic stop` ends the run"
+            ));
+        }
+    }
+
+    /// Messages that a process has refused, once there are more of them.
+    fn tell_refused(&mut self, index: usize) {
+        let slot: &mut Slot = &mut self.slots[index];
+        let process = slot.process;
+        let now = self.live.pulse(process).refused();
+        let before = std::mem::replace(&mut slot.refused, now);
+        if now > before {
+            let text = format!("{process} has refused {} messages", now - before);
+            self.note(process, EventKind::Refused, Detector::Check, &text);
+        }
+    }
+}
+
+/// Lets a process that joins do so undisturbed: on another core than the living, before all that is not real-time.
+///
+/// Whoever meets it while it makes a connection waits until that is made. If it were put aside in the middle, on the core of a
+/// real-time thread that waits for it, that one would keep it from going on: the gate was seen to wait for 15 ms so.
+fn join_quickly(child: &Child, core: Option<u32>) {
+    // One that has died at once needs neither.
+    if let Some(core) = core {
+        let _ = realtime::pin(Some(child.pid()), core as usize);
+    }
+    let _ = realtime::set_priority_of(child.pid(), JOINING);
+}

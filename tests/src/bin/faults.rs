@@ -1,0 +1,106 @@
+//! Makes the tables of `docs/faults.md`: what came of faults on purpose in the real stack.
+//!
+//! `faults FILE` makes four parts and writes each into the places with its markers, such as `<!-- soak -->`, up to the next
+//! `<!-- end -->`, as soon as it is done: the matrix of processes, faults and phases; kills of the supervisor; many
+//! faults in a few minutes; messages that are refused. It ends with 1 if something fell short of what is expected, with a line for
+//! each, and with 2 if it was asked for something that cannot be.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stderr)]
+
+#[path = "faults/arguments.rs"]
+mod arguments;
+#[path = "experiments/document.rs"]
+mod document;
+#[path = "faults/lockstep.rs"]
+mod lockstep;
+#[path = "faults/machine.rs"]
+mod machine;
+#[path = "faults/matrix.rs"]
+mod matrix;
+#[path = "faults/moment.rs"]
+mod moment;
+#[path = "faults/orphans.rs"]
+mod orphans;
+#[path = "faults/part.rs"]
+mod part;
+#[path = "faults/realtime.rs"]
+mod realtime;
+#[path = "faults/refusals.rs"]
+mod refusals;
+#[path = "faults/runs.rs"]
+mod runs;
+#[path = "faults/sample.rs"]
+mod sample;
+#[path = "faults/soak.rs"]
+mod soak;
+#[path = "faults/trace.rs"]
+mod trace;
+
+use arguments::{Arguments, Which};
+use part::{Expectation, Part};
+use rustix::fs::{FlockOperation, flock};
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    let words: Vec<String> = std::env::args().skip(1).collect();
+    let arguments = match Arguments::read(&words) {
+        Ok(arguments) => arguments,
+        Err(error) => {
+            eprintln!("{error}");
+            return ExitCode::from(2);
+        }
+    };
+    match make(&arguments, &words) {
+        Ok(shortfalls) if shortfalls.is_empty() => ExitCode::SUCCESS,
+        Ok(shortfalls) => {
+            for fell in &shortfalls {
+                eprintln!("fell short: {}: found {}, expected {}", fell.what, fell.found, fell.expected);
+            }
+            ExitCode::FAILURE
+        }
+        Err(error) => {
+            eprintln!("{error}");
+            ExitCode::from(2)
+        }
+    }
+}
+
+/// Makes the parts that were asked for. Returns what fell short.
+fn make(arguments: &Arguments, words: &[String]) -> Result<Vec<Expectation>, String> {
+    // Before an hour of running: all places are there.
+    for which in &arguments.parts {
+        let empty = which.markers().iter().map(|marker| (*marker, String::new())).collect();
+        fill(&arguments.file, &Part { tables: empty, expectations: Vec::new() }, "")?;
+    }
+    // As the tests do it: one realtime run at a time.
+    let lock = hapfic_tests::hapfic().with_file_name("realtime-tests.lock");
+    let lock = std::fs::OpenOptions::new().create(true).truncate(false).write(true).open(lock).expect("the tests' lock");
+    flock(&lock, FlockOperation::LockExclusive).expect("the tests' lock");
+    let mut shortfalls = Vec::new();
+    for which in &arguments.parts {
+        let before = machine::steal_ms();
+        let part = match which {
+            Which::Matrix => matrix::make(arguments.quick),
+            Which::Supervisor => orphans::make(arguments.quick),
+            Which::Soak => soak::make(arguments.minutes),
+            Which::Refusals => refusals::make(),
+        };
+        let note = machine::note(&format!("faults {}", words.join(" ")), machine::steal_ms().saturating_sub(before));
+        let text = fill(&arguments.file, &part, &note)?;
+        std::fs::write(&arguments.file, text).map_err(|error| format!("{}: cannot be written: {error}", arguments.file))?;
+        shortfalls.extend(part.expectations.into_iter().filter(|expectation| !expectation.reached));
+    }
+    Ok(shortfalls)
+}
+
+/// The document with a part's tables in their places. The first one says where and when they were made.
+fn fill(file: &str, part: &Part, note: &str) -> Result<String, String> {
+    let mut text = std::fs::read_to_string(file).map_err(|error| format!("{file}: cannot be read: {error}"))?;
+    for (place, (marker, table)) in part.tables.iter().enumerate() {
+        let table = if place == 0 && !note.is_empty() { format!("{note}\n{table}") } else { table.clone() };
+        if !document::has(&text, marker) {
+            return Err(format!("{file}: found no line `<!-- {marker} -->`, expected one before that table; add it"));
+        }
+        text = document::replace(&text, marker, &table).map_err(|error| format!("{file}: {error}"))?;
+    }
+    Ok(text)
+}

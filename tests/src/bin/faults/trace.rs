@@ -1,0 +1,225 @@
+//! A run's log, tick by tick.
+
+use hapfic_ipc::message::{EventKind, Mode, Phase, Process, Source};
+use hapfic_log::{Reader, Record};
+use std::collections::BTreeMap;
+use std::ops::Range;
+use std::path::Path;
+
+/// Most ticks that are believed.
+const MOST_TICKS: i64 = 10_000_000;
+/// The plant's timer was late by more than this: the host was elsewhere, ns.
+const HOST_LATE_NS: u64 = 500_000;
+
+/// A command, as far as it matters here.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Command {
+    pub(crate) mode: Option<Mode>,
+    pub(crate) source: Option<Source>,
+    /// Who made the accepted request.
+    pub(crate) controller: Option<Process>,
+    /// To the drive, N m.
+    pub(crate) torque: Vec<f64>,
+    /// As asked for, N m.
+    pub(crate) raw: Vec<f64>,
+    /// Joints whose torque was limited in its rate, a bit each.
+    pub(crate) ramped: u32,
+}
+
+impl Command {
+    /// The torque of a request of this very tick.
+    pub(crate) fn fresh(&self) -> bool {
+        self.active() && self.source == Some(Source::Fresh)
+    }
+
+    /// The drive applies a torque.
+    pub(crate) fn active(&self) -> bool {
+        self.mode == Some(Mode::Active)
+    }
+
+    /// The drive brakes.
+    pub(crate) fn brakes(&self) -> bool {
+        matches!(self.mode, Some(Mode::Brake | Mode::Stopped))
+    }
+
+    /// A valid request has come, passed on or not.
+    pub(crate) fn answered(&self) -> bool {
+        matches!(self.source, Some(Source::Fresh | Source::Withheld))
+    }
+}
+
+/// What a log says of a tick.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Tick {
+    pub(crate) command: Option<Command>,
+    /// Where the foot is, m.
+    pub(crate) foot: Option<[f64; 3]>,
+    /// Where it should be, m.
+    pub(crate) wanted: Option<[f64; 3]>,
+    /// The foot touches something.
+    pub(crate) touches: bool,
+    /// How late the plant's timer was, ns.
+    pub(crate) late_ns: u64,
+    /// Periods slipped since the start.
+    pub(crate) slipped: u64,
+    /// When the command went out, on `CLOCK_MONOTONIC`, ns.
+    pub(crate) gated_ns: Option<u64>,
+    /// Processes that have done it, a bit each by their codes.
+    pub(crate) done: u32,
+}
+
+/// Something that happened.
+#[derive(Clone, Debug)]
+pub(crate) struct Event {
+    pub(crate) tick: i64,
+    pub(crate) kind: Option<EventKind>,
+}
+
+/// A run.
+#[derive(Debug, Default)]
+pub(crate) struct Trace {
+    pub(crate) ticks: Vec<Tick>,
+    pub(crate) events: Vec<Event>,
+    /// Messages refused, by process and start of it.
+    pub(crate) refused: BTreeMap<(String, u32), u32>,
+    /// What was wrong with the log.
+    pub(crate) error: Option<String>,
+    /// The first tick with a torque.
+    pub(crate) first: usize,
+}
+
+impl Trace {
+    /// Reads a log as far as it goes.
+    pub(crate) fn read(log: &Path) -> Self {
+        let mut trace = Self::default();
+        match Reader::open(log) {
+            Ok(reader) => {
+                for entry in reader {
+                    match entry {
+                        Ok(entry) => trace.take(entry.record),
+                        Err(error) => trace.error = Some(error.to_string()),
+                    }
+                }
+            }
+            Err(error) => trace.error = Some(error.to_string()),
+        }
+        let active = |tick: &Tick| tick.command.as_ref().is_some_and(Command::active);
+        trace.first = trace.ticks.iter().position(active).unwrap_or(trace.ticks.len());
+        trace
+    }
+
+    fn at(&mut self, tick: i64) -> Option<&mut Tick> {
+        let place = usize::try_from(tick).ok().filter(|_| tick < MOST_TICKS)?;
+        if self.ticks.len() <= place {
+            self.ticks.resize_with(place + 1, Tick::default);
+        }
+        self.ticks.get_mut(place)
+    }
+
+    fn take(&mut self, record: Record) {
+        match record {
+            Record::State(state) => {
+                if let Some(tick) = self.at(state.tick)
+                    && tick.foot.is_none()
+                {
+                    tick.foot = state.foot_position.try_into().ok();
+                    tick.touches = state.foot_force.iter().any(|force| *force != 0.0);
+                    (tick.late_ns, tick.slipped) = (state.wake_lateness_ns, state.slipped);
+                }
+            }
+            Record::Reference(reference) => {
+                if let Some(tick) = self.at(reference.tick)
+                    && tick.wanted.is_none()
+                {
+                    tick.wanted = reference.position.try_into().ok();
+                }
+            }
+            Record::Command(command) => {
+                if let Some(tick) = self.at(command.tick)
+                    && tick.command.is_none()
+                {
+                    tick.command = Some(Command {
+                        mode: Mode::from_name(&command.mode),
+                        source: Source::from_name(&command.source),
+                        controller: Process::from_name(&command.controller),
+                        torque: command.torque,
+                        raw: command.torque_raw,
+                        ramped: command.ramped,
+                    });
+                }
+            }
+            Record::Timing(timing) => {
+                let refused = self.refused.entry((timing.process.clone(), timing.generation)).or_default();
+                *refused = timing.refused.max(*refused);
+                if timing.phase == Phase::Running.name()
+                    && timing.publish_ns > 0
+                    && let Some(process) = Process::from_name(&timing.process)
+                    && let Some(tick) = self.at(timing.tick)
+                {
+                    tick.done |= 1 << process.code();
+                    if process == Process::Supervisor {
+                        tick.gated_ns.get_or_insert(timing.publish_ns);
+                    }
+                }
+            }
+            Record::Event(event) => {
+                self.events.push(Event { tick: event.tick, kind: EventKind::from_name(&event.kind) });
+            }
+            _ => {}
+        }
+    }
+
+    pub(crate) fn command(&self, tick: usize) -> Option<&Command> {
+        self.ticks.get(tick)?.command.as_ref()
+    }
+
+    /// The last tick of `ticks` that one of these processes has done.
+    pub(crate) fn last_done(&self, processes: &[Process], ticks: Range<usize>) -> Option<usize> {
+        let bits = processes.iter().fold(0_u32, |bits, process| bits | (1 << process.code()));
+        ticks.rev().find(|tick| self.ticks.get(*tick).is_some_and(|tick| tick.done & bits != 0))
+    }
+
+    /// The last tick that has a command.
+    pub(crate) fn last(&self) -> Option<usize> {
+        self.ticks.iter().rposition(|tick| tick.command.is_some())
+    }
+
+    /// Ticks of `0..count` without state or command.
+    pub(crate) fn missing(&self, count: usize) -> usize {
+        count - self.ticks.iter().take(count).filter(|tick| tick.foot.is_some() && tick.command.is_some()).count()
+    }
+
+    /// Ticks that gave the drive no fresh torque, after the first that did, one after the other.
+    pub(crate) fn outages(&self) -> Vec<Range<usize>> {
+        let mut outages: Vec<Range<usize>> = Vec::new();
+        for tick in self.first..self.ticks.len() {
+            if self.command(tick).is_none_or(Command::fresh) {
+                continue;
+            }
+            match outages.last_mut() {
+                Some(last) if last.end == tick => last.end += 1,
+                _ => outages.push(tick..tick + 1),
+            }
+        }
+        outages
+    }
+
+    /// Whether the host was elsewhere when this outage began: the plant's own timer was late around its first tick.
+    pub(crate) fn host_took(&self, outage: &Range<usize>) -> bool {
+        let from = outage.start.saturating_sub(1);
+        let to = (outage.start + 2).min(self.ticks.len());
+        let slipped = |tick: usize| self.ticks[tick].slipped;
+        (from..to).any(|tick| self.ticks[tick].late_ns > HOST_LATE_NS)
+            || (from + 1..to).any(|tick| slipped(tick) > slipped(tick - 1))
+    }
+
+    /// Events of a kind.
+    pub(crate) fn events(&self, kind: EventKind) -> impl Iterator<Item = &Event> {
+        self.events.iter().filter(move |event| event.kind == Some(kind))
+    }
+
+    /// Messages refused by all processes together.
+    pub(crate) fn refused(&self) -> u32 {
+        self.refused.values().sum()
+    }
+}

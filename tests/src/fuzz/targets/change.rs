@@ -1,0 +1,95 @@
+//! Changes of a running stack: `key=value` pairs in the text of an operator's request.
+
+use crate::fuzz::target::{Target, Verdict};
+use hapfic_config::{OperatorChange, Parameters, Settings};
+use hapfic_controller::parameters::parameters;
+use hapfic_ipc::Check;
+use hapfic_ipc::service::{OperatorKind, OperatorRequest};
+use std::path::Path;
+
+pub(super) const TARGET: Target = Target {
+    name: "change",
+    seeds,
+    dictionary: &[
+        "target_position",
+        "target_position_m",
+        "desired_force",
+        "desired_force_n",
+        "stiffness",
+        "max_force",
+        "position_bound",
+        "reset_policy",
+        "saturation",
+        "search",
+        "taper",
+        "search_scale",
+        "force_resolution",
+        "gravity_compensation",
+        "offset_anti_windup",
+        "stall_release",
+        "mean_speed",
+        "max_acceleration",
+        "at_s",
+        ".x",
+        ".y",
+        ".z",
+        "=",
+        "[0, 0, 50]",
+        "sign",
+        "tapered",
+        "never",
+        "as_printed",
+        "contact_loss",
+        "continuous",
+        "true",
+        "false",
+    ],
+    text: true,
+    longest: 4096,
+    execute,
+};
+
+fn seeds() -> Vec<Vec<u8>> {
+    let lines = [
+        "desired_force=[0, 0, 80]",
+        "desired_force.z=80\nstiffness.x=9000\ntaper=0.1",
+        "target_position=[-0.1, 0.05, 0.012]\nmean_speed=0.3\nmax_acceleration=5",
+        "search=sign\nreset_policy=never\nsaturation=as_printed\ngravity_compensation=true\noffset_anti_windup=false",
+        "stiffness_n_per_m = [1e3, 2e3, 3e3]\nmax_force=[1, 2, 3]\nposition_bound=[0.01, 0.02, 0.03]",
+        "search_scale=0.5\nforce_resolution=1\nstall_release=false",
+    ];
+    lines.map(|text| text.as_bytes().to_vec()).into()
+}
+
+fn base() -> Parameters {
+    thread_local! {
+        static BASE: Parameters = Settings::load("floor", &[]).expect("an embedded scenario").initial;
+    }
+    BASE.with(|base| *base)
+}
+
+fn execute(input: &[u8], _: &Path) -> Verdict {
+    let text = String::from_utf8_lossy(input).replace('\n', "\0");
+    let request = match OperatorRequest::new(OperatorKind::Set, &text) {
+        Ok(request) => request,
+        Err(defect) => return Verdict::Refused(defect.to_string()),
+    };
+    match request.parts() {
+        Ok((_, text)) => match changed(text) {
+            Ok(()) => Verdict::Accepted,
+            Err(message) => Verdict::Refused(message),
+        },
+        Err(defect) => panic!("a request made from text is refused: {defect}"),
+    }
+}
+
+/// Does what the supervisor does with the text of a request.
+pub(super) fn changed(text: &str) -> Result<(), String> {
+    let pairs: Vec<&str> = text.split('\0').filter(|pair| !pair.is_empty()).collect();
+    for base in [base(), Parameters { target_position: Some([0.1, 0.2, 0.3]), ..base() }] {
+        let asked = OperatorChange::from_pairs(&pairs, &base).map_err(|error| error.to_string())?;
+        let set = parameters(&base.with(&asked.change), 2, 100, [0.0; 3]);
+        assert_eq!(set.check(), Ok(()), "a change that was let pass makes a set that everyone refuses");
+    }
+    Ok(())
+}

@@ -1,0 +1,55 @@
+//! Scenarios: TOML.
+
+use super::SCENARIO_WORDS;
+use crate::fuzz::target::{Target, Verdict};
+use hapfic_config::{Settings, scenarios};
+use hapfic_ipc::Check;
+use hapfic_ipc::message::{Command, Mode};
+use hapfic_plant::Plant;
+use std::path::Path;
+
+pub(super) const TARGET: Target =
+    Target { name: "config", seeds, dictionary: SCENARIO_WORDS, text: true, longest: 32 * 1024, execute };
+
+/// What complaints call the scenario.
+const ORIGIN: &str = "fuzz.toml";
+/// Ticks for which an accepted scenario is simulated: enough to use every number of it.
+const TICKS: usize = 2;
+
+fn seeds() -> Vec<Vec<u8>> {
+    scenarios().iter().map(|scenario| scenario.text.as_bytes().to_vec()).collect()
+}
+
+fn execute(input: &[u8], _: &Path) -> Verdict {
+    let text = String::from_utf8_lossy(input);
+    match Settings::from_str(&text, ORIGIN, None, &[]) {
+        Err(error) => {
+            let message = error.to_string();
+            assert!(message.starts_with(ORIGIN), "a complaint without its place: {message}");
+            assert!(message.contains(": found ") && message.contains(". Hint: "), "half a complaint: {message}");
+            Verdict::Refused(message)
+        }
+        Ok(settings) => {
+            let urdf = &settings.robot.urdf;
+            let again = Settings::from_effective(&settings.effective_toml(), &urdf.name, &urdf.text);
+            assert_eq!(again.as_ref(), Ok(&settings), "what was loaded loads to something else");
+            match simulated(&settings) {
+                Ok(plant) => {
+                    assert_eq!(plant.sample().check(), Ok(()), "the plant of a scenario publishes what everyone refuses");
+                    Verdict::Accepted
+                }
+                Err(message) => Verdict::Refused(message),
+            }
+        }
+    }
+}
+
+/// The plant of a scenario after its first ticks without a torque.
+pub(super) fn simulated(settings: &Settings) -> Result<Plant, String> {
+    let mut plant = Plant::new(settings).map_err(|error| error.to_string())?;
+    plant.take(&Command { tick: -1, mode: Mode::Active.code(), ..Command::default() });
+    for _ in 0..TICKS {
+        plant.advance().map_err(|error| error.to_string())?;
+    }
+    Ok(plant)
+}

@@ -1,0 +1,293 @@
+//! The fields of every message, to be spoilt.
+
+use super::draw::Draw;
+use hapfic_ipc::message::{
+    Command, ControllerState, Credit, Event, Operator, Parameters, PlannerState, Reference, Request, State, Timing,
+};
+use hapfic_ipc::service::{OperatorReply, OperatorRequest};
+use std::slice::from_mut;
+
+/// Most fields that are spoilt in one message.
+const MOST: usize = 5;
+
+/// Fields of a kind that lie beside each other.
+pub(super) enum Field<'a> {
+    Numbers(&'a mut [f64]),
+    /// Codes, counts up to a few, flags.
+    Codes(&'a mut [u32]),
+    /// Times, versions, ticks since.
+    Counts(&'a mut [u64]),
+    Ticks(&'a mut [i64]),
+    Bytes(&'a mut [u8]),
+}
+
+use Field::{Bytes, Codes, Counts, Numbers, Ticks};
+
+/// A message whose fields can be changed.
+pub(super) trait Fields {
+    fn fields(&mut self) -> Vec<Field<'_>>;
+}
+
+/// Changes no to five fields of a message.
+pub(super) fn spoil<T: Fields>(message: &mut T, draw: &mut Draw<'_>) {
+    for _ in 0..draw.below(MOST + 1) {
+        let mut fields = message.fields();
+        let place = draw.below(fields.len());
+        match &mut fields[place] {
+            Numbers(values) => {
+                if draw.byte() % 8 == 0 {
+                    let new = draw.number(values[0]);
+                    values.fill(new);
+                } else {
+                    let place = draw.below(values.len());
+                    values[place] = draw.number(values[place]);
+                }
+            }
+            Codes(values) => {
+                let place = draw.below(values.len());
+                values[place] = draw.code(values[place]);
+            }
+            Counts(values) => {
+                let place = draw.below(values.len());
+                values[place] = draw.count(values[place]);
+            }
+            Ticks(values) => {
+                let place = draw.below(values.len());
+                values[place] = draw.tick(values[place]);
+            }
+            Bytes(values) => {
+                for byte in values.iter_mut().take(64) {
+                    *byte = draw.byte();
+                }
+            }
+        }
+    }
+}
+
+impl Fields for State {
+    fn fields(&mut self) -> Vec<Field<'_>> {
+        let mut fields = vec![
+            Counts(from_mut(&mut self.stamp_ns)),
+            Ticks(from_mut(&mut self.tick)),
+            Counts(from_mut(&mut self.time_ns)),
+            Ticks(from_mut(&mut self.command_tick)),
+            Counts(from_mut(&mut self.wake_lateness_ns)),
+            Counts(from_mut(&mut self.slipped)),
+            Codes(from_mut(&mut self.joints)),
+            Codes(from_mut(&mut self.drive)),
+            Codes(from_mut(&mut self.object_count)),
+            Codes(from_mut(&mut self.contact_count)),
+            Numbers(&mut self.joint_position),
+            Numbers(&mut self.joint_velocity),
+            Numbers(&mut self.joint_torque),
+            Numbers(&mut self.foot_position),
+            Numbers(&mut self.foot_velocity),
+            Numbers(&mut self.foot_force),
+            Codes(from_mut(&mut self.physics.substeps)),
+            Codes(from_mut(&mut self.physics.newton_iterations)),
+            Codes(from_mut(&mut self.physics.unconverged)),
+            Codes(from_mut(&mut self.physics.contact_substeps)),
+            Numbers(from_mut(&mut self.physics.energy_j)),
+            Numbers(from_mut(&mut self.physics.contact_work_j)),
+            Numbers(from_mut(&mut self.physics.contact_stored_j)),
+        ];
+        for object in &mut self.objects {
+            fields.extend([
+                Numbers(&mut object.position),
+                Numbers(&mut object.orientation),
+                Numbers(&mut object.linear_velocity),
+                Numbers(&mut object.angular_velocity),
+            ]);
+        }
+        // The others are like these.
+        for contact in self.contacts.iter_mut().take(2) {
+            fields.extend([
+                Codes(from_mut(&mut contact.body)),
+                Codes(from_mut(&mut contact.against)),
+                Numbers(&mut contact.point),
+                Numbers(&mut contact.force),
+                Numbers(from_mut(&mut contact.depth)),
+            ]);
+        }
+        fields
+    }
+}
+
+impl Fields for PlannerState {
+    fn fields(&mut self) -> Vec<Field<'_>> {
+        let mut fields = vec![Counts(from_mut(&mut self.ticks))];
+        for axis in &mut self.axes {
+            fields.extend([
+                Numbers(from_mut(&mut axis.target)),
+                Numbers(from_mut(&mut axis.start)),
+                Numbers(from_mut(&mut axis.start_velocity)),
+                Numbers(from_mut(&mut axis.brake_acceleration)),
+                Numbers(from_mut(&mut axis.brake_time)),
+                Numbers(from_mut(&mut axis.amplitude)),
+                Numbers(from_mut(&mut axis.rate)),
+                Numbers(from_mut(&mut axis.phase)),
+            ]);
+        }
+        fields
+    }
+}
+
+impl Fields for Reference {
+    fn fields(&mut self) -> Vec<Field<'_>> {
+        let mut fields = vec![
+            Counts(from_mut(&mut self.stamp_ns)),
+            Ticks(from_mut(&mut self.tick)),
+            Counts(from_mut(&mut self.parameters_version)),
+            Numbers(&mut self.position),
+            Numbers(&mut self.velocity),
+        ];
+        fields.extend(self.planner.fields());
+        fields
+    }
+}
+
+impl Fields for ControllerState {
+    fn fields(&mut self) -> Vec<Field<'_>> {
+        vec![
+            Numbers(&mut self.offset),
+            Numbers(&mut self.x_max),
+            Numbers(&mut self.stiffness),
+            Numbers(&mut self.max_force),
+            Numbers(&mut self.position_bound),
+            Numbers(&mut self.force),
+            Codes(&mut self.converging),
+            Codes(&mut self.still_ticks),
+        ]
+    }
+}
+
+impl Fields for Request {
+    fn fields(&mut self) -> Vec<Field<'_>> {
+        let mut fields = vec![
+            Counts(from_mut(&mut self.stamp_ns)),
+            Ticks(from_mut(&mut self.tick)),
+            Ticks(from_mut(&mut self.state_tick)),
+            Counts(from_mut(&mut self.parameters_version)),
+            Codes(from_mut(&mut self.controller)),
+            Codes(from_mut(&mut self.joints)),
+            Numbers(&mut self.error),
+            Numbers(&mut self.error_rate),
+            Numbers(&mut self.force),
+            Numbers(&mut self.torque),
+        ];
+        fields.extend(self.state.fields());
+        fields
+    }
+}
+
+impl Fields for Command {
+    fn fields(&mut self) -> Vec<Field<'_>> {
+        let mut fields = vec![
+            Counts(from_mut(&mut self.stamp_ns)),
+            Ticks(from_mut(&mut self.tick)),
+            Codes(from_mut(&mut self.mode)),
+            Codes(from_mut(&mut self.source)),
+            Codes(from_mut(&mut self.severity)),
+            Codes(from_mut(&mut self.joints)),
+            Codes(from_mut(&mut self.limited)),
+            Codes(from_mut(&mut self.ramped)),
+            Numbers(&mut self.torque),
+        ];
+        fields.extend(self.request.fields());
+        fields
+    }
+}
+
+impl Fields for Parameters {
+    fn fields(&mut self) -> Vec<Field<'_>> {
+        vec![
+            Counts(from_mut(&mut self.version)),
+            Ticks(from_mut(&mut self.effective_tick)),
+            Numbers(&mut self.target_position),
+            Numbers(&mut self.desired_force),
+            Numbers(&mut self.stiffness),
+            Numbers(&mut self.max_force),
+            Numbers(&mut self.position_bound),
+            Codes(from_mut(&mut self.reset_policy)),
+            Codes(from_mut(&mut self.saturation)),
+            Codes(from_mut(&mut self.search)),
+            Codes(from_mut(&mut self.gravity_compensation)),
+            Codes(from_mut(&mut self.offset_anti_windup)),
+            Codes(from_mut(&mut self.stall_release)),
+            Numbers(from_mut(&mut self.taper)),
+            Numbers(from_mut(&mut self.search_scale)),
+            Numbers(from_mut(&mut self.force_resolution)),
+            Numbers(from_mut(&mut self.mean_speed)),
+            Numbers(from_mut(&mut self.max_acceleration)),
+        ]
+    }
+}
+
+impl Fields for Operator {
+    fn fields(&mut self) -> Vec<Field<'_>> {
+        let mut fields = self.current.fields();
+        fields.extend(self.next.fields());
+        fields
+    }
+}
+
+impl Fields for Event {
+    fn fields(&mut self) -> Vec<Field<'_>> {
+        vec![
+            Counts(from_mut(&mut self.stamp_ns)),
+            Ticks(from_mut(&mut self.tick)),
+            Codes(from_mut(&mut self.process)),
+            Codes(from_mut(&mut self.kind)),
+            Codes(from_mut(&mut self.severity)),
+            Codes(from_mut(&mut self.detector)),
+            Codes(from_mut(&mut self.text_len)),
+            Codes(from_mut(&mut self.reserved)),
+            Bytes(&mut self.text),
+        ]
+    }
+}
+
+impl Fields for Timing {
+    fn fields(&mut self) -> Vec<Field<'_>> {
+        vec![
+            Codes(from_mut(&mut self.process)),
+            Codes(from_mut(&mut self.phase)),
+            Ticks(from_mut(&mut self.tick)),
+            Counts(from_mut(&mut self.due_ns)),
+            Counts(from_mut(&mut self.wake_ns)),
+            Counts(from_mut(&mut self.publish_ns)),
+            Counts(from_mut(&mut self.latency_ns)),
+            Codes(from_mut(&mut self.allocations)),
+            Codes(from_mut(&mut self.refused)),
+            Codes(from_mut(&mut self.page_faults)),
+            Codes(from_mut(&mut self.realtime)),
+            Codes(from_mut(&mut self.generation)),
+        ]
+    }
+}
+
+impl Fields for Credit {
+    fn fields(&mut self) -> Vec<Field<'_>> {
+        vec![Ticks(from_mut(&mut self.tick))]
+    }
+}
+
+impl Fields for OperatorRequest {
+    fn fields(&mut self) -> Vec<Field<'_>> {
+        vec![Codes(from_mut(&mut self.kind)), Codes(from_mut(&mut self.text_len)), Bytes(&mut self.text)]
+    }
+}
+
+impl Fields for OperatorReply {
+    fn fields(&mut self) -> Vec<Field<'_>> {
+        vec![
+            Counts(from_mut(&mut self.version)),
+            Ticks(from_mut(&mut self.tick)),
+            Ticks(from_mut(&mut self.arrived_tick)),
+            Ticks(from_mut(&mut self.taken_tick)),
+            Codes(from_mut(&mut self.code)),
+            Codes(from_mut(&mut self.text_len)),
+            Bytes(&mut self.text),
+        ]
+    }
+}

@@ -1,0 +1,48 @@
+//! Run files: JSON that the supervisor writes and its children read.
+
+use super::SCENARIO_WORDS;
+use crate::fuzz::target::{Target, Verdict};
+use hapfic_config::Settings;
+use hapfic_ipc::{Clock, Domain, RealtimeMode, RunFile};
+use std::fs;
+use std::path::Path;
+
+pub(super) const TARGET: Target =
+    Target { name: "runfile", seeds, dictionary: SCENARIO_WORDS, text: true, longest: 64 * 1024, execute };
+
+fn seeds() -> Vec<Vec<u8>> {
+    let settings = Settings::load("floor", &[]).expect("an embedded scenario");
+    let run = |clock, realtime, core| RunFile {
+        prefix: "hf1a_".to_owned(),
+        root: "/dev/shm/hf1a".to_owned(),
+        supervisor_pid: 4711,
+        clock,
+        realtime,
+        core,
+        reserve_core: core,
+        settings: settings.effective_toml(),
+        urdf_name: settings.robot.urdf.name.clone(),
+        urdf: settings.robot.urdf.text.clone(),
+    };
+    let runs = [run(Clock::Lockstep, RealtimeMode::Off, None), run(Clock::Realtime, RealtimeMode::Auto, Some(1))];
+    runs.iter().map(|run| serde_json::to_vec_pretty(run).expect("a run file is JSON")).collect()
+}
+
+fn execute(input: &[u8], scratch: &Path) -> Verdict {
+    let path = scratch.join("run.json");
+    fs::write(&path, input).expect("scratch can be written");
+    let run = match RunFile::read(&path) {
+        Ok(run) => run,
+        // The path says nothing of the input.
+        Err(error) => return Verdict::Refused(error.to_string().replace(&path.display().to_string(), "run.json")),
+    };
+    run.write(&path).expect("scratch can be written");
+    assert_eq!(RunFile::read(&path).expect("what was written"), run, "what was read is written as something else");
+    if let Err(error) = Domain::new(&run.prefix, &run.root) {
+        return Verdict::Refused(error.to_string());
+    }
+    match Settings::from_effective(&run.settings, &run.urdf_name, &run.urdf) {
+        Ok(_) => Verdict::Accepted,
+        Err(error) => Verdict::Refused(error.to_string()),
+    }
+}

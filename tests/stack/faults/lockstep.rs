@@ -1,0 +1,120 @@
+//! Lockstep: a death only pauses the clock.
+
+use super::trace::Trace;
+use crate::log_file::{Streams, expect_complete, streams};
+use hapfic_tests::Stack;
+use prost::Message;
+
+const BASE: [&str; 4] = ["run", "floor", "--clock", "lockstep"];
+/// For runs in which processes die again and again on purpose.
+const PATIENT: [&str; 4] = ["--set", "supervisor.restart_budget=100000", "--set", "supervisor.restart_backoff_ms=0"];
+
+fn run(stack: &Stack, log: &str, more: &[&str]) -> Streams {
+    stack.run(&[&BASE[..], &["--log", log], more].concat()).expect(0);
+    expect_complete(&stack.path(log));
+    streams(&stack.path(log))
+}
+
+/// Who a command's torque came from is the one thing that may differ.
+fn anonymous(streams: &Streams) -> Vec<Vec<u8>> {
+    let command = |(_, bytes): &(u64, Vec<u8>)| {
+        let decoded = hapfic_log::proto::Command::decode(&bytes[..]).unwrap();
+        hapfic_log::proto::Command { controller: String::new(), ..decoded }.encode_to_vec()
+    };
+    streams["/command"].iter().map(command).collect()
+}
+
+fn expect_undisturbed(disturbed: &Streams, undisturbed: &Streams) {
+    for topic in ["/state", "/reference", "/operator"] {
+        assert_eq!(disturbed[topic].len(), undisturbed[topic].len(), "{topic}");
+        let first = disturbed[topic].iter().zip(&undisturbed[topic]).position(|(a, b)| a != b);
+        assert_eq!(first, None, "{topic}: the first message that differs");
+    }
+    let (a, b) = (anonymous(disturbed), anonymous(undisturbed));
+    assert_eq!(a.len(), b.len());
+    assert_eq!(a.iter().zip(&b).position(|(a, b)| a != b), None, "/command: the first message that differs");
+}
+
+#[test]
+fn two_hundred_kills_of_controllers_and_planner_change_no_bit_of_the_torque() {
+    let stack = Stack::new();
+    let undisturbed = run(&stack, "undisturbed.mcap", &[]);
+    // 150 of one process and 25 of two at once.
+    let faults = "fault=[{kind=\"kill\",process=[\"controller\",\"standby\",\"planner\"],random={count=150,from_s=0.0,to_s=9.5}},\
+                  {kind=\"kill\",process=\"controllers\",random={count=25,from_s=0.0,to_s=9.5}}]";
+    let disturbed = run(&stack, "disturbed.mcap", &[&PATIENT[..], &["--set", faults]].concat());
+    expect_undisturbed(&disturbed, &undisturbed);
+    let trace = Trace::read(&stack.path("disturbed.mcap"));
+    let killed = trace.events.iter().filter(|e| e.kind == "lost" && e.text.contains("SIGKILL")).count();
+    assert_eq!(killed, 200, "{}", trace.text());
+    assert!(trace.commands.iter().all(|c| c.source == "fresh" && c.mode == "active"));
+    assert!(trace.fresh_from("controller") > 0 && trace.fresh_from("standby") > 0, "both have been the primary");
+}
+
+#[test]
+fn a_plant_that_is_started_again_goes_on_as_if_nothing_had_been() {
+    let stack = Stack::new();
+    let scenario = ["--duration", "4"];
+    let undisturbed = run(&stack, "undisturbed.mcap", &scenario);
+    let faults = "fault=[{kind=\"kill\",process=\"plant\",random={count=12,from_s=0.0,to_s=3.9}},\
+                  {kind=\"kill\",process=[\"controller\",\"planner\",\"standby\"],random={count=6,from_s=0.0,to_s=3.9}}]";
+    let more = [&PATIENT[..], &scenario, &["--set", "plant.on_loss=restart", "--set", faults]].concat();
+    let disturbed = run(&stack, "disturbed.mcap", &more);
+    expect_undisturbed(&disturbed, &undisturbed);
+    let trace = Trace::read(&stack.path("disturbed.mcap"));
+    assert_eq!(trace.events("lost", "plant").len(), 12, "{}", trace.text());
+}
+
+#[test]
+fn a_process_that_hangs_is_noticed_by_its_heartbeat_and_replaced() {
+    let stack = Stack::new();
+    let scenario = ["--duration", "2"];
+    let undisturbed = run(&stack, "undisturbed.mcap", &scenario);
+    let faults = "fault=[{kind=\"stop\",process=\"planner\",at_s=0.5,for_ms=600000},\
+                  {kind=\"stop\",process=\"controller\",at_s=1.0,for_ms=600000}]";
+    let more = [&scenario[..], &["--set", faults, "--set", "supervisor.heartbeat_timeout_ms=200"]].concat();
+    let disturbed = run(&stack, "disturbed.mcap", &more);
+    expect_undisturbed(&disturbed, &undisturbed);
+    let trace = Trace::read(&stack.path("disturbed.mcap"));
+    for process in ["planner", "controller"] {
+        let lost = trace.events("lost", process);
+        assert!(!lost.is_empty() && lost[0].detector == "heartbeat", "{process}:\n{}", trace.text());
+        assert!(!trace.events("joined", process).is_empty(), "{process}:\n{}", trace.text());
+    }
+}
+
+#[test]
+fn bad_messages_are_refused_counted_and_logged_and_nothing_comes_of_them() {
+    let stack = Stack::new();
+    let scenario = ["--duration", "1.5", "--set", "supervisor.stall_timeout_ms=500"];
+    let undisturbed = run(&stack, "undisturbed.mcap", &scenario);
+    for (process, kind) in [
+        ("controller", "nan"),
+        ("controller", "corrupt"),
+        ("controller", "stale"),
+        ("standby", "nan"),
+        ("planner", "nan"),
+        ("planner", "corrupt"),
+    ] {
+        let faults = format!("fault=[{{kind=\"{kind}\",process=\"{process}\",at_s=0.8,for_ms=3}}]");
+        let disturbed = run(&stack, "disturbed.mcap", &[&scenario[..], &["--set", &faults]].concat());
+        expect_undisturbed(&disturbed, &undisturbed);
+        let trace = Trace::read(&stack.path("disturbed.mcap"));
+        let refused = trace.events.iter().filter(|e| e.kind == "refused" && e.detector == "check").count();
+        assert!(refused > 0, "{kind} of {process}:\n{}", trace.text());
+        assert_eq!(trace.events("injected", process).len(), 1, "{kind} of {process}:\n{}", trace.text());
+    }
+}
+
+#[test]
+fn a_process_that_dies_again_and_again_is_given_up_with_a_clear_report() {
+    let stack = Stack::new();
+    let faults = "fault=[{kind=\"kill\",process=\"planner\",random={count=50,from_s=0.1,to_s=1.0}}]";
+    let end = stack.run(&[&BASE[..], &["--log", "run.mcap", "--set", faults, "--set", "supervisor.restart_budget=3"]].concat());
+    end.expect(3);
+    assert!(end.out.contains("FAULT              planner was lost once more after 3 restarts within 10 s"), "{}", end.out);
+    assert!(end.out.contains("seen by: budget"), "{}", end.out);
+    let trace = Trace::read(&stack.path("run.mcap"));
+    assert_eq!(trace.events("restarted", "planner").len(), 3, "{}", trace.text());
+    expect_complete(&stack.path("run.mcap"));
+}

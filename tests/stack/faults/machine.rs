@@ -1,0 +1,75 @@
+//! Faults of the machine: a full disk, hogs, no memory to lock.
+
+use super::trace::Trace;
+use crate::log_file::expect_complete;
+use hapfic_tests::Stack;
+use std::process::Command;
+
+/// A small file system in memory; unmounted when dropped. `None` where this user may not mount.
+struct SmallDisk<'a>(&'a std::path::Path);
+
+impl<'a> SmallDisk<'a> {
+    fn mount(folder: &'a std::path::Path) -> Option<Self> {
+        std::fs::create_dir(folder).unwrap();
+        let mounted = Command::new("mount").args(["-t", "tmpfs", "-o", "size=4m", "tmpfs"]).arg(folder).status();
+        mounted.is_ok_and(|status| status.success()).then_some(Self(folder))
+    }
+}
+
+impl Drop for SmallDisk<'_> {
+    fn drop(&mut self) {
+        let _ = Command::new("umount").arg("--lazy").arg(self.0).status();
+    }
+}
+
+#[test]
+fn a_full_disk_ends_the_run_in_order_and_what_was_logged_can_be_read() {
+    let stack = Stack::new();
+    let folder = stack.path("small");
+    let Some(_disk) = SmallDisk::mount(&folder) else {
+        std::io::Write::write_all(&mut std::io::stderr(), b"skipped: this user may not mount a tmpfs\n").unwrap();
+        return;
+    };
+    let faults = "fault=[{kind=\"full_disk\",at_s=0.5}]";
+    let end = stack.run(&["run", "floor", "--clock", "lockstep", "--duration", "60", "--log", "small/run.mcap", "--set", faults]);
+    end.expect(3);
+    assert!(end.out.contains("FAULT              recorder cannot write the log any further"), "{}", end.out);
+    let log = folder.join("run.mcap");
+    assert!(!folder.join("run.filler").exists(), "the filler was left");
+    // Off the full disk, what is there is recovered, if it is not whole.
+    let recovered = stack.path("recovered.mcap");
+    stack.run(&["recover", "small/run.mcap", "--output", recovered.to_str().unwrap()]).expect(0);
+    let trace = Trace::read(if recovered.exists() { &recovered } else { &log });
+    assert!(trace.commands.len() > 300, "{} commands", trace.commands.len());
+}
+
+#[test]
+fn a_full_disk_is_only_made_of_one_that_is_there_for_it() {
+    let stack = Stack::new();
+    let faults = "fault=[{kind=\"full_disk\",at_s=0.5}]";
+    let end = stack.run(&["run", "floor", "--clock", "lockstep", "--log", "run.mcap", "--set", faults]);
+    // Where the temporary folder is a small tmpfs of its own, it may be filled.
+    if end.code == Some(2) {
+        assert!(end.err.contains("full_disk") && end.err.contains("expected a tmpfs"), "{}", end.err);
+        assert!(!stack.path("run.mcap").exists());
+    }
+}
+
+#[test]
+fn hogs_on_every_core_take_nothing_away_in_lockstep() {
+    let stack = Stack::new();
+    let faults = "fault=[{kind=\"hog\",at_s=0.2,for_ms=1000}]";
+    stack.run(&["run", "floor", "--clock", "lockstep", "--duration", "2", "--log", "run.mcap", "--set", faults]).expect(0);
+    assert_eq!(expect_complete(&stack.path("run.mcap")), 2000);
+    let trace = Trace::read(&stack.path("run.mcap"));
+    assert!(trace.events.iter().any(|e| e.kind == "injected" && e.text.contains("hog")), "{}", trace.text());
+}
+
+#[test]
+fn a_limit_on_locked_memory_is_set_on_the_process() {
+    let stack = Stack::new();
+    let faults = "fault=[{kind=\"memory_lock\",process=\"planner\",at_s=0.2}]";
+    stack.run(&["run", "floor", "--clock", "lockstep", "--duration", "1", "--log", "run.mcap", "--set", faults]).expect(0);
+    let trace = Trace::read(&stack.path("run.mcap"));
+    assert_eq!(trace.events("injected", "planner").len(), 1, "{}", trace.text());
+}

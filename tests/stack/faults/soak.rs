@@ -1,0 +1,75 @@
+//! A short soak: the survivors do not grow, whoever dies around them. `just soak` is the long one.
+
+use super::trace::Trace;
+use crate::log_file::expect_complete;
+use crate::realtime::alone;
+use hapfic_tests::{Stack, children_of};
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+/// What a process holds: memory in kB, threads, open files.
+#[derive(Clone, Copy, Debug)]
+struct Held {
+    resident_kb: u64,
+    threads: u64,
+    files: usize,
+}
+
+fn held(pid: u32) -> Held {
+    let status = std::fs::read_to_string(format!("/proc/{pid}/status")).unwrap();
+    let number = |name: &str| {
+        let line = status.lines().find_map(|l| l.strip_prefix(name)).unwrap();
+        line.split_whitespace().next().unwrap().parse().unwrap()
+    };
+    let files = std::fs::read_dir(format!("/proc/{pid}/fd")).unwrap().count();
+    Held { resident_kb: number("VmRSS:"), threads: number("Threads:"), files }
+}
+
+/// Files of a run in shared memory, and in its folder.
+fn shared(run: &str) -> usize {
+    fn below(folder: &Path) -> usize {
+        let Ok(entries) = std::fs::read_dir(folder) else { return 0 };
+        entries.flatten().map(|e| 1 + below(&e.path())).sum()
+    }
+    let named = std::fs::read_dir("/dev/shm").unwrap().flatten().filter(|e| e.file_name().to_string_lossy().starts_with(run));
+    named.map(|e| 1 + below(&e.path())).sum()
+}
+
+#[test]
+fn survivors_do_not_grow() {
+    let _alone = alone();
+    let stack = Stack::new();
+    let faults = "fault=[{kind=\"kill\",process=[\"controller\",\"standby\",\"planner\"],random={count=60,from_s=3.0,to_s=13.0}},\
+                  {kind=\"stop\",process=[\"controller\",\"standby\",\"planner\"],for_ms=20,random={count=15,from_s=3.0,to_s=13.0}},\
+                  {kind=\"kill\",process=\"controllers\",random={count=5,from_s=3.0,to_s=13.0}}]";
+    let set = ["--set", faults, "--set", "supervisor.restart_budget=1000", "--set", "supervisor.restart_backoff_ms=0"];
+    let run = [&["run", "floor", "--duration", "16", "--log", "run.mcap"][..], &set].concat();
+    let mut run = stack.start(&run);
+    let children = run.children(&["plant", "planner", "controller", "standby"]);
+    let plant = children.iter().find(|(name, _)| name == "plant").unwrap().1;
+    let survivors = [run.pid(), plant];
+    let registered = std::fs::read_dir(stack.path("hapfic")).unwrap().flatten().next().unwrap().path();
+    let name = registered.file_stem().unwrap().to_str().unwrap().to_owned();
+    let at = |seconds: u64, begun: Instant| {
+        while begun.elapsed() < Duration::from_secs(seconds) {
+            std::thread::yield_now();
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        (survivors.map(held), shared(&name), children_of(survivors[0]).len())
+    };
+    let begun = Instant::now();
+    let before = at(2, begun);
+    let after = at(15, begun);
+    run.finish().expect(0);
+    assert_eq!(expect_complete(&stack.path("run.mcap")), 16_000);
+    let trace = Trace::read(&stack.path("run.mcap"));
+    let lost = trace.events.iter().filter(|e| e.kind == "lost").count();
+    assert!(lost >= 70, "{lost} losses");
+    assert_eq!(before.2, after.2, "as many processes as before");
+    for (before, after) in before.0.iter().zip(&after.0) {
+        assert_eq!(before.threads, after.threads);
+        assert!(after.files <= before.files + 2, "{before:?} -> {after:?}");
+        assert!(after.resident_kb <= before.resident_kb + 8192, "{before:?} -> {after:?}");
+    }
+    assert!(after.1 <= before.1 + 8, "{} files in shared memory, then {}", before.1, after.1);
+}

@@ -1,0 +1,344 @@
+//! Who can get at a run: what it has on the machine, what another user can do to it, and what the same user can.
+
+use hapfic_tests::{Stack, Started, hapfic, is_running};
+use rustix::process::{Gid, Pid, Signal, Uid, geteuid, kill_process};
+use rustix::thread::{set_thread_gid, set_thread_groups, set_thread_uid};
+use serde_json::Value;
+use std::fs::{self, File, OpenOptions, Permissions};
+use std::io::{ErrorKind, Write};
+use std::os::unix::fs::{FileTypeExt, MetadataExt, PermissionsExt, chown};
+use std::os::unix::net::UnixDatagram;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+use tempfile::TempDir;
+
+/// User and group that own nothing.
+const NOBODY: u32 = 65_534;
+/// How long anything may take before a test gives up.
+const PATIENCE: Duration = Duration::from_secs(60);
+/// Processes that a run starts.
+const PROCESSES: [&str; 3] = ["plant", "planner", "controller"];
+
+/// A lockstep run far longer than any test, in which nothing but the test changes parameters.
+fn start(stack: &Stack) -> Started {
+    let floor = stack.run(&["scenarios", "floor"]).expect(0).out.clone();
+    let (body, _) = floor.split_once("[[operator]]").expect("a script");
+    fs::write(stack.path("run.toml"), body).unwrap();
+    stack.start(&["run", "run.toml", "--clock", "lockstep", "--duration", "3600", "--log", "run.mcap"])
+}
+
+/// The status of the only run, as soon as it has got to a tick.
+fn status_at(stack: &Stack, tick: i64) -> Value {
+    let begun = Instant::now();
+    loop {
+        let end = stack.run(&["status", "--json"]);
+        assert!(begun.elapsed() < PATIENCE, "tick {tick} does not come:\n{}\n{}", end.out, end.err);
+        if end.code != Some(0) {
+            continue;
+        }
+        let status: Value = serde_json::from_str(&end.out).unwrap();
+        if status["tick"].as_i64().unwrap() >= tick {
+            return status;
+        }
+    }
+}
+
+fn set(stack: &Stack, change: &str) {
+    let end = stack.run(&["set", change]);
+    assert_eq!(end.code, Some(0), "{}\n{}", end.out, end.err);
+}
+
+fn stop(stack: &Stack, run: Started) {
+    let end = stack.run(&["stop"]);
+    assert_eq!(end.code, Some(0), "{}\n{}", end.out, end.err);
+    let run = run.finish();
+    run.expect(3);
+    assert!(run.out.contains("asked to end by the operator"), "{}", run.out);
+    assert_eq!(stack.registrations(), 0);
+}
+
+/// The only run of a place: its registration, and its name.
+fn registered(stack: &Stack) -> (PathBuf, String) {
+    let mut all = fs::read_dir(stack.path("hapfic")).unwrap().map(|entry| entry.unwrap().path());
+    let file = all.next().expect("a registration");
+    assert_eq!(all.next(), None, "one run");
+    let run = file.file_stem().unwrap().to_str().unwrap().to_owned();
+    (file, run)
+}
+
+/// All files of a run that are seen in shared memory itself: its segments and its folder.
+fn top(run: &str) -> Vec<PathBuf> {
+    let mark = format!("{run}_");
+    let found: Vec<PathBuf> = fs::read_dir("/dev/shm")
+        .unwrap()
+        .map(|entry| entry.unwrap())
+        .filter(|entry| entry.file_name().to_str().is_some_and(|name| name == run || name.starts_with(&mark)))
+        .map(|entry| entry.path())
+        .collect();
+    assert!(found.len() > 20, "a run has more in shared memory than {found:?}");
+    found
+}
+
+/// Everything below a folder. What goes away meanwhile is left out.
+fn below(folder: &Path) -> Vec<PathBuf> {
+    let mut found = Vec::new();
+    let mut folders = vec![folder.to_owned()];
+    while let Some(folder) = folders.pop() {
+        for path in fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path()) {
+            if path.is_dir() {
+                folders.push(path.clone());
+            }
+            found.push(path);
+        }
+    }
+    found
+}
+
+/// Does something in a thread that has become another user, in no group but its own. `None` if this user cannot become another.
+fn as_another_user<T: Send>(act: impl FnOnce() -> T + Send) -> Option<T> {
+    if !geteuid().is_root() {
+        writeln!(std::io::stderr(), "skipped: only root can become another user").unwrap();
+        return None;
+    }
+    std::thread::scope(|scope| {
+        let thread = scope.spawn(|| {
+            // By the kernel's rules these are the thread's own, and there is no way back.
+            set_thread_groups(&[]).unwrap();
+            set_thread_gid(Gid::from_raw(NOBODY)).unwrap();
+            set_thread_uid(Uid::from_raw(NOBODY)).unwrap();
+            act()
+        });
+        Some(thread.join().unwrap())
+    })
+}
+
+/// The mask that files of this process are made with.
+fn umask() -> u32 {
+    let status = fs::read_to_string("/proc/self/status").unwrap();
+    let line = status.lines().find_map(|line| line.strip_prefix("Umask:")).expect("Linux 4.7 or newer");
+    u32::from_str_radix(line.trim(), 8).unwrap()
+}
+
+#[test]
+fn all_of_a_run_belongs_to_its_user_alone() {
+    let stack = Stack::new();
+    let mut run = start(&stack);
+    let _ = run.children(&PROCESSES);
+    status_at(&stack, 10);
+    let (registration, name) = registered(&stack);
+    for path in top(&name).iter().chain([&stack.path("hapfic"), &registration]) {
+        // A caller's connection goes away with it.
+        let Ok(meta) = fs::symlink_metadata(path) else { continue };
+        assert_eq!(meta.uid(), geteuid().as_raw(), "{path:?}");
+        assert_eq!(meta.mode() & 0o077, 0, "{path:?} has mode {:o}", meta.mode());
+    }
+    // Nobody else gets through the folder; what is in it is of its user, and nobody else could write it either.
+    let (mut sockets, folder) = (0, Path::new("/dev/shm").join(&name));
+    let inside = below(&folder);
+    assert!(inside.len() > 50, "{inside:?}");
+    for path in inside {
+        let Ok(meta) = fs::symlink_metadata(&path) else { continue };
+        assert_eq!(meta.uid(), geteuid().as_raw(), "{path:?}");
+        assert_eq!(meta.mode() & 0o022, 0, "{path:?} has mode {:o}", meta.mode());
+        if meta.file_type().is_socket() {
+            sockets += 1;
+            assert_eq!(meta.mode() & 0o077, 0, "{path:?} has mode {:o}", meta.mode());
+        }
+    }
+    assert!(sockets >= 5, "{sockets} sockets");
+    // The log is its user's, and as readable as the user's mask makes any file.
+    let log = fs::metadata(stack.path("run.mcap")).unwrap();
+    assert_eq!((log.uid(), log.mode() & 0o777), (geteuid().as_raw(), 0o666 & !umask()));
+    stop(&stack, run);
+}
+
+/// What another user gets done with a path and should not.
+fn breaches(path: &Path) -> Vec<String> {
+    let denied = |what: &str, error: Option<std::io::Error>| match error {
+        Some(e) if matches!(e.kind(), ErrorKind::PermissionDenied | ErrorKind::NotFound) => None,
+        // The wrong question, and answered before the right to ask it is looked at.
+        Some(e) if matches!(e.kind(), ErrorKind::IsADirectory | ErrorKind::NotADirectory) => None,
+        Some(e) => Some(format!("{what} {}: {e}", path.display())),
+        None => Some(format!("{what} {}: done", path.display())),
+    };
+    let socket = UnixDatagram::unbound().unwrap();
+    [
+        denied("read", File::open(path).err()),
+        denied("write", OpenOptions::new().write(true).open(path).err()),
+        denied("list", fs::read_dir(path).err()),
+        denied("connect to", socket.connect(path).err()),
+    ]
+    .into_iter()
+    .flatten()
+    .collect()
+}
+
+#[test]
+fn another_user_can_neither_open_nor_remove_nor_end_any_of_it() {
+    let stack = Stack::new();
+    let mut run = start(&stack);
+    let children = run.children(&PROCESSES);
+    status_at(&stack, 10);
+    let (registration, name) = registered(&stack);
+    let top = top(&name);
+    let folder = Path::new("/dev/shm").join(&name);
+    let pids: Vec<u32> = children.iter().map(|(_, pid)| *pid).chain([run.pid()]).collect();
+    let mut closed: Vec<PathBuf> = top.clone();
+    closed.extend(below(&folder));
+    closed.extend([folder, registration, stack.path("hapfic"), stack.path("run.mcap")]);
+    for pid in &pids {
+        closed.extend(["mem", "environ", "fd"].map(|what| PathBuf::from(format!("/proc/{pid}/{what}"))));
+    }
+    let found = as_another_user(|| {
+        let mut found: Vec<String> = closed.iter().flat_map(|path| breaches(path)).collect();
+        for path in &top {
+            match fs::remove_file(path) {
+                Err(e) if matches!(e.kind(), ErrorKind::PermissionDenied | ErrorKind::NotFound | ErrorKind::IsADirectory) => {}
+                done => found.push(format!("remove {}: {done:?}", path.display())),
+            }
+        }
+        for pid in &pids {
+            for signal in [Signal::TERM, Signal::KILL, Signal::STOP] {
+                match kill_process(Pid::from_raw(*pid as i32).unwrap(), signal) {
+                    Err(rustix::io::Errno::PERM) => {}
+                    done => found.push(format!("{signal:?} to {pid}: {done:?}")),
+                }
+            }
+        }
+        found
+    });
+    assert_eq!(found.unwrap_or_default(), Vec::<String>::new());
+    stop(&stack, run);
+}
+
+#[test]
+fn another_user_has_no_say() {
+    let stack = Stack::new();
+    let run = start(&stack);
+    let before = status_at(&stack, 10);
+    let (_, name) = registered(&stack);
+    // A program and a folder that the other user can get at.
+    let place = TempDir::new().unwrap();
+    fs::set_permissions(place.path(), Permissions::from_mode(0o755)).unwrap();
+    let program = place.path().join("hapfic");
+    // By a process of its own: a file that this one has open for writing may be inherited by what other tests start meanwhile, and
+    // cannot be run as long as they have it.
+    assert!(Command::new("cp").arg(hapfic()).arg(&program).status().unwrap().success());
+    fs::set_permissions(&program, Permissions::from_mode(0o755)).unwrap();
+    let own = place.path().join("own");
+    fs::create_dir(&own).unwrap();
+    let owners = stack.path("");
+    let refused = |arguments: &[&str], runtime: Option<&Path>, run_file: Option<&str>| -> Option<String> {
+        let mut command = Command::new(&program);
+        command.args(arguments).current_dir("/").stdin(Stdio::null()).env_remove("XDG_RUNTIME_DIR").env_remove("HAPFIC_RUN");
+        command.envs(runtime.map(|folder| ("XDG_RUNTIME_DIR", folder))).envs(run_file.map(|file| ("HAPFIC_RUN", file)));
+        let end = command.output().unwrap();
+        let err = String::from_utf8_lossy(&end.stderr).into_owned();
+        let clear = err.starts_with("hapfic: ")
+            && err.lines().count() == 1
+            && ["no stack is running", "where runs are registered", "belongs to user", "Permission denied"]
+                .iter()
+                .any(|words| err.contains(words));
+        let good = end.status.code() == Some(2) && end.stdout.is_empty() && clear;
+        (!good).then(|| format!("{arguments:?} with {runtime:?}: {:?}\n{err}", end.status))
+    };
+    let all = || {
+        let mut found = Vec::new();
+        for runtime in [None, Some(own.as_path()), Some(owners.as_path())] {
+            for words in [&["status", "--json"][..], &["set", "taper=0.1"], &["stop"]] {
+                found.extend(refused(words, runtime, None));
+                let named = [&words[..1], &["--run", name.as_str()], &words[1..]].concat();
+                found.extend(refused(&named, runtime, None));
+            }
+        }
+        let log = own.join("run.mcap");
+        let words = ["run", "floor", "--clock", "lockstep", "--duration", "0.05", "--log", log.to_str().unwrap()];
+        found.extend(refused(&words, Some(owners.as_path()), None));
+        let file = format!("/dev/shm/{name}/run.json");
+        found.extend(refused(&["process", "planner"], Some(own.as_path()), Some(file.as_str())));
+        found
+    };
+    if geteuid().is_root() {
+        chown(&own, Some(NOBODY), Some(NOBODY)).unwrap();
+    }
+    assert_eq!(as_another_user(all).unwrap_or_default(), Vec::<String>::new());
+    // The same where one can get as far as the folder of registrations.
+    fs::set_permissions(&owners, Permissions::from_mode(0o755)).unwrap();
+    assert_eq!(as_another_user(all).unwrap_or_default(), Vec::<String>::new());
+    let after = status_at(&stack, before["tick"].as_i64().unwrap() + 1);
+    for field in ["announced_version", "refused_requests"] {
+        assert_eq!(before[field], after[field], "{field}");
+    }
+    stop(&stack, run);
+}
+
+#[test]
+fn what_the_same_user_leaves_beside_a_run_does_not_disturb_it() {
+    let stack = Stack::new();
+    let run = start(&stack);
+    status_at(&stack, 10);
+    let (_, name) = registered(&stack);
+    let folder = Path::new("/dev/shm").join(&name);
+    let mut foreign = vec![
+        (format!("/dev/shm/{name}_junk"), b"junk".to_vec()),
+        (format!("{}/junk", folder.display()), b"junk".to_vec()),
+        (format!("{}/nodes/junk", folder.display()), b"junk".to_vec()),
+        (format!("{}/services/{name}_0000000000000000000000000000000000000000.service", folder.display()), b"junk".to_vec()),
+        (stack.path("hapfic/junk.json").display().to_string(), b"junk".to_vec()),
+    ];
+    // Beginnings of real segments, and empty ones, under names as iceoryx2 gives them.
+    let segments: Vec<PathBuf> =
+        top(&name).into_iter().filter(|path| path.extension().is_some_and(|e| e == "connection" || e == "dynamic")).collect();
+    assert!(segments.len() > 10, "{segments:?}");
+    for path in &segments {
+        let (stem, extension) = path.to_str().unwrap().rsplit_once('.').unwrap();
+        let bytes = fs::read(path).unwrap_or_default();
+        foreign.push((format!("{stem}7.{extension}"), bytes[..bytes.len() / 2].to_vec()));
+        foreign.push((format!("{stem}8.{extension}"), Vec::new()));
+    }
+    for (path, bytes) in &foreign {
+        fs::write(path, bytes).unwrap();
+    }
+    let tick = status_at(&stack, 0)["tick"].as_i64().unwrap();
+    set(&stack, "taper=0.15");
+    // Killed callers make the supervisor look through all of it.
+    for _ in 0..10 {
+        let caller = stack.start(&["set", "taper=0.1"]);
+        std::thread::sleep(Duration::from_millis(10));
+        let _ = caller.kill();
+    }
+    status_at(&stack, tick + 100);
+    set(&stack, "taper=0.12");
+    // Not part of the run, so nobody removes it.
+    fs::remove_file(stack.path("hapfic/junk.json")).unwrap();
+    stop(&stack, run);
+    for (path, _) in &foreign {
+        assert!(!Path::new(path).exists(), "{path} is left");
+    }
+}
+
+#[test]
+fn segments_that_the_same_user_cuts_off_end_the_run_and_nothing_else() {
+    for kind in ["data", "connection", "dynamic"] {
+        let stack = Stack::new();
+        let mut run = start(&stack);
+        let children = run.children(&PROCESSES);
+        run.wait_for(&stack.path("run.mcap"), 200_000);
+        let (_, name) = registered(&stack);
+        for path in top(&name).iter().filter(|path| path.extension().is_some_and(|e| e == kind)) {
+            OpenOptions::new().write(true).truncate(true).open(path).unwrap();
+        }
+        // Whoever touches one gets SIGBUS; if that is not the supervisor, it reports.
+        let end = run.finish();
+        assert!(matches!(end.code, None | Some(3)), "{kind}: {:?}\n{}", end.code, end.out);
+        let begun = Instant::now();
+        while children.iter().any(|(_, pid)| is_running(*pid)) {
+            assert!(begun.elapsed() < Duration::from_secs(10), "{kind}: still running: {children:?}");
+            std::thread::yield_now();
+        }
+        stack.run(&["run", "floor", "--clock", "lockstep", "--duration", "0.05", "--log", "next.mcap"]).expect(0);
+        end.expect_nothing_left();
+        assert_eq!(stack.registrations(), 0);
+    }
+}
