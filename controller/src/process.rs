@@ -6,8 +6,8 @@
 use crate::answer::{Known, answer};
 use crate::error::ControllerError;
 use hapfic_config::Settings;
-use hapfic_ipc::message::{Command, Credit, Operator, Process, Reference, Request, State};
 use hapfic_ipc::inject::Injector;
+use hapfic_ipc::message::{Command, Credit, Operator, Process, Reference, Request, State};
 use hapfic_ipc::realtime::Wish;
 use hapfic_ipc::{Clock, Context, Input, IpcError, Output, Recent, Tick, Wait, Wakes, clock, topic};
 use hapfic_robot::Chain;
@@ -24,6 +24,14 @@ struct Ports {
 }
 
 impl Ports {
+    /// Work for the slack: the next loan, and meeting those who have joined.
+    fn prepare(&mut self) {
+        self.request.prepare();
+        self.state.prepare();
+        self.reference.prepare();
+        self.command.prepare();
+    }
+
     fn unmet(&self) -> u32 {
         self.request.unmet() + self.state.unmet() + self.reference.unmet() + self.command.unmet() + self.operator.unmet()
     }
@@ -121,7 +129,7 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), ControllerE
             publish_ns: published,
             latency_ns: 0,
         })?;
-        ports.request.prepare();
+        ports.prepare();
         context.tell_unmet(ports.unmet());
         ports.injector.listen()?;
         if state.tick >= last_tick {

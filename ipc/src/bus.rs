@@ -5,8 +5,8 @@
 //! ([`Output::prepare`]).
 
 use crate::clock;
-use crate::run::Clock;
 use crate::error::IpcError;
+use crate::run::Clock;
 use crate::topic::{CONTROL_DEPTH, RECORDER_DEPTH, Topic};
 use core::mem::MaybeUninit;
 use core::time::Duration;
@@ -233,7 +233,8 @@ impl Bus {
     /// # Errors
     /// [`IpcError::Messaging`] with what iceoryx2 said.
     pub fn knocker<T: Copy + core::fmt::Debug + ZeroCopySend + 'static>(&self, topic: &Topic<T>) -> Result<Knocker, IpcError> {
-        let notifier = self.event(topic)?.notifier_builder().create().map_err(|e| IpcError::messaging("notify on", topic.name, e))?;
+        let notifier =
+            self.event(topic)?.notifier_builder().create().map_err(|e| IpcError::messaging("notify on", topic.name, e))?;
         Ok(Knocker(notifier))
     }
 
@@ -258,6 +259,12 @@ pub(crate) fn service_name(name: &str) -> Result<ServiceName, IpcError> {
 pub struct Knocker(Notifier<Service>);
 
 impl Knocker {
+    /// Work for the slack: meets those who have joined since.
+    pub fn prepare(&self) {
+        // As for a sender: one that cannot be met looks by itself.
+        let _ = self.0.update_connections();
+    }
+
     /// Wakes them all.
     pub fn knock(&self) {
         // A listener that has just died is not the caller's concern.
@@ -285,6 +292,10 @@ impl<T: Copy + core::fmt::Debug + ZeroCopySend + 'static> Output<T> {
     /// in who have joined since (history is handed over here).
     pub fn prepare(&mut self) {
         self.meet();
+        if let Some(notifier) = &self.notifier {
+            // One that cannot be met is not woken: it looks by itself from time to time.
+            let _ = notifier.update_connections();
+        }
         // A failure shows at the next send, which then has no loan.
         if self.loan.is_none() {
             self.loan = self.publisher.loan_uninit().ok();

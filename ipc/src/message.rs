@@ -6,7 +6,9 @@
 //! `stamp_ns` fields are readings of `CLOCK_MONOTONIC` and are zero in lockstep, where everything that is logged is a
 //! function of scenario and seed.
 
-pub use crate::codes::{Detector, Drive, EventKind, Mode, Phase, Process, ResetPolicy, Saturation, Search, Severity, Source, Tampering};
+pub use crate::codes::{
+    Detector, Drive, EventKind, Mode, Phase, Process, ResetPolicy, Saturation, Search, Severity, Source, Tampering,
+};
 use iceoryx2::prelude::ZeroCopySend;
 
 /// Most joints a robot may have.

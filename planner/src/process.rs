@@ -4,8 +4,8 @@
 
 use crate::Plan;
 use hapfic_config::Settings;
-use hapfic_ipc::message::{Command, Mode, Operator, Reference, State};
 use hapfic_ipc::inject::Injector;
+use hapfic_ipc::message::{Command, Mode, Operator, Reference, State};
 use hapfic_ipc::realtime::Wish;
 use hapfic_ipc::{Clock, Context, Input, IpcError, Output, Recent, Tick, Wait, clock, topic};
 
@@ -80,6 +80,8 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), IpcError> {
             latency_ns: 0,
         })?;
         ports.reference.prepare();
+        ports.state.prepare();
+        ports.command.prepare();
         let unmet = ports.reference.unmet() + ports.state.unmet() + ports.command.unmet() + ports.operator.unmet();
         context.tell_unmet(unmet);
         ports.injector.listen()?;

@@ -41,6 +41,7 @@ impl Ports {
     fn slack(&mut self, context: &mut Context) -> Result<(), IpcError> {
         self.state.prepare();
         self.command.prepare();
+        self.answered.prepare();
         context.tell_unmet(self.state.unmet() + self.command.unmet() + self.credit.unmet());
         self.injector.listen()
     }

@@ -5,6 +5,7 @@
 
 use anyhow::{Context, Result};
 use hapfic_ipc::Domain;
+use rustix::event::{PollFd, PollFlags, poll};
 use rustix::fs::{FlockOperation, flock};
 use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
 use serde::{Deserialize, Serialize};
@@ -13,6 +14,8 @@ use std::io::Write;
 use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 
+/// How long a killed process may take to end.
+const END_PATIENCE_NS: u64 = 1_000_000_000;
 /// Where POSIX shared memory is.
 const SHM: &str = "/dev/shm";
 
@@ -318,6 +321,7 @@ fn remove_remains(run: &str) {
 fn end_processes(run: &str) {
     let mark = format!("{}={SHM}/{run}/", hapfic_ipc::RunFile::VARIABLE);
     let Ok(entries) = fs::read_dir("/proc") else { return };
+    let mut ended = Vec::new();
     for entry in entries.flatten() {
         let Some(pid) = entry.file_name().to_str().and_then(|n| n.parse().ok()).and_then(Pid::from_raw) else { continue };
         // Opened first: what is read after is then of the same process.
@@ -325,7 +329,12 @@ fn end_processes(run: &str) {
         let environment = fs::read(entry.path().join("environ")).unwrap_or_default();
         if environment.split(|b| *b == 0).any(|v| v.starts_with(mark.as_bytes())) {
             let _ = pidfd_send_signal(&handle, Signal::KILL);
+            ended.push(handle);
         }
+    }
+    // One that is in the middle of a system call may still make a file.
+    for handle in &ended {
+        let _ = poll(&mut [PollFd::new(handle, PollFlags::IN)], Some(&hapfic_ipc::clock::timespec(END_PATIENCE_NS)));
     }
 }
 

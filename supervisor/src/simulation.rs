@@ -159,9 +159,7 @@ impl Simulation {
         };
         let request =
             answer(&self.chain, &self.gravity, &known, Process::Controller).ok_or(SimulationError::NoRequest { tick })?;
-        self.gate
-            .judge(&request, &state, operator.at(tick))
-            .map_err(|defect| SimulationError::Refused { tick, defect })?;
+        self.gate.judge(&request, &state, operator.at(tick)).map_err(|defect| SimulationError::Refused { tick, defect })?;
         let command = self.gate.accept(Place::First, &request, &Observed::alone(), &Wishes::default());
         self.timeline.announce(tick);
         self.drive(tick, &command);

@@ -159,6 +159,8 @@ fn breaches(path: &Path) -> Vec<String> {
         Some(e) if matches!(e.kind(), ErrorKind::PermissionDenied | ErrorKind::NotFound) => None,
         // The wrong question, and answered before the right to ask it is looked at.
         Some(e) if matches!(e.kind(), ErrorKind::IsADirectory | ErrorKind::NotADirectory) => None,
+        // Too long a path to be a socket's.
+        Some(e) if e.kind() == ErrorKind::InvalidInput => None,
         Some(e) => Some(format!("{what} {}: {e}", path.display())),
         None => Some(format!("{what} {}: done", path.display())),
     };

@@ -10,8 +10,10 @@ pub(super) struct Sum {
 
 impl Sum {
     pub(super) fn add(&mut self, value: f64) {
-        self.squares += value * value;
-        self.largest = self.largest.max(value.abs());
+        // Numbers of another program may be beyond all measure, and their figures are numbers all the same.
+        let size = value.abs().min(f64::MAX);
+        self.squares = (self.squares + size * size).min(f64::MAX);
+        self.largest = self.largest.max(size);
         self.count += 1;
     }
 

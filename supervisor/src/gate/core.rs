@@ -3,9 +3,7 @@
 use super::protocol::{Action, Choice, Observed, Patience, Place, Protocol, Wishes};
 use super::torque::TorqueCheck;
 use hapfic_controller::conditioning::{LowPass, limit};
-use hapfic_ipc::message::{
-    Command, ControllerState, MAX_JOINTS, Mode, Parameters, Process, Request, Severity, Source, State,
-};
+use hapfic_ipc::message::{Command, ControllerState, MAX_JOINTS, Mode, Parameters, Process, Request, Severity, Source, State};
 use hapfic_ipc::{Check, Defect};
 
 /// What the gate enforces.
@@ -66,15 +64,7 @@ impl Gate {
             },
             ..Command::default()
         };
-        Self {
-            limits,
-            check,
-            filter: LowPass::default(),
-            protocol: Protocol::default(),
-            ramp: None,
-            step: None,
-            last: first,
-        }
+        Self { limits, check, filter: LowPass::default(), protocol: Protocol::default(), ramp: None, step: None, last: first }
     }
 
     /// The last command; before the first tick, the one that starts everything: brakes on, controller state cleared.
@@ -241,7 +231,7 @@ mod tests {
     use hapfic_robot::Chain;
     use nalgebra::Vector3;
 
-        const NOTHING: Wishes = Wishes { stop: false, rearm: false, missing: false };
+    const NOTHING: Wishes = Wishes { stop: false, rearm: false, missing: false };
     const NOBODY: Observed = Observed { valid: [false; 2], refused: [false; 2], present: [true; 2], overdue: true };
 
     fn chain() -> Chain {
@@ -249,14 +239,8 @@ mod tests {
     }
 
     fn gate(bandwidth_hz: Option<f64>) -> Gate {
-        let limits = Limits {
-            joints: 3,
-            bandwidth_hz,
-            peak: [40.0; MAX_JOINTS],
-            period_s: 1e-3,
-            ramp_rate: 2000.0,
-            discontinuity: 10.0,
-        };
+        let limits =
+            Limits { joints: 3, bandwidth_hz, peak: [40.0; MAX_JOINTS], period_s: 1e-3, ramp_rate: 2000.0, discontinuity: 10.0 };
         Gate::new(limits, TorqueCheck::new(chain(), [0.0, 0.0, -9.81]))
     }
 

@@ -126,13 +126,7 @@ pub struct Protocol {
 
 impl Default for Protocol {
     fn default() -> Self {
-        Self {
-            primary: Place::First,
-            absent: 0,
-            severity: Severity::Nominal,
-            conditions: Conditions::default(),
-            opened: false,
-        }
+        Self { primary: Place::First, absent: 0, severity: Severity::Nominal, conditions: Conditions::default(), opened: false }
     }
 }
 

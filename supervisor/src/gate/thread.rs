@@ -7,9 +7,7 @@ use super::torque::TorqueCheck;
 use crate::live::Live;
 use crate::operator::exchange::{Answer, Hatch, Verdict};
 use hapfic_config::Settings;
-use hapfic_ipc::message::{
-    Command, Detector, Event, EventKind, MAX_JOINTS, Operator, Phase, Process, Request, State, Timing,
-};
+use hapfic_ipc::message::{Command, Detector, Event, EventKind, MAX_JOINTS, Operator, Phase, Process, Request, State, Timing};
 use hapfic_ipc::realtime::{self, Granted, Wish};
 use hapfic_ipc::{Bus, Check, Clock, Defect, Domain, Input, IpcError, Output, Recent, Wait, allocations, clock, topic, wait};
 use std::sync::Arc;

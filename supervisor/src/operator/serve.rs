@@ -190,7 +190,8 @@ impl Desked {
         }
         live.rearms.fetch_add(1, Ordering::AcqRel);
         if self.await_gate(|severity| severity < Severity::Stopped) {
-            let text = "re-armed: the drive brakes until 20 ticks in a row were good, then the torque ramps in from where the foot is";
+            let text =
+                "re-armed: the drive brakes until 20 ticks in a row were good, then the torque ramps in from where the foot is";
             return OperatorReply::new(ReplyCode::Done, text);
         }
         OperatorReply::new(ReplyCode::Done, "re-armed: takes effect with the next tick")
@@ -204,7 +205,9 @@ impl Desked {
             Err(e) => return refused(&e.to_string()),
         };
         if !self.start.live.go.load(Ordering::Acquire) {
-            return refused("nothing injected: the run has not started yet, expected its first tick. Hint: try again in a moment");
+            return refused(
+                "nothing injected: the run has not started yet, expected its first tick. Hint: try again in a moment",
+            );
         }
         if let Err(e) = watch::fault_possible(&fault, &self.start.log, self.start.standby) {
             return refused(&format!("{e:#}"));

@@ -24,14 +24,20 @@ impl<T: Check + Tamper + Ticked + std::fmt::Debug + ZeroCopySend + 'static> Kept
         Ok(Self { input: bus.input(topic, Wait::No)?, output: bus.output(topic)?, recent: Recent::default() })
     }
 
-    /// Says once more what was said last, oldest first. Returns the tick of the newest; `None` if nothing was ever said.
-    fn hand_over(&mut self, gated: i64) -> Result<Option<i64>, IpcError> {
+    /// Takes in what has been said.
+    fn listen(&mut self, gated: i64) -> Result<(), IpcError> {
         while let Some(message) = self.input.next()? {
             // Its own words come back as well; and what is damaged is no start for anybody.
             if message.check().is_ok() && (0..=gated + AHEAD).contains(&message.tick()) {
                 self.recent.keep(message);
             }
         }
+        Ok(())
+    }
+
+    /// Says once more what was said last, oldest first. Returns the tick of the newest; `None` if nothing was ever said.
+    fn hand_over(&mut self, gated: i64) -> Result<Option<i64>, IpcError> {
+        self.listen(gated)?;
         let mut last: Vec<T> = self.recent.iter().copied().collect();
         last.sort_by_key(Ticked::tick);
         for message in &last {
@@ -68,6 +74,16 @@ impl Keeper {
             Process::Planner => self.references.hand_over(gated),
             _ => Ok(None),
         }
+    }
+
+    /// Takes in what has been said. To be called often, and before the dead are swept away: with a dead process goes what nobody has
+    /// taken in from it, unless it was met while it lived.
+    ///
+    /// # Errors
+    /// [`IpcError`] if messaging fails.
+    pub fn listen(&mut self, gated: i64) -> Result<(), IpcError> {
+        self.states.listen(gated)?;
+        self.references.listen(gated)
     }
 
     /// Lets those in who have joined since.

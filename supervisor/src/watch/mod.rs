@@ -372,7 +372,10 @@ impl<'a> Watch<'a> {
         let refused = if refused.is_empty() { "none".to_owned() } else { refused.join(", ") };
         if self.clock == Clock::Lockstep && self.restarts_help() {
             // One of them has not said what another waits for. The clock waits, so all may start anew.
-            let what = format!("is started anew with the others: no tick was done for {} ms; messages refused: {refused}", limit.as_millis());
+            let what = format!(
+                "is started anew with the others: no tick was done for {} ms; messages refused: {refused}",
+                limit.as_millis()
+            );
             for process in [Process::Planner, Process::Controller, Process::Standby] {
                 if !self.lose(process, Detector::Tick, &what)? {
                     return Ok(true);

@@ -39,6 +39,7 @@ impl Watch<'_> {
         if !self.live.go.load(Ordering::Relaxed) {
             return Ok(true);
         }
+        self.keeper.listen(self.live.gated.load(Ordering::Acquire))?;
         let rearms = self.live.rearms.load(Ordering::Acquire);
         if rearms != std::mem::replace(&mut self.rearms, rearms) {
             self.stopped_by_budget = false;
@@ -56,8 +57,7 @@ impl Watch<'_> {
         // When all are back: it takes milliseconds and is in the way of those who join. Topics have places for some dead ones.
         let joining = self.slots.iter().any(Slot::joining);
         if self.unswept > MANY_DEAD || (self.unswept > 0 && !joining) {
-            self.unswept = 0;
-            self.bus.sweep_dead();
+            self.sweep()?;
         }
         Ok(true)
     }
@@ -71,8 +71,7 @@ impl Watch<'_> {
         if std::mem::replace(&mut self.unmet, unmet) >= unmet {
             return Ok(());
         }
-        self.unswept = 0;
-        self.bus.sweep_dead();
+        self.sweep()?;
         self.bus.stir(&topic::STATE)?;
         self.bus.stir(&topic::REFERENCE)?;
         self.bus.stir(&topic::REQUEST)?;
@@ -82,7 +81,20 @@ impl Watch<'_> {
         self.bus.stir(&topic::TIMING)?;
         self.bus.stir(&topic::CREDIT)?;
         self.bus.stir(&topic::INJECTION)?;
-        self.note(Process::Supervisor, EventKind::Note, Detector::None, "a connection was left half-made: all look round once more");
+        self.note(
+            Process::Supervisor,
+            EventKind::Note,
+            Detector::None,
+            "a connection was left half-made: all look round once more",
+        );
+        Ok(())
+    }
+
+    /// Removes what the dead have left; what they said last is taken in before.
+    fn sweep(&mut self) -> Result<()> {
+        self.unswept = 0;
+        self.keeper.listen(self.live.gated.load(Ordering::Acquire))?;
+        self.bus.sweep_dead();
         Ok(())
     }
 
@@ -171,7 +183,8 @@ impl Watch<'_> {
         slot.child = Some(child);
         let from = resume.map_or(String::new(), |tick| format!(", goes on from tick {tick}"));
         let (number, waited) = (slot.life.restarts(), slot.lost.map_or(0, |lost| lost.elapsed().as_millis()));
-        let text = format!("{process} is started again, {waited} ms after it was found lost (number {number} of its budget){from}");
+        let text =
+            format!("{process} is started again, {waited} ms after it was found lost (number {number} of its budget){from}");
         self.note(process, EventKind::Restarted, Detector::None, &text);
         self.unswept += 1;
         Ok(())
@@ -203,7 +216,8 @@ impl Watch<'_> {
             let first = slot.process.code() == primary;
             let realtime = &self.settings.realtime;
             let priority = realtime.priority_controller - u32::from(!first);
-            let core = if first { realtime.core_controller.or(self.cores.shared) } else { realtime.core_standby.or(self.cores.reserve) };
+            let core =
+                if first { realtime.core_controller.or(self.cores.shared) } else { realtime.core_standby.or(self.cores.reserve) };
             let Some(child) = &slot.child else { continue };
             let granted = Granted(self.live.pulse(slot.process).realtime());
             // One that has just died needs neither.

@@ -42,7 +42,8 @@ fn the_standby_takes_over_and_a_new_one_is_started() {
 fn a_halted_controller_is_replaced_by_its_heartbeat_and_a_short_halt_is_borne() {
     let _alone = alone();
     let faults = "fault=[{kind=\"stop\",process=\"controller\",at_s=0.5,for_ms=600000},{kind=\"stop\",process=\"planner\",at_s=2.5,for_ms=30}]";
-    let (_stack, trace) = run(faults, "4", &["--set", "supervisor.heartbeat_timeout_ms=400", "--set", "supervisor.tick_timeout_ms=5000"]);
+    let (_stack, trace) =
+        run(faults, "4", &["--set", "supervisor.heartbeat_timeout_ms=400", "--set", "supervisor.tick_timeout_ms=5000"]);
     expect_replaced(&trace, "controller", "heartbeat");
     assert!(trace.events("lost", "planner").is_empty(), "{}", trace.text());
 }
