@@ -13,6 +13,9 @@ use hapfic_ipc::{Clock, Context, Input, IpcError, Output, Recent, Tick, Wait, Wa
 use hapfic_robot::Chain;
 use nalgebra::Vector3;
 
+/// Ticks by which a reference may be behind the newest: those that are handed over when a planner is started again are.
+const OLD: i64 = 16;
+
 struct Ports {
     state: Input<State>,
     reference: Input<Reference>,
@@ -44,9 +47,18 @@ struct Inbox {
     references: Recent<Reference>,
     commands: Recent<Command>,
     operator: Option<Operator>,
+    /// Whether a state has been answered.
+    joined: bool,
 }
 
 impl Inbox {
+    /// Takes a reference; `false` if it is older than all that are kept.
+    fn follow(&mut self, new: Reference) -> bool {
+        let oldest = self.references.newest().map_or(i64::MIN, |newest| newest.tick.saturating_sub(OLD));
+        self.references.keep(new);
+        new.tick > oldest
+    }
+
     /// The reference to follow at a tick: its own, or the last one held at rest, or (before any) where the foot is.
     fn setpoint(&self, state: &State) -> ([f64; 3], [f64; 3]) {
         if let Some(r) = self.references.at(state.tick) {
@@ -105,21 +117,32 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), ControllerE
     loop {
         let in_reserve = context.clock == Clock::Realtime && inbox.answers_come_from_elsewhere(context.process);
         let instead = in_reserve.then_some(&ports.answered as &dyn Wakes);
-        let Some(state) = context.next_state(&mut ports.state, seen, instead, || ports.request.prepare())? else { break };
+        let Some(state) = context.next_state(&mut ports.state, seen, instead, || {
+            ports.request.prepare();
+            ports.reference.prepare();
+            ports.command.prepare();
+            ports.operator.prepare();
+        })?
+        else {
+            break;
+        };
         let wake = clock::now_ns();
         context.begin();
         seen = state.tick;
-        match fill(context, &mut ports, &mut inbox, state.tick)? {
-            Filled::Complete => {}
-            Filled::TooLate => continue,
-            Filled::End => break,
-        }
+        let filled = fill(context, &mut ports, &mut inbox, state.tick)?;
         let mut published = 0;
-        match inbox.known(&state).and_then(|known| answer(&chain, &gravity, &known, context.process)) {
+        let known = match filled {
+            Filled::Complete => inbox.known(&state),
+            Filled::TooLate => None,
+            Filled::End => break,
+        };
+        match known.and_then(|known| answer(&chain, &gravity, &known, context.process)) {
             Some(request) => {
+                inbox.joined = true;
                 let request = Request { stamp_ns: context.stamp(), ..request };
                 published = ports.injector.send(&mut ports.request, &request, state.tick)?;
             }
+            None if matches!(filled, Filled::TooLate) => {}
             None => context.refuse(),
         }
         context.account(Tick {
@@ -153,7 +176,12 @@ enum Filled {
 /// Takes what there is; in lockstep waits for reference(k) and command(k - 1), or for command(k): then tick k is done.
 fn fill(context: &mut Context, ports: &mut Ports, inbox: &mut Inbox, tick: i64) -> Result<Filled, IpcError> {
     loop {
-        context.drain(&mut ports.reference, |new| inbox.references.keep(new))?;
+        let mut late = 0;
+        context.drain(&mut ports.reference, |new| late += u32::from(!inbox.follow(new)))?;
+        // Who has just joined is handed over what was said long ago.
+        for _ in 0..if inbox.joined { late } else { 0 } {
+            context.refuse();
+        }
         context.drain(&mut ports.command, |new| inbox.commands.keep(new))?;
         context.drain(&mut ports.operator, |new| inbox.operator = Some(new))?;
         if context.clock == Clock::Realtime {

@@ -2,7 +2,7 @@
 
 use crate::bus::{Bus, Domain, Input, Output, Wakes, wait};
 use crate::check::Check;
-use crate::child::{supervisor_gone, tie_to_supervisor};
+use crate::child::{Ending, supervisor_gone, tie_to_supervisor};
 use crate::error::IpcError;
 use crate::message::{Phase, Process, State, Timing};
 use crate::realtime::{self, BringIn, Granted, Wish};
@@ -77,13 +77,15 @@ pub struct Context {
     timing: Output<Timing>,
     refused: u32,
     unmet: u32,
+    /// When it was last heard of.
+    beaten_ns: u64,
     faults_at_start: u64,
     faults: u32,
     allocations_at_wake: u64,
 }
 
 impl Context {
-    /// Joins a run: dies with its supervisor, ends on SIGTERM, leaves SIGINT to the supervisor.
+    /// Joins a run: is killed with its supervisor, ends on SIGTERM, leaves SIGINT to the supervisor.
     ///
     /// # Errors
     /// [`IpcError`] if the supervisor is gone already or its topics cannot be opened.
@@ -97,7 +99,8 @@ impl Context {
         let name = std::ffi::CString::new(format!("hapfic-{}", process.name())).unwrap_or_default();
         rustix::thread::set_name(&name).map_err(system("set the process's name"))?;
         // Before anything in shared memory is touched: an orphan must not.
-        tie_to_supervisor(run.supervisor_pid).map_err(|cause| IpcError::System { action: "join the run", cause })?;
+        tie_to_supervisor(run.supervisor_pid, Ending::Killed)
+            .map_err(|cause| IpcError::System { action: "join the run", cause })?;
         if run.clock == Clock::Realtime && run.realtime != RealtimeMode::Off {
             realtime::lock_memory(BringIn::Used);
         }
@@ -117,6 +120,7 @@ impl Context {
             timing,
             refused: 0,
             unmet: 0,
+            beaten_ns: 0,
             faults_at_start: 0,
             faults: 0,
             allocations_at_wake: 0,
@@ -152,7 +156,8 @@ impl Context {
     /// # Errors
     /// [`IpcError`] if waiting fails or the heartbeat cannot be sent.
     pub fn wait(&mut self, inputs: &[&dyn Wakes], tick: i64) -> Result<bool, IpcError> {
-        if !wait(inputs, PATIENCE)? {
+        // Also when it is woken again and again by what it cannot use.
+        if !wait(inputs, PATIENCE)? || crate::clock::now_ns() - self.beaten_ns > PATIENCE.as_nanos() as u64 {
             self.idle(tick)?;
         }
         Ok(self.running())
@@ -330,6 +335,7 @@ impl Context {
     }
 
     fn send(&mut self, timing: &Timing) -> Result<(), IpcError> {
+        self.beaten_ns = crate::clock::now_ns();
         self.timing.prepare();
         self.timing.send(&Timing {
             process: self.process.code(),

@@ -40,7 +40,7 @@ mod wire_enum;
 
 pub use bus::{Bus, Domain, Input, Knocker, Output, Wait, Wakes, wait};
 pub use check::{Check, Defect};
-pub use child::tie_to_supervisor;
+pub use child::{Ending, tie_to_supervisor};
 pub use context::{Context, Start, Tick};
 pub use error::IpcError;
 pub use iceoryx2::prelude::ZeroCopySend;

@@ -89,6 +89,17 @@ fn set_fifo(priority: i32) -> bool {
     unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO, &raw const parameters) == 0 }
 }
 
+/// Puts the calling thread before all that is not real-time, at a priority of `SCHED_FIFO`, 1 to 98; what it starts is not.
+///
+/// # Errors
+/// If the system refuses.
+pub fn put_before_others(priority: u32) -> std::io::Result<()> {
+    let parameters = libc::sched_param { sched_priority: priority as i32 };
+    // SAFETY: `parameters` lives through the call; 0 names the calling thread.
+    let done = unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO | libc::SCHED_RESET_ON_FORK, &raw const parameters) };
+    if done == 0 { Ok(()) } else { Err(std::io::Error::last_os_error()) }
+}
+
 /// Keeps a process's main thread, or the calling thread, on a core.
 ///
 /// # Errors

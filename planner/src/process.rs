@@ -46,7 +46,11 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), IpcError> {
         seen = tick - 1;
     }
 
-    while let Some(state) = context.next_state(&mut ports.state, seen, None, || ports.reference.prepare())? {
+    while let Some(state) = context.next_state(&mut ports.state, seen, None, || {
+        ports.reference.prepare();
+        ports.command.prepare();
+        ports.operator.prepare();
+    })? {
         let wake = clock::now_ns();
         context.begin();
         seen = state.tick;

@@ -80,6 +80,8 @@ impl Prepared {
         }
         watch::check_faults(&settings.faults, &request.log, settings.supervisor.standby)?;
         let place = Place::take(&request.scenario, &request.log)?;
+        // Before this run's log is made: it may be the same file.
+        place.orphaned_logs().iter().for_each(|log| recover_orphan(log));
         let start_unix_ns = if request.clock == Clock::Realtime { hapfic_ipc::clock::unix_ns() } else { 0 };
         let writer = open_log(request, &plant, start_unix_ns)?;
         let viewer =
@@ -201,6 +203,27 @@ impl Prepared {
         let losses = watch.losses();
         drop(watch);
         Ok(summarise(request, timed, faults, losses, recorder))
+    }
+}
+
+/// Largest log of a killed run that a start recovers by itself, bytes: about a second's work.
+const QUICKLY_RECOVERED: u64 = 64 << 20;
+
+/// Makes the log of a run whose supervisor was killed readable, and says so. What cannot be done is no reason not to start.
+fn recover_orphan(log: &Path) {
+    // A pipe would wait for somebody to write.
+    let Some(found) = std::fs::metadata(log).ok().filter(std::fs::Metadata::is_file) else { return };
+    if found.len() > QUICKLY_RECOVERED {
+        crate::say(&format!("hapfic: a run was killed; `hapfic recover {}` makes its log readable", log.display()));
+        return;
+    }
+    match hapfic_log::recover(log, None) {
+        Ok(recovery) => {
+            if let Some(output) = &recovery.output {
+                crate::say(&format!("hapfic: a run was killed; its log is recovered to {}", output.display()));
+            }
+        }
+        Err(e) => crate::say(&format!("hapfic: a run was killed, and its log cannot be recovered: {e}")),
     }
 }
 

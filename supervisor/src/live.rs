@@ -15,8 +15,9 @@ pub struct Pulse {
     heard_ns: AtomicU64,
     /// How long the recorder had listened by then.
     heard_at: AtomicU64,
-    /// Code of its phase plus one; zero: never heard of.
-    phase: AtomicU32,
+    /// Which start of the process it is (upper half), and code of its phase plus one (lower half; zero: never heard of). One word:
+    /// what a dead process said last must not be taken for its successor's.
+    phase: AtomicU64,
     /// Real-time privileges it has.
     realtime: AtomicU32,
     /// Messages it has refused.
@@ -25,15 +26,13 @@ pub struct Pulse {
     tick: AtomicI64,
     /// How often it could not meet somebody.
     unmet: AtomicU32,
-    /// Which start of the process it is; what earlier ones said does not count.
-    generation: AtomicU32,
 }
 
 impl Pulse {
     /// Its phase, once heard of.
     #[must_use]
     pub fn phase(&self) -> Option<Phase> {
-        self.phase.load(Ordering::Acquire).checked_sub(1).and_then(Phase::from_code)
+        (self.phase.load(Ordering::Acquire) as u32).checked_sub(1).and_then(Phase::from_code)
     }
 
     /// When it was last heard of.
@@ -162,6 +161,10 @@ pub struct Live {
     pub stops: AtomicU64,
     /// See `stops`.
     pub stop_by: AtomicU32,
+    /// Ticks in a row at which each controller's request was refused, first place first.
+    pub bad_requests: [AtomicU32; 2],
+    /// Somebody wishes the dead to be swept away: the main thread does that, which knows what has to be done before.
+    pub sweep_wanted: AtomicBool,
     /// How often the recorder could not meet somebody.
     pub recorder_unmet: AtomicU32,
     /// Re-armings so far.
@@ -218,8 +221,7 @@ impl Live {
     /// A process is started anew: it has not been heard of yet.
     pub fn expect(&self, process: Process, generation: u32) {
         let pulse = self.pulse(process);
-        pulse.generation.store(generation, Ordering::Release);
-        pulse.phase.store(0, Ordering::Release);
+        pulse.phase.store(u64::from(generation) << 32, Ordering::Release);
         pulse.heard_ns.store(0, Ordering::Relaxed);
         pulse.refused.store(0, Ordering::Relaxed);
         pulse.unmet.store(0, Ordering::Relaxed);
@@ -235,7 +237,8 @@ impl Live {
     /// Takes note of a timing message.
     pub fn hear(&self, timing: &Timing) {
         let Some(pulse) = self.pulses.get(timing.process as usize) else { return };
-        if timing.generation != pulse.generation.load(Ordering::Acquire) {
+        let generation = u64::from(timing.generation);
+        if pulse.phase.load(Ordering::Acquire) >> 32 != generation {
             return;
         }
         pulse.heard_ns.store(clock::now_ns(), Ordering::Relaxed);
@@ -247,7 +250,9 @@ impl Live {
         if timing.process == Process::Supervisor.code() && timing.latency_ns > 0 {
             self.latencies.push(timing.latency_ns);
         }
-        pulse.phase.store(timing.phase + 1, Ordering::Release);
+        let heard = generation << 32 | u64::from(timing.phase + 1);
+        // Last, and only if it is still the same process's.
+        let _ = pulse.phase.fetch_update(Ordering::AcqRel, Ordering::Acquire, |now| (now >> 32 == generation).then_some(heard));
     }
 }
 

@@ -97,6 +97,7 @@ pub struct Place {
     run: String,
     file: PathBuf,
     others: usize,
+    orphaned_logs: Vec<PathBuf>,
     // Holds the lock.
     _registration: File,
 }
@@ -110,7 +111,7 @@ impl Place {
         let folder = runtime_folder()?;
         // One start or end at a time, so that none takes another's half-made registration for a dead run's.
         let turn = Turn::take(&folder)?;
-        let others = sweep(&folder);
+        let (others, orphaned_logs) = sweep(&folder);
         let mut salt = hapfic_ipc::clock::unix_ns();
         loop {
             // Short: a Unix socket's path has 108 bytes, and iceoryx2 needs most of them.
@@ -133,7 +134,7 @@ impl Place {
                 // Whoever asks may be elsewhere.
                 log: std::path::absolute(log).unwrap_or_else(|_| log.to_owned()),
             };
-            let place = Self { run, file, others, _registration: registration };
+            let place = Self { run, file, others, orphaned_logs, _registration: registration };
             let furnished = place.furnish(&content);
             // A place that is dropped asks for the turn itself.
             drop(turn);
@@ -153,6 +154,12 @@ impl Place {
     #[must_use]
     pub fn prefix(&self) -> String {
         format!("{}_", self.run)
+    }
+
+    /// Logs of runs whose remains were removed when this one registered: their supervisors were killed.
+    #[must_use]
+    pub fn orphaned_logs(&self) -> &[PathBuf] {
+        &self.orphaned_logs
     }
 
     /// Puts a copy that only this user may open in place of iceoryx2's counter of nodes, which is made with mode 0666: whoever
@@ -285,10 +292,10 @@ fn is_ours(folder: &Path) -> Result<bool> {
     Ok(true)
 }
 
-/// Removes what dead runs have left. Returns how many are alive.
-fn sweep(folder: &Path) -> usize {
-    let Ok(entries) = fs::read_dir(folder) else { return 0 };
-    let mut alive = 0;
+/// Removes what dead runs have left. Returns how many are alive, and the logs of the dead.
+fn sweep(folder: &Path) -> (usize, Vec<PathBuf>) {
+    let Ok(entries) = fs::read_dir(folder) else { return (0, Vec::new()) };
+    let (mut alive, mut logs) = (0, Vec::new());
     for path in entries.flatten().map(|e| e.path()) {
         let Ok(file) = File::open(&path) else { continue };
         // Whoever holds the lock is alive.
@@ -299,10 +306,13 @@ fn sweep(folder: &Path) -> usize {
         let run = path.file_stem().and_then(|s| s.to_str()).unwrap_or_default();
         if run.starts_with("hf") && run.len() > 4 && run.chars().all(|c| c.is_ascii_alphanumeric()) {
             remove_remains(run);
+            // A registration that was cut off by the death of its run names no log.
+            let registered = fs::read(&path).ok().and_then(|text| serde_json::from_slice::<Registration>(&text).ok());
+            logs.extend(registered.map(|registration| registration.log));
             let _ = fs::remove_file(&path);
         }
     }
-    alive
+    (alive, logs)
 }
 
 fn remove_remains(run: &str) {

@@ -60,7 +60,10 @@ fn without_a_supervisor_all_go_and_the_next_start_cleans_up() {
     assert_eq!(end.code, None);
     expect_gone(&children);
     assert!(!remains_of(end.supervisor).is_empty(), "a killed supervisor cannot have cleaned up");
-    stack.run(&["run", "floor", "--clock", "lockstep", "--duration", "0.1", "--log", "next.mcap"]).expect(0);
+    let next = stack.run(&["run", "floor", "--clock", "lockstep", "--duration", "0.1", "--log", "next.mcap"]);
+    next.expect(0);
+    assert!(next.err.contains("its log is recovered to") && next.err.contains("run.recovered.mcap"), "{}", next.err);
+    assert!(expect_complete(&stack.path("run.recovered.mcap")) > 100);
     end.expect_nothing_left();
     assert_eq!(stack.registrations(), 0);
 }

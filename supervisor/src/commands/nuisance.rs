@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 /// Does what its arguments say: `hog MS` keeps a core busy, `fill FILE` writes until the disk is full.
 pub fn nuisance(supervisor: i32, arguments: &[String]) -> Result<Outcome> {
-    hapfic_ipc::tie_to_supervisor(supervisor).context("cannot join the run")?;
+    hapfic_ipc::tie_to_supervisor(supervisor, hapfic_ipc::Ending::Killed).context("cannot join the run")?;
     match arguments.iter().map(String::as_str).collect::<Vec<_>>()[..] {
         ["hog", ms] => {
             let end = Instant::now() + Duration::from_millis(ms.parse().context("hog: expected milliseconds")?);
@@ -19,7 +19,7 @@ pub fn nuisance(supervisor: i32, arguments: &[String]) -> Result<Outcome> {
             }
         }
         ["fill", path] => {
-            let mut file = std::fs::File::create(path).with_context(|| format!("cannot make {path}"))?;
+            let mut file = std::fs::File::create_new(path).with_context(|| format!("cannot make {path}"))?;
             let block = vec![0_u8; 1 << 16];
             // Until there is no room for a block, then none for a byte.
             while file.write_all(&block).is_ok() {}

@@ -28,7 +28,7 @@ pub fn process(name: ProcessName, foreign: &[String]) -> Result<Outcome> {
         Err(e) => return Ok(Outcome::Refused(e.into())),
     };
     if let [program, arguments @ ..] = foreign {
-        hapfic_ipc::tie_to_supervisor(run.supervisor_pid).context("cannot join the run")?;
+        hapfic_ipc::tie_to_supervisor(run.supervisor_pid, hapfic_ipc::Ending::Asked).context("cannot join the run")?;
         let failed = std::process::Command::new(program).args(arguments).exec();
         return Err(failed).with_context(|| format!("processes.{process}: cannot start '{program}'"));
     }

@@ -16,6 +16,11 @@ impl Gateway {
         if let Some(defect) = self.state_defect.take() {
             self.tell(Process::Plant, EventKind::Refused, Detector::Check, |text| write!(text, "state refused: {defect}"))?;
         }
+        if let Some(defect) = self.stray_defect.take() {
+            self.tell(Process::Supervisor, EventKind::Refused, Detector::Check, |text| {
+                write!(text, "request refused: {defect}")
+            })?;
+        }
         for place in Place::BOTH {
             if let Some(defect) = self.defects[place as usize].take() {
                 self.tell(place.process(), EventKind::Refused, Detector::Check, |text| {

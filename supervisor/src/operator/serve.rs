@@ -79,10 +79,10 @@ impl Served {
             .spawn(move || {
                 let ports = Bus::open(&start.domain, "operator").and_then(|bus| Requests::open(&bus).map(|r| (bus, r)));
                 match ports {
-                    Ok((bus, requests)) => {
+                    Ok((_bus, requests)) => {
                         let _ = ready.send(Ok(()));
                         let base = start.initial;
-                        let served = Desked { start, base, version: 1 }.serve(&bus, requests, &seen);
+                        let served = Desked { start, base, version: 1 }.serve(requests, &seen);
                         if let Err(e) = served {
                             say(&format!("hapfic: requests of operators are not answered any more: {e}"));
                         }
@@ -117,7 +117,7 @@ struct Desked {
 }
 
 impl Desked {
-    fn serve(&mut self, bus: &Bus, mut requests: Requests, end: &AtomicBool) -> Result<(), IpcError> {
+    fn serve(&mut self, mut requests: Requests, end: &AtomicBool) -> Result<(), IpcError> {
         let mut swept = Instant::now();
         while !end.load(Ordering::Acquire) {
             wait(&[&requests], LOOK_EVERY)?;
@@ -143,7 +143,7 @@ impl Desked {
                 }
             }
             if swept.elapsed() > SWEEP_EVERY && requests.crowded() {
-                bus.sweep_dead();
+                self.start.live.sweep_wanted.store(true, Ordering::Release);
                 swept = Instant::now();
             }
         }
@@ -215,7 +215,7 @@ impl Desked {
         if self.start.inject.send(fault).is_err() {
             return refused("nothing injected: the run is ending");
         }
-        OperatorReply::new(ReplyCode::Done, &format!("{}, at once", watch::describe_fault(&fault)))
+        OperatorReply::new(ReplyCode::Done, &format!("{}: at once, or as soon as it does ticks", watch::describe_fault(&fault)))
     }
 
     /// Waits until the gate's severity is as wished; not for ever.

@@ -12,8 +12,8 @@ use std::time::Duration;
 /// How often shared memory is drained.
 const DRAIN_EVERY: Duration = Duration::from_millis(1);
 
-/// How far ahead of the last command a message's tick may be, and a bit.
-const AHEAD: i64 = 8;
+/// How far ahead of the last command a message's tick may be.
+const AHEAD: i64 = 3;
 
 /// Everything that is sent, and where it goes.
 pub(super) struct Drain {

@@ -52,6 +52,8 @@ pub(super) struct Incidents {
     told: String,
     open: Option<Incident>,
     count: u64,
+    /// Whether there is something new to be written.
+    dirty: bool,
 }
 
 /// The last sign of life of a process.
@@ -86,6 +88,7 @@ impl Incidents {
             told: String::new(),
             open: None,
             count: 0,
+            dirty: false,
         }
     }
 
@@ -156,7 +159,9 @@ impl Incidents {
         {
             self.events.pop_front();
         }
-        if m.kind != EventKind::Transition.code() || Severity::from_code(m.severity).is_none() {
+        // A loss that the run cannot get over leaves no gate to make the transition.
+        let fatal = m.kind == EventKind::Lost.code() && m.severity == Severity::Stopped.code();
+        if !(fatal || m.kind == EventKind::Transition.code()) || Severity::from_code(m.severity).is_none() {
             return false;
         }
         let before = std::mem::replace(&mut self.severity, m.severity);
@@ -176,13 +181,11 @@ impl Incidents {
                 self.close();
             }
             // Of those that are only counted there is nothing new.
-            if self.count <= IN_FULL {
-                self.write();
-            }
+            self.dirty |= self.count <= IN_FULL;
         } else if braked && before < Severity::Brake.code() {
             self.close();
             self.begin(m, live);
-            self.write();
+            self.dirty |= self.count <= IN_FULL + 1;
         }
         braked
     }
@@ -222,6 +225,13 @@ impl Incidents {
     }
 
     /// Makes the file anew. A failure must not hurt the run: the first one is remembered.
+    /// Writes what is new. To be called when the log itself is safe on the disk.
+    pub(super) fn settle(&mut self) {
+        if std::mem::take(&mut self.dirty) {
+            self.write();
+        }
+    }
+
     fn write(&mut self) {
         if !self.beside {
             return;
@@ -305,7 +315,9 @@ mod tests {
         }
 
         fn take(&mut self, record: Record) -> bool {
-            self.incidents.observe(&record, &self.live)
+            let sync = self.incidents.observe(&record, &self.live);
+            self.incidents.settle();
+            sync
         }
 
         fn event(&mut self, tick: i64, kind: EventKind, severity: Severity, detector: Detector, text: &str) -> bool {

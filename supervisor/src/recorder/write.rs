@@ -47,6 +47,7 @@ impl Write {
                         failed = self.writer.sync().err();
                         flushed = Instant::now();
                     }
+                    self.incidents.settle();
                 }
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => break,

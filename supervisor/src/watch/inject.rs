@@ -5,6 +5,7 @@
 
 use super::slot::Slot;
 use crate::live::Live;
+use crate::notify::Notify;
 use anyhow::{Context, Result, bail};
 use hapfic_config::{Fault, FaultKind, FaultTarget};
 use hapfic_ipc::message::{Injection, Process, Tampering};
@@ -16,8 +17,9 @@ use std::process::{Child, Command, Stdio};
 use std::sync::mpsc::Receiver;
 use std::time::{Duration, Instant};
 
-/// Ticks by which a process is told ahead of a fault in its messages.
-const AHEAD: i64 = 2000;
+/// Ticks by which a process is told ahead of a fault in its messages, and how many it is told of at a time: it looks once a tick.
+const AHEAD: i64 = 100;
+const AT_A_TIME: usize = 4;
 /// Largest file system that is filled up, bytes: only one that was made for it.
 const LARGEST_DISK: u64 = 256 << 20;
 /// Bytes of memory a process may lock when that is exhausted.
@@ -27,8 +29,12 @@ const LITTLE_MEMORY: u64 = 64 << 10;
 pub struct Injections {
     /// Signals, limits and hogs still to come, in the order of time.
     outer: VecDeque<Fault>,
+    /// Those whose time has come, or that were asked for, and that wait for somebody to be there.
+    due: Vec<Fault>,
     /// Faults in messages that have not been told of yet, in the order of time.
     inner: VecDeque<Fault>,
+    /// Those that were told of and whose tick has not come.
+    coming: Vec<Fault>,
     asked: Receiver<Fault>,
     output: Output<Injection>,
     /// Faults in messages that were told of and may still be to come.
@@ -90,7 +96,8 @@ pub fn possible(fault: &Fault, log: &Path, standby: bool) -> Result<()> {
         bail!("fault '{name}' of process '{}': found no standby, expected supervisor.standby = true", fault.target.name());
     }
     if fault.kind == FaultKind::FullDisk {
-        let folder = log.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        // The log's folder is made later, in the nearest one that is there.
+        let folder = log.ancestors().skip(1).find(|f| f.is_dir()).unwrap_or(Path::new("."));
         let fs = rustix::fs::statfs(folder).with_context(|| format!("fault '{name}': cannot look at {}", folder.display()))?;
         let size = fs.f_blocks as u64 * fs.f_bsize as u64;
         let tmpfs = fs.f_type as u64 == 0x0102_1994;
@@ -126,7 +133,9 @@ impl Injections {
         let (inner, outer) = faults.iter().copied().partition(|f| tampering(f.kind).is_some());
         Self {
             outer,
+            due: Vec::new(),
             inner,
+            coming: Vec::new(),
             asked,
             output,
             told: Vec::new(),
@@ -142,7 +151,8 @@ impl Injections {
     /// Whether something happens soon, so that the supervisor should look more often.
     #[must_use]
     pub fn near(&self, gated: i64, within: i64) -> bool {
-        !self.halted.is_empty() || self.outer.front().is_some_and(|f| f.tick <= gated + within)
+        let soon = |faults: &VecDeque<Fault>| faults.front().is_some_and(|f| f.tick <= gated + within);
+        !self.halted.is_empty() || !self.due.is_empty() || !self.coming.is_empty() || soon(&self.outer) || soon(&self.inner)
     }
 
     /// Does what is due. Returns what was done, in words, and to whom.
@@ -156,26 +166,37 @@ impl Injections {
             match tampering(fault.kind) {
                 Some(tampering) => {
                     self.instruct(&fault, tampering, gated + 1)?;
-                    done.push((fault, describe(&fault)));
+                    self.coming.push(Fault { tick: gated + 1, ..fault });
                 }
-                None => self.outer.push_front(fault),
+                None => self.due.push(fault),
             }
         }
-        while let Some(fault) = self.inner.front().copied().filter(|f| f.tick <= gated + AHEAD) {
-            self.inner.pop_front();
+        for _ in 0..AT_A_TIME {
+            let Some(fault) = self.inner.pop_front_if(|f| f.tick <= gated + AHEAD) else { break };
             if let Some(tampering) = tampering(fault.kind) {
                 self.instruct(&fault, tampering, fault.tick)?;
-                done.push((fault, describe(&fault)));
+                self.coming.push(fault);
             }
         }
-        while let Some(fault) = self.outer.front().copied().filter(|f| f.tick <= gated + 1) {
-            // Whoever is not there yet cannot be hit: it is, as soon as it is there.
-            if !ready(&fault, slots, live) {
-                break;
+        // Told of when it happens, not when it is arranged.
+        self.coming.retain(|fault| {
+            let later = fault.tick > gated + 1;
+            if !later {
+                done.push((*fault, describe(fault)));
             }
-            self.outer.pop_front();
-            self.happen(&fault, slots)?;
-            done.push((fault, describe(&fault)));
+            later
+        });
+        while let Some(fault) = self.outer.pop_front_if(|f| f.tick <= gated + 1) {
+            self.due.push(fault);
+        }
+        // Whoever is not there yet cannot be hit: it is, as soon as it is there; others need not wait for that.
+        for fault in std::mem::take(&mut self.due) {
+            if ready(&fault, slots, live) {
+                self.happen(&fault, slots)?;
+                done.push((fault, describe(&fault)));
+            } else {
+                self.due.push(fault);
+            }
         }
         self.done += done.len() as u64;
         Ok(done)
@@ -257,10 +278,10 @@ impl Injections {
     fn wake(&mut self, slots: &[Slot]) {
         let now = Instant::now();
         self.halted.retain(|(process, generation, until)| {
+            let same = slots.iter().find(|s| s.process == *process && s.generation == *generation && s.child.is_some());
             if now < *until {
-                return true;
+                return same.is_some();
             }
-            let same = slots.iter().find(|s| s.process == *process && s.generation == *generation);
             if let Some(child) = same.and_then(|s| s.child.as_ref()) {
                 child.signal(Signal::CONT);
             }
@@ -272,7 +293,11 @@ impl Injections {
     /// Starts this program as something that is in everybody's way.
     fn helper(&mut self, arguments: &[&str]) -> Result<()> {
         let program = std::env::current_exe().context("cannot find this program's own file")?;
-        let child = Command::new(program)
+        let mut command = Command::new(program);
+        for variable in Notify::VARIABLES {
+            command.env_remove(variable);
+        }
+        let child = command
             .arg("nuisance")
             .arg(std::process::id().to_string())
             .args(arguments)

@@ -15,8 +15,9 @@ use crate::progress::Progress;
 use crate::recorder::{self, Recorder};
 use crate::summary::{self, Fault, Losses};
 use anyhow::Result;
-use hapfic_config::{PERIOD_S, Settings};
+use hapfic_config::{OnLoss, PERIOD_S, Settings};
 use hapfic_ipc::message::{Detector, Event, EventKind, Phase, Process, Severity};
+use hapfic_ipc::realtime::{self, Granted};
 use hapfic_ipc::{Bus, Clock, IpcError, Knocker, Output, RealtimeMode, Start};
 use inject::Injections;
 use keeper::Keeper;
@@ -29,6 +30,8 @@ use std::time::{Duration, Instant};
 
 pub use inject::{check as check_faults, describe as describe_fault, possible as fault_possible};
 
+/// Priority of the main thread in realtime: below all that tick, and below those who join.
+const WATCHING: u32 = 5;
 /// How often the supervisor looks at its processes when nothing calls.
 const LOOK_EVERY: Duration = Duration::from_millis(20);
 /// How often while somebody joins, or a fault on purpose is near.
@@ -105,12 +108,15 @@ pub struct Watch<'a> {
     rearms: u64,
     /// Dead processes whose places have not been swept yet.
     unswept: u32,
-    /// Meetings that have failed so far.
+    /// Meetings that gate and recorder could not make so far.
     unmet: u32,
     /// Whether a latched stop was asked for because a budget was spent, and not left since.
     stopped_by_budget: bool,
     /// What went wrong so far that the run cannot get over.
     pub faults: Vec<Fault>,
+    /// Since the last tick: whether the plant has not been started anew yet, and whether all the others have.
+    spare_the_plant: bool,
+    all_started_anew: bool,
     /// Last tick that had been gated, and when that was first seen.
     advanced: (i64, Instant),
 }
@@ -151,6 +157,8 @@ impl<'a> Watch<'a> {
             unmet: 0,
             stopped_by_budget: false,
             faults: Vec::new(),
+            spare_the_plant: true,
+            all_started_anew: false,
             advanced: (-1, Instant::now()),
             live,
         })
@@ -189,6 +197,10 @@ impl<'a> Watch<'a> {
                 slot.life.stage = life::Stage::Working;
             }
             self.inject()?;
+            if self.clock == Clock::Realtime && Granted(self.live.pulse(recorder::GATE).realtime()).has(Granted::FIFO) {
+                // Who is to start others again must not wait for the rest of the machine. What cannot be had is had without.
+                let _ = realtime::put_before_others(WATCHING);
+            }
             self.live.go.store(true, Ordering::Release);
             completed = self.follow()?;
             if completed {
@@ -211,7 +223,9 @@ impl<'a> Watch<'a> {
             "exit" => (EventKind::Lost, Detector::Exit),
             "heartbeat" => (EventKind::Lost, Detector::Heartbeat),
             "tick" => (EventKind::Lost, Detector::Tick),
+            "check" => (EventKind::Lost, Detector::Check),
             "budget" => (EventKind::Lost, Detector::Budget),
+            "operator" => (EventKind::Ended, Detector::Operator),
             _ => (EventKind::Ended, Detector::None),
         };
         let about = Process::from_name(process).unwrap_or(Process::Supervisor);
@@ -261,8 +275,7 @@ impl<'a> Watch<'a> {
     fn follow(&mut self) -> Result<bool> {
         let mut progress = Progress::new(self.settings.duration_ticks as f64 * PERIOD_S);
         loop {
-            let gated = self.gate.as_ref().is_none_or(JoinHandle::is_finished);
-            if gated && self.live.gated.load(Ordering::Acquire) + 1 >= self.settings.duration_ticks as i64 {
+            if self.live.gated.load(Ordering::Acquire) + 1 >= self.settings.duration_ticks as i64 {
                 progress.clear();
                 let stopped = self.live.severity.load(Ordering::Relaxed) == Severity::Stopped.code();
                 if stopped && !self.stopped_by_budget {
@@ -344,8 +357,7 @@ impl<'a> Watch<'a> {
         let gated = self.live.gated.load(Ordering::Acquire);
         for (fault, what) in self.injections.act(&mut self.slots, &self.live, gated)? {
             let about = Process::from_name(fault.target.name()).unwrap_or(Process::Supervisor);
-            let when = if fault.tick > gated + 1 { format!(", from tick {}", fault.tick) } else { String::new() };
-            self.note(about, EventKind::Injected, Detector::None, &format!("fault on purpose: {what}{when}"));
+            self.note(about, EventKind::Injected, Detector::None, &format!("fault on purpose: {what}"));
         }
         Ok(())
     }
@@ -354,6 +366,9 @@ impl<'a> Watch<'a> {
     fn stalled(&mut self) -> Result<bool> {
         let gated = self.live.gated.load(Ordering::Acquire);
         let joining = self.slots.iter().any(Slot::joining);
+        if gated != self.advanced.0 {
+            (self.spare_the_plant, self.all_started_anew) = (true, false);
+        }
         if joining || gated != self.advanced.0 || gated + 1 >= self.settings.duration_ticks as i64 {
             self.advanced = (gated, Instant::now());
             return Ok(false);
@@ -370,7 +385,12 @@ impl<'a> Watch<'a> {
             .map(|p| format!("{p} {}", self.live.pulse(*p).refused()))
             .collect();
         let refused = if refused.is_empty() { "none".to_owned() } else { refused.join(", ") };
-        if self.clock == Clock::Lockstep && self.restarts_help() {
+        if self.settings.plant.on_loss == OnLoss::Restart && std::mem::take(&mut self.spare_the_plant) {
+            // First the one that all others wait for.
+            let what = format!("has done no tick for {} ms; messages refused: {refused}", limit.as_millis());
+            return Ok(!self.lose(Process::Plant, Detector::Tick, &what)?);
+        }
+        if self.clock == Clock::Lockstep && !std::mem::replace(&mut self.all_started_anew, true) {
             // One of them has not said what another waits for. The clock waits, so all may start anew.
             let what = format!(
                 "is started anew with the others: no tick was done for {} ms; messages refused: {refused}",
@@ -389,11 +409,6 @@ impl<'a> Watch<'a> {
             "tick",
         );
         Ok(true)
-    }
-
-    /// Whether anybody but the plant may be what keeps all waiting.
-    fn restarts_help(&self) -> bool {
-        self.settings.processes.planner.is_none() || self.settings.processes.controller.is_none()
     }
 
     /// With `--realtime require`: whether every thread has got what it asked for.

@@ -4,6 +4,7 @@ use super::life::{Order, Policy, Sign};
 use super::slot::{Limits, Slot};
 use super::{Watch, bit};
 use crate::children::{self, Child};
+use crate::gate::protocol::Place;
 use anyhow::Result;
 use hapfic_config::OnLoss;
 use hapfic_ipc::message::{Detector, EventKind, Process};
@@ -13,6 +14,8 @@ use rustix::process::Signal;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
+/// Refused requests in a row after which a controller is as good as dead.
+const GARBAGE: u32 = 20;
 /// Priority of a process that joins, until it takes its own: below all that tick.
 const JOINING: u32 = 10;
 /// Dead processes whose places have to be swept, whoever is joining.
@@ -39,6 +42,16 @@ impl Watch<'_> {
         if !self.live.go.load(Ordering::Relaxed) {
             return Ok(true);
         }
+        for place in Place::BOTH {
+            let bad = &self.live.bad_requests[place as usize];
+            if bad.load(Ordering::Relaxed) >= GARBAGE {
+                bad.store(0, Ordering::Relaxed);
+                let what = format!("has asked for what was refused {GARBAGE} ticks in a row");
+                if !self.lose(place.process(), Detector::Check, &what)? {
+                    return Ok(false);
+                }
+            }
+        }
         self.keeper.listen(self.live.gated.load(Ordering::Acquire))?;
         let rearms = self.live.rearms.load(Ordering::Acquire);
         if rearms != std::mem::replace(&mut self.rearms, rearms) {
@@ -54,6 +67,9 @@ impl Watch<'_> {
             self.tell_refused(index);
         }
         self.let_all_meet()?;
+        if self.live.sweep_wanted.swap(false, Ordering::AcqRel) {
+            self.sweep()?;
+        }
         // When all are back: it takes milliseconds and is in the way of those who join. Topics have places for some dead ones.
         let joining = self.slots.iter().any(Slot::joining);
         if self.unswept > MANY_DEAD || (self.unswept > 0 && !joining) {
@@ -65,10 +81,15 @@ impl Watch<'_> {
     /// Where somebody could not be met, as he was killed while he made the connection, or was put aside for too long: removes what
     /// the dead have left, and lets all look round once more.
     fn let_all_meet(&mut self) -> Result<()> {
-        let pulses = self.slots.iter().map(|s| s.process).chain([crate::recorder::GATE]).map(|p| self.live.pulse(p).unmet());
-        let unmet = pulses.sum::<u32>() + self.live.recorder_unmet.load(Ordering::Relaxed);
-        // Counts begin anew with a process.
-        if std::mem::replace(&mut self.unmet, unmet) >= unmet {
+        let mut more = false;
+        for slot in &mut self.slots {
+            // Counts begin anew with a process.
+            let unmet = self.live.pulse(slot.process).unmet();
+            more |= unmet > std::mem::replace(&mut slot.unmet, unmet);
+        }
+        let own = self.live.pulse(crate::recorder::GATE).unmet() + self.live.recorder_unmet.load(Ordering::Relaxed);
+        more |= own > std::mem::replace(&mut self.unmet, own);
+        if !more {
             return Ok(());
         }
         self.sweep()?;
@@ -140,8 +161,8 @@ impl Watch<'_> {
         }
         self.note(process, EventKind::Lost, detector, &format!("{process} {what}"));
         self.live_on(index, Sign::Lost)?;
-        // In lockstep nobody is there to be waited for: the clock would stand still for ever.
-        if self.stopped_by_budget && self.clock == Clock::Lockstep {
+        // In lockstep nobody is there to be waited for, and without a plant no tick is done any more in which the gate could stop.
+        if self.stopped_by_budget && (self.clock == Clock::Lockstep || process == Process::Plant) {
             return Ok(false);
         }
         self.live_on(index, Sign::Time)?;
@@ -176,7 +197,14 @@ impl Watch<'_> {
         slot.doomed = false;
         self.live.expect(process, slot.generation);
         let start = Start { generation: slot.generation, resume };
-        let child = Child::start(process, self.settings, self.run_file, start)?;
+        let child = match Child::start(process, self.settings, self.run_file, start) {
+            Ok(child) => child,
+            // As when it dies at once: out of memory, or of processes.
+            Err(e) => {
+                self.note(process, EventKind::Lost, Detector::Exit, &format!("{process} cannot be started: {e:#}"));
+                return self.live_on(index, Sign::Lost);
+            }
+        };
         if self.clock == Clock::Realtime && Granted(self.live.pulse(crate::recorder::GATE).realtime()).has(Granted::FIFO) {
             join_quickly(&child, self.cores.reserve);
         }
@@ -238,7 +266,7 @@ impl Watch<'_> {
         self.live.stop_latched(Detector::Budget);
         let what = format!("was lost once more after {budget} restarts within {window_s} s: it is not started again");
         self.fault(process.name(), what.clone(), "budget");
-        if self.clock == Clock::Realtime {
+        if self.clock == Clock::Realtime && process != Process::Plant {
             crate::say(&format!(
                 "hapfic: LATCHED STOP: {process} {what}. The drive brakes. Hint: `hapfic rearm` tries again, `hapfic stop` ends the run"
             ));

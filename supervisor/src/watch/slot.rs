@@ -39,6 +39,8 @@ pub struct Slot {
     pub longest: Duration,
     /// Whether the present process has been killed on purpose and its end not been seen yet.
     pub doomed: bool,
+    /// Meetings that the present process could not make.
+    pub unmet: u32,
     /// Refused messages that have been told of.
     pub refused: u32,
 }
@@ -57,6 +59,7 @@ impl Slot {
             losses: 0,
             longest: Duration::ZERO,
             doomed: false,
+            unmet: 0,
             refused: 0,
         }
     }

@@ -111,6 +111,7 @@ fn bad_messages_are_refused_counted_and_logged() {
         ("plant", "corrupt"),
         ("plant", "stale"),
         ("planner", "nan"),
+        ("planner", "stale"),
         ("planner", "corrupt"),
     ] {
         let faults = format!("fault=[{{kind=\"{kind}\",process=\"{process}\",at_s=0.5,for_ms=2}}]");
@@ -141,7 +142,9 @@ fn ask(stack: &Stack, words: &[&str], code: i32) -> String {
 }
 
 fn start(stack: &Stack, clock: &str) -> Started {
-    stack.start(&["run", "floor", "--duration", "3600", "--clock", clock, "--log", "run.mcap"])
+    // With the leg's weight to hold there is a torque to ramp in.
+    let weight = "controller.gravity_compensation=true";
+    stack.start(&["run", "floor", "--duration", "3600", "--clock", clock, "--log", "run.mcap", "--set", weight])
 }
 
 #[test]
@@ -169,6 +172,7 @@ fn an_emergency_stop_is_latched_and_left_only_by_rearming() {
         let stops: Vec<_> = trace.events("transition", "supervisor").into_iter().filter(|e| e.severity == "stopped").collect();
         assert_eq!((stops.len(), stops[0].detector.as_str()), (1, "operator"), "{clock}:\n{}", trace.text());
         assert_eq!(trace.events("rearmed", "supervisor").len(), 1, "{clock}:\n{}", trace.text());
+        assert!(trace.commands.iter().any(|c| c.ramped != 0), "{clock}: the torque does not ramp in");
         let step = trace.largest_ramped_step();
         assert!(step <= 2.0 + 1e-9, "{clock}: a ramp step of {step} N m, the rate allows 2");
     }

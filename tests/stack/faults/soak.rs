@@ -39,9 +39,9 @@ fn shared(run: &str) -> usize {
 fn survivors_do_not_grow() {
     let _alone = alone();
     let stack = Stack::new();
-    let faults = "fault=[{kind=\"kill\",process=[\"controller\",\"standby\",\"planner\"],random={count=60,from_s=1.0,to_s=13.0}},\
-                  {kind=\"stop\",process=[\"controller\",\"standby\",\"planner\"],for_ms=20,random={count=15,from_s=1.0,to_s=13.0}},\
-                  {kind=\"kill\",process=\"controllers\",random={count=5,from_s=1.0,to_s=13.0}}]";
+    let faults = "fault=[{kind=\"kill\",process=[\"controller\",\"standby\",\"planner\"],random={count=60,from_s=1.0,to_s=12.0}},\
+                  {kind=\"stop\",process=[\"controller\",\"standby\",\"planner\"],for_ms=20,random={count=15,from_s=1.0,to_s=12.0}},\
+                  {kind=\"kill\",process=\"controllers\",random={count=5,from_s=1.0,to_s=12.0}}]";
     let set = ["--set", faults, "--set", "supervisor.restart_budget=1000", "--set", "supervisor.restart_backoff_ms=0"];
     let run = [&["run", "floor", "--duration", "16", "--log", "run.mcap"][..], &set].concat();
     let mut run = stack.start(&run);
@@ -52,7 +52,6 @@ fn survivors_do_not_grow() {
     let name = registered.file_stem().unwrap().to_str().unwrap().to_owned();
     let at = |seconds: u64, begun: Instant| {
         while begun.elapsed() < Duration::from_secs(seconds) {
-            std::thread::yield_now();
             std::thread::sleep(Duration::from_millis(20));
         }
         (survivors.map(held), shared(&name), children_of(survivors[0]).len())
@@ -66,7 +65,7 @@ fn survivors_do_not_grow() {
     let trace = Trace::read(&stack.path("run.mcap"));
     let lost = trace.events.iter().filter(|e| e.kind == "lost").count();
     assert!(lost >= 70, "{lost} losses");
-    assert_eq!(before.2, after.2, "as many processes as before");
+    assert_eq!(after.2, 4, "all are there at the end");
     for (before, after) in before.0.iter().zip(&after.0) {
         assert_eq!(before.threads, after.threads);
         assert!(after.files <= before.files + 2, "{before:?} -> {after:?}");

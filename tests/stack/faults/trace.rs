@@ -6,7 +6,6 @@ use std::path::Path;
 /// The commands and events of a log.
 #[derive(Default)]
 pub struct Trace {
-    pub states: Vec<proto::State>,
     pub commands: Vec<proto::Command>,
     pub events: Vec<proto::Event>,
 }
@@ -16,7 +15,6 @@ impl Trace {
         let mut trace = Self::default();
         for entry in Reader::open(log).unwrap() {
             match entry.unwrap().record {
-                Record::State(m) => trace.states.push(m),
                 Record::Command(m) => trace.commands.push(m),
                 Record::Event(m) => trace.events.push(m),
                 _ => {}

@@ -105,7 +105,7 @@ fn expect(cells: &BTreeMap<Key, Cell>, expectations: &mut Vec<Expectation>) {
 
     let missing: usize = cells.values().map(|cell| cell.missing).sum();
     expectations.push(Expectation::new(
-        "ticks that the logs of all realtime runs have not",
+        "ticks that the logs of all realtime runs have not, but for states that the plant was told to spoil",
         "0",
         missing.to_string(),
         missing == 0,
