@@ -38,7 +38,7 @@ impl Chunks {
 
     /// Begins a chunk, given its record without opcode and length. The one before must have been read to its end.
     pub(crate) fn open(&mut self, body: &[u8]) -> Result<(), String> {
-        let Record::Chunk { header, data } = mcap::parse_record(op::CHUNK, body).map_err(describe)? else {
+        let Record::Chunk { header, data } = crate::lengths::parse(op::CHUNK, body)? else {
             return Err("found another record, expected a chunk".into());
         };
         match header.compression.as_str() {

@@ -22,6 +22,7 @@ mod chunk;
 pub mod convert;
 mod error;
 mod frames;
+mod lengths;
 pub mod metrics;
 mod names;
 pub mod proto;

@@ -1,9 +1,10 @@
 //! Reading a log.
 
 use crate::attachment::Attachment;
-use crate::chunk::{Chunks, describe};
+use crate::chunk::Chunks;
 use crate::error::LogError;
 use crate::frames::Frames;
+use crate::lengths;
 use crate::names::Names;
 use crate::proto;
 use crate::topic::Topic;
@@ -174,13 +175,11 @@ impl<R: Read> Reader<R> {
     fn accept(&mut self, opcode: u8, byte: u64) -> Result<Option<Entry>, LogError> {
         let damaged = |what: String| LogError::damaged(self.frames.path(), byte, what);
         match opcode {
-            op::SCHEMA | op::CHANNEL | op::MESSAGE | op::METADATA => {}
-            op::ATTACHMENT if has_room_for_attachment(&self.record) => {}
-            op::ATTACHMENT => return Err(damaged("the attachment is shorter than its header says".into())),
+            op::SCHEMA | op::CHANNEL | op::MESSAGE | op::METADATA | op::ATTACHMENT => {}
             // Indices and the summary repeat what is known by now.
             _ => return Ok(None),
         }
-        match mcap::parse_record(opcode, &self.record).map_err(|error| damaged(describe(error)))? {
+        match lengths::parse(opcode, &self.record).map_err(damaged)? {
             records::Record::Schema { header, .. } => {
                 self.schemas.insert(header.id, header.name.into());
             }
@@ -265,17 +264,4 @@ fn decode(channel: &Channel, data: &[u8]) -> Result<Record, DecodeError> {
             Record::Other { schema: Arc::clone(&channel.schema), data: data.to_vec() }
         }
     })
-}
-
-/// Whether an attachment record is at least as long as its own header and checksum: `mcap` takes that for granted.
-fn has_room_for_attachment(body: &[u8]) -> bool {
-    const TIMES: usize = 16;
-    const LENGTH: usize = 8;
-    const CHECKSUM: usize = 4;
-    let after_string = |at: usize| {
-        let length = body.get(at..)?.first_chunk::<4>()?;
-        at.checked_add(4)?.checked_add(usize::try_from(u32::from_le_bytes(*length)).ok()?)
-    };
-    let header = after_string(TIMES).and_then(after_string).and_then(|at| at.checked_add(LENGTH + CHECKSUM));
-    header.is_some_and(|end| end <= body.len())
 }

@@ -35,7 +35,7 @@ impl Child {
     /// # Errors
     /// If the program cannot be started.
     pub fn start(process: Process, settings: &Settings, run_file: &Path, start: Start) -> Result<Self> {
-        let mut command = Command::new(std::env::current_exe().context("cannot find this program's own file")?);
+        let mut command = this_program()?;
         command.arg("process").arg(process.name());
         if let Some(words) = foreign(&settings.processes, process) {
             command.arg("--").args(words);
@@ -44,9 +44,6 @@ impl Child {
         command.env_remove(RunFile::RESUME);
         if let Some(tick) = start.resume {
             command.env(RunFile::RESUME, tick.to_string());
-        }
-        for variable in Notify::VARIABLES {
-            command.env_remove(variable);
         }
         let mut spawned = command
             .process_group(0)
@@ -87,6 +84,20 @@ impl Child {
         // A group that has ended already needs no signal.
         let _ = kill_process_group(Pid::from_child(&self.spawned), signal);
     }
+}
+
+/// This very program, to be started once more: also when its file has been replaced by another version since.
+///
+/// # Errors
+/// If the system does not tell its name.
+pub fn this_program() -> Result<Command> {
+    let name = std::env::current_exe().context("cannot find this program's own file")?;
+    let mut command = Command::new("/proc/self/exe");
+    command.arg0(name);
+    for variable in Notify::VARIABLES {
+        command.env_remove(variable);
+    }
+    Ok(command)
 }
 
 /// The scenario's own command for a process, if it has one.

@@ -98,7 +98,7 @@ fn below(folder: &Path) -> Vec<PathBuf> {
 /// Does something in a thread that has become another user, in no group but its own. `None` if this user cannot become another.
 fn as_another_user<T: Send>(act: impl FnOnce() -> T + Send) -> Option<T> {
     if !geteuid().is_root() {
-        writeln!(std::io::stderr(), "skipped: only root can become another user").unwrap();
+        std::io::stderr().write_all(b"skipped: only root can become another user\n").unwrap();
         return None;
     }
     std::thread::scope(|scope| {

@@ -124,7 +124,7 @@ impl Carry {
     }
 
     fn schema(&mut self, body: &[u8]) -> Result<(), String> {
-        match mcap::parse_record(op::SCHEMA, body) {
+        match crate::lengths::parse(op::SCHEMA, body) {
             Ok(records::Record::Schema { header, data }) => {
                 let schema = Schema { name: header.name, encoding: header.encoding, data: data.into_owned() };
                 self.schemas.insert(header.id, schema);
@@ -136,7 +136,7 @@ impl Carry {
 
     /// Takes a channel of a chunk whose checksum is right.
     fn channel(&mut self, body: &[u8]) -> Result<Result<(), String>, RecoverError> {
-        let Ok(records::Record::Channel(channel)) = mcap::parse_record(op::CHANNEL, body) else {
+        let Ok(records::Record::Channel(channel)) = crate::lengths::parse(op::CHANNEL, body) else {
             return Ok(Err("a channel cannot be read".to_owned()));
         };
         let ours = Topic::from_name(&channel.topic);

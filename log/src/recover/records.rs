@@ -108,7 +108,7 @@ pub(super) fn attachment(body: &[u8]) -> Option<mcap::Attachment<'_>> {
     if !is_attachment(body, body.len() as u64) {
         return None;
     }
-    match mcap::parse_record(op::ATTACHMENT, body).ok()? {
+    match crate::lengths::parse(op::ATTACHMENT, body).ok()? {
         // Without a checksum nobody knows.
         Record::Attachment { header, data, crc } if crc != 0 => Some(mcap::Attachment {
             log_time: header.log_time,

@@ -45,8 +45,9 @@ impl TorqueCheck {
         }
         let differs = |i: &usize| {
             let (found, expected) = (request.torque[*i], expected[*i]);
-            // Not "greater than": a NaN on either side differs, too.
-            !((found - expected).abs() <= TOLERANCE * (1.0 + expected.abs()))
+            let apart = (found - expected).abs();
+            // A NaN on either side differs, too.
+            apart.is_nan() || apart > TOLERANCE * (1.0 + expected.abs())
         };
         match (0..n).find(differs) {
             Some(joint) => Err(Defect::Torque { joint, found: request.torque[joint], expected: expected[joint] }),

@@ -4,8 +4,8 @@
 //! locked memory. What a process does wrong in its messages it is told ahead of the tick.
 
 use super::slot::Slot;
+use crate::children::this_program;
 use crate::live::Live;
-use crate::notify::Notify;
 use anyhow::{Context, Result, bail};
 use hapfic_config::{Fault, FaultKind, FaultTarget};
 use hapfic_ipc::message::{Injection, Process, Tampering};
@@ -13,7 +13,7 @@ use hapfic_ipc::{IpcError, Output};
 use rustix::process::{Resource, Rlimit, Signal, prlimit};
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Stdio};
 use std::sync::mpsc::Receiver;
 use std::time::{Duration, Instant};
 
@@ -292,12 +292,7 @@ impl Injections {
 
     /// Starts this program as something that is in everybody's way.
     fn helper(&mut self, arguments: &[&str]) -> Result<()> {
-        let program = std::env::current_exe().context("cannot find this program's own file")?;
-        let mut command = Command::new(program);
-        for variable in Notify::VARIABLES {
-            command.env_remove(variable);
-        }
-        let child = command
+        let child = this_program()?
             .arg("nuisance")
             .arg(std::process::id().to_string())
             .args(arguments)

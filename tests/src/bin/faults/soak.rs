@@ -27,6 +27,9 @@ const MORE_KB: u64 = 32 * 1024;
 /// The scenario.
 const FILE: &str = "soak.toml";
 
+/// A figure's name, what it is of a sample, and by how much it may grow.
+type Figure = (&'static str, fn(&Sample) -> u64, u64);
+
 /// Makes the part.
 pub(crate) fn make(minutes: u64) -> Part {
     let place = Place::new();
@@ -163,7 +166,7 @@ fn held(samples: &[Sample]) -> String {
 
 fn expect(end: &End, samples: &[Sample], missing: usize) -> Vec<Expectation> {
     let lost = number(&end.summary, "/recorder/lost");
-    let figures: [(&str, fn(&Sample) -> u64, u64); 8] = [
+    let figures: [Figure; 8] = [
         ("threads of the supervisor", |s| s.supervisor.threads, MORE),
         ("threads of the plant", |s| s.plant.threads, MORE),
         ("open files of the supervisor", |s| s.supervisor.files, MORE),

@@ -35,7 +35,7 @@ pub(super) fn spoil<T: Fields>(message: &mut T, draw: &mut Draw<'_>) {
         let place = draw.below(fields.len());
         match &mut fields[place] {
             Numbers(values) => {
-                if draw.byte() % 8 == 0 {
+                if draw.byte().is_multiple_of(8) {
                     let new = draw.number(values[0]);
                     values.fill(new);
                 } else {
