@@ -56,6 +56,9 @@ fn without_a_supervisor_all_go_and_the_next_start_cleans_up() {
     let mut run = stack.start(&LONG);
     let children = run.children(&PROCESSES);
     run.wait_for(&stack.path("run.mcap"), UNDER_WAY);
+    // One that is halted can do nothing by itself.
+    let (_, halted) = children.iter().find(|(name, _)| name == "standby").unwrap();
+    kill_process(Pid::from_raw(*halted as i32).unwrap(), Signal::STOP).unwrap();
     let end = run.kill();
     assert_eq!(end.code, None);
     expect_gone(&children);

@@ -233,6 +233,35 @@ mod tests {
     }
 
     #[test]
+    fn whatever_is_seen_it_decides_when_it_must_and_takes_only_what_is_valid() {
+        for bits in 0..128_u32 {
+            let bit = |i: u32| bits & (1 << i) != 0;
+            let seen = Observed {
+                valid: [bit(0), bit(1)],
+                // A request is one or the other.
+                refused: [bit(2) && !bit(0), bit(3) && !bit(1)],
+                present: [bit(4), bit(5)],
+                overdue: bit(6),
+            };
+            for primary in Place::BOTH {
+                let protocol = Protocol { primary, ..Protocol::default() };
+                for patience in [Patience::Deadline, Patience::Lockstep] {
+                    let choice = protocol.choose(&seen, patience);
+                    match choice {
+                        Choice::Take(place) => assert!(seen.valid[place as usize], "{seen:?}"),
+                        Choice::Miss => assert!(patience == Patience::Deadline && seen.overdue && seen.valid == [false; 2]),
+                        Choice::Wait => assert!(!seen.overdue || (patience == Patience::Lockstep && seen.valid == [false; 2])),
+                    }
+                    let all_answered = (0..2).all(|i| seen.valid[i] || seen.refused[i] || !seen.present[i]);
+                    if all_answered && seen.valid != [false; 2] {
+                        assert_ne!(choice, Choice::Wait, "{seen:?} {patience:?}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
     fn a_primary_that_is_gone_is_replaced_at_once_and_one_that_is_late_after_three_ticks() {
         let wishes = Wishes::default();
         let gone = seen([false, true], [false, true], false);

@@ -116,6 +116,20 @@ fn bad_messages_are_refused_counted_and_logged_and_nothing_comes_of_them() {
 }
 
 #[test]
+fn a_controller_that_asks_for_nothing_but_garbage_is_replaced() {
+    let stack = Stack::new();
+    let scenario = ["--duration", "1.5"];
+    let undisturbed = run(&stack, "undisturbed.mcap", &scenario);
+    let faults = "fault=[{kind=\"nan\",process=\"controller\",at_s=0.8,for_ms=400}]";
+    let disturbed = run(&stack, "disturbed.mcap", &[&scenario[..], &["--set", faults]].concat());
+    expect_undisturbed(&disturbed, &undisturbed);
+    let trace = Trace::read(&stack.path("disturbed.mcap"));
+    let lost = trace.events("lost", "controller");
+    assert!(!lost.is_empty() && lost[0].detector == "check", "{}", trace.text());
+    assert!(!trace.events("joined", "controller").is_empty(), "{}", trace.text());
+}
+
+#[test]
 fn a_process_that_dies_again_and_again_is_given_up_with_a_clear_report() {
     let stack = Stack::new();
     let faults = "fault=[{kind=\"kill\",process=\"planner\",random={count=50,from_s=0.1,to_s=1.0}}]";
