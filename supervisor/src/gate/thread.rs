@@ -211,9 +211,9 @@ impl Gateway {
             if self.stopped() {
                 return Ok(());
             }
-            if !wait(&[&self.request], PATIENCE)? {
-                self.beat(Phase::Waiting)?;
-            }
+            wait(&[&self.request], PATIENCE)?;
+            // Also when it is woken again and again by what is of no use.
+            self.beat(Phase::Waiting)?;
         }
     }
 
@@ -312,16 +312,18 @@ impl Gateway {
     fn wait_for_request(&mut self, tick: i64, now: u64, deadline: u64) -> Result<(), IpcError> {
         let Some((newest, stamp)) = self.newest else {
             // Before the first state the plant has the word.
-            if !wait(&[&self.request], PATIENCE)? {
-                self.beat(Phase::Waiting)?;
-            }
-            return Ok(());
+            wait(&[&self.request], PATIENCE)?;
+            return self.beat(Phase::Waiting);
         };
         // A state that is still to come is due a period after the last one.
         let due = stamp + (tick - newest).max(0) as u64 * PERIOD_NS + deadline;
         if due > now {
             wait(&[&self.request], Duration::from_nanos(due - now))?;
-        } else if !wait(&[&self.request], LOOK_AGAIN)? && now - due > PATIENCE.as_nanos() as u64 {
+        } else {
+            wait(&[&self.request], LOOK_AGAIN)?;
+            if now - due <= PATIENCE.as_nanos() as u64 {
+                return Ok(());
+            }
             // The plant's timer is late, or the plant is gone; the watchdog knows which, and a successor needs the last command.
             self.slack()?;
             self.beat(Phase::Waiting)?;

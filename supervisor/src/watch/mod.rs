@@ -369,12 +369,13 @@ impl<'a> Watch<'a> {
         if gated != self.advanced.0 {
             (self.spare_the_plant, self.all_started_anew) = (true, false);
         }
-        if joining || gated != self.advanced.0 || gated + 1 >= self.settings.duration_ticks as i64 {
+        if gated != self.advanced.0 || gated + 1 >= self.settings.duration_ticks as i64 {
             self.advanced = (gated, Instant::now());
             return Ok(false);
         }
         let limit = Duration::from_millis(self.settings.supervisor.stall_timeout_ms.into());
-        if self.advanced.1.elapsed() <= limit {
+        // Who joins needs some time; but he may also wait for somebody in vain.
+        if self.advanced.1.elapsed() <= if joining { 2 * limit } else { limit } {
             return Ok(false);
         }
         self.advanced = (gated, Instant::now());
@@ -385,11 +386,6 @@ impl<'a> Watch<'a> {
             .map(|p| format!("{p} {}", self.live.pulse(*p).refused()))
             .collect();
         let refused = if refused.is_empty() { "none".to_owned() } else { refused.join(", ") };
-        if self.settings.plant.on_loss == OnLoss::Restart && std::mem::take(&mut self.spare_the_plant) {
-            // First the one that all others wait for.
-            let what = format!("has done no tick for {} ms; messages refused: {refused}", limit.as_millis());
-            return Ok(!self.lose(Process::Plant, Detector::Tick, &what)?);
-        }
         if self.clock == Clock::Lockstep && !std::mem::replace(&mut self.all_started_anew, true) {
             // One of them has not said what another waits for. The clock waits, so all may start anew.
             let what = format!(
@@ -402,6 +398,11 @@ impl<'a> Watch<'a> {
                 }
             }
             return Ok(false);
+        }
+        if self.settings.plant.on_loss == OnLoss::Restart && std::mem::take(&mut self.spare_the_plant) {
+            // Then the one that all others wait for.
+            let what = format!("has done no tick for {} ms; messages refused: {refused}", limit.as_millis());
+            return Ok(!self.lose(Process::Plant, Detector::Tick, &what)?);
         }
         self.fault(
             "gate",
