@@ -35,7 +35,8 @@ impl<T: Check + Tamper + Ticked + std::fmt::Debug + ZeroCopySend + 'static> Kept
         Ok(())
     }
 
-    /// Says once more what was said last, oldest first. Returns the tick of the newest; `None` if nothing was ever said.
+    /// Says once more what was said last, oldest first. Returns the tick of the newest before which nothing is missing that is still
+    /// needed; `None` if nothing was ever said.
     fn hand_over(&mut self, gated: i64) -> Result<Option<i64>, IpcError> {
         self.listen(gated)?;
         let mut last: Vec<T> = self.recent.iter().copied().collect();
@@ -44,7 +45,35 @@ impl<T: Check + Tamper + Ticked + std::fmt::Debug + ZeroCopySend + 'static> Kept
             self.output.send(message)?;
             self.output.prepare();
         }
-        Ok(last.last().map(Ticked::tick))
+        Ok(without_gap(last.iter().map(Ticked::tick), gated))
+    }
+}
+
+/// The newest of some ticks, in ascending order, with no gap between it and the last tick that is done.
+fn without_gap(ticks: impl Iterator<Item = i64>, done: i64) -> Option<i64> {
+    let mut newest = None;
+    for tick in ticks {
+        match newest {
+            Some(before) if tick > done && tick != before + 1 => break,
+            _ => newest = Some(tick),
+        }
+    }
+    newest
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_successor_starts_before_a_gap_that_somebody_waits_for() {
+        let from = |ticks: &[i64], done| without_gap(ticks.iter().copied(), done);
+        assert_eq!(from(&[], 5), None);
+        assert_eq!(from(&[0, 1], -1), Some(1));
+        assert_eq!(from(&[3, 4, 5, 6, 7], 5), Some(7));
+        assert_eq!(from(&[3, 4, 5, 7], 5), Some(5), "6 was never said");
+        assert_eq!(from(&[2, 4, 5, 6], 5), Some(6), "nobody needs 3 any more");
+        assert_eq!(from(&[2, 3, 7], 5), Some(3));
     }
 }
 
