@@ -104,6 +104,8 @@ impl Context {
         if run.clock == Clock::Realtime && run.realtime != RealtimeMode::Off {
             realtime::lock_memory(BringIn::Used);
         }
+        // What cannot be met is counted and told of by the supervisor.
+        crate::service::quiet();
         let domain = Domain::new(&run.prefix, &run.root)?.hasty(run.clock);
         let bus = Bus::open(&domain, process.name())?;
         let timing = bus.output(&topic::TIMING)?;

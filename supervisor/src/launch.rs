@@ -98,6 +98,7 @@ impl Prepared {
     fn run(self, request: &Request) -> Result<Summary> {
         let Self { place, plant, writer, viewer, stop } = self;
         let settings = &request.settings;
+        hapfic_ipc::service::quiet();
         let domain = Domain::new(&place.prefix(), &place.root())?.hasty(request.clock);
         let cores = match settings.realtime.placement {
             Placement::OneCore => Cores {

@@ -61,22 +61,6 @@ fn without_gap(ticks: impl Iterator<Item = i64>, done: i64) -> Option<i64> {
     newest
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_successor_starts_before_a_gap_that_somebody_waits_for() {
-        let from = |ticks: &[i64], done| without_gap(ticks.iter().copied(), done);
-        assert_eq!(from(&[], 5), None);
-        assert_eq!(from(&[0, 1], -1), Some(1));
-        assert_eq!(from(&[3, 4, 5, 6, 7], 5), Some(7));
-        assert_eq!(from(&[3, 4, 5, 7], 5), Some(5), "6 was never said");
-        assert_eq!(from(&[2, 4, 5, 6], 5), Some(6), "nobody needs 3 any more");
-        assert_eq!(from(&[2, 3, 7], 5), Some(3));
-    }
-}
-
 /// The last states and references.
 pub struct Keeper {
     states: Kept<State>,
@@ -119,5 +103,21 @@ impl Keeper {
     pub fn prepare(&mut self) {
         self.states.output.prepare();
         self.references.output.prepare();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_successor_starts_before_a_gap_that_somebody_waits_for() {
+        let from = |ticks: &[i64], done| without_gap(ticks.iter().copied(), done);
+        assert_eq!(from(&[], 5), None);
+        assert_eq!(from(&[0, 1], -1), Some(1));
+        assert_eq!(from(&[3, 4, 5, 6, 7], 5), Some(7));
+        assert_eq!(from(&[3, 4, 5, 7], 5), Some(5), "6 was never said");
+        assert_eq!(from(&[2, 4, 5, 6], 5), Some(6), "nobody needs 3 any more");
+        assert_eq!(from(&[2, 3, 7], 5), Some(3));
     }
 }
