@@ -165,6 +165,23 @@ pub fn lock_memory(bring_in: BringIn) {
     MEMORY_LOCKED.store(locked, Ordering::Relaxed);
 }
 
+/// Makes room in the process's table of open files for so many, or as many as it may have. To be called before it has threads.
+///
+/// The kernel doubles the table when it is full. Where threads share it, the one who opens the file too many then waits for all
+/// processors to pass a quiet state (`synchronize_rcu`), some 10 ms: the gate did so when it met the first process that was started
+/// again.
+///
+/// # Errors
+/// If the system refuses; the table then grows when it has to.
+pub fn make_room_for_files(count: u64) -> std::io::Result<()> {
+    let may_have = getrlimit(Resource::Nofile).current.unwrap_or(u64::MAX);
+    let last = count.min(may_have).saturating_sub(1);
+    let file = File::open("/dev/null")?;
+    // The table stays as large as this has made it.
+    drop(rustix::io::fcntl_dupfd_cloexec(&file, i32::try_from(last).unwrap_or(i32::MAX))?);
+    Ok(())
+}
+
 /// Whether the process has locked its memory.
 static MEMORY_LOCKED: AtomicBool = AtomicBool::new(false);
 

@@ -125,6 +125,8 @@ impl Prepared {
         if realtime {
             hapfic_ipc::realtime::lock_memory(BringIn::All);
         }
+        // Without it a tick is held up some time.
+        let _ = hapfic_ipc::realtime::make_room_for_files(FILES);
         // First of all, and until the end: a service whose maker dies while making it can be lost for good.
         let bus = Bus::open(&domain, "supervisor")?;
         place.close_to_others()?;
@@ -207,6 +209,8 @@ impl Prepared {
     }
 }
 
+/// Files that a supervisor may have open: some 250 when all have joined, and more with each that dies and is started again.
+const FILES: u64 = 1024;
 /// Largest log of a killed run that a start recovers by itself, bytes: about a second's work.
 const QUICKLY_RECOVERED: u64 = 64 << 20;
 
