@@ -1,15 +1,10 @@
 //! Scenarios that are refused: each message tells place, key, what was found, and what was expected.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use hapfic_config::{ConfigError, Settings};
+mod common;
 
-/// Five lines.
-const ROBOT: &str = r#"[robot]
-urdf = "leg.urdf"
-base_link = "base"
-tip_link = "foot"
-start_position_rad = [0, 0.9, -1.8]
-"#;
+use common::ROBOT;
+use hapfic_config::{ConfigError, Settings};
 
 fn refusal(text: &str, overrides: &[&str]) -> ConfigError {
     let overrides: Vec<String> = overrides.iter().map(|argument| (*argument).to_owned()).collect();

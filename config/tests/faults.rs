@@ -1,16 +1,10 @@
 //! Faults on purpose: what they load to, that a seed always draws the same, and what is refused.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use hapfic_config::{ConfigError, Fault, FaultKind, FaultTarget, Settings, json_schema};
+mod common;
 
-/// Six lines.
-const ROBOT: &str = r#"[robot]
-urdf = "leg.urdf"
-base_link = "base"
-tip_link = "foot"
-start_position_rad = [0, 0.9, -1.8]
-[[fault]]
-"#;
+use common::ROBOT;
+use hapfic_config::{ConfigError, Fault, FaultKind, FaultTarget, Settings, json_schema};
 
 const SEVERAL: &str = r#"kind = "kill"
 process = ["planner", "standby"]
@@ -33,7 +27,7 @@ for_ms = 20
 
 fn try_load(faults: &str, overrides: &[&str]) -> Result<Settings, ConfigError> {
     let overrides: Vec<String> = overrides.iter().map(|argument| (*argument).to_owned()).collect();
-    Settings::from_str(&format!("{ROBOT}{faults}"), "x.toml", None, &overrides)
+    Settings::from_str(&format!("{ROBOT}[[fault]]\n{faults}"), "x.toml", None, &overrides)
 }
 
 fn load(faults: &str, overrides: &[&str]) -> Settings {

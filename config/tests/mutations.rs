@@ -1,15 +1,13 @@
 //! Damaged scenarios: refused or loaded, never a panic.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
+mod common;
+
+use common::ROBOT;
 use hapfic_config::{Settings, scenarios};
 use proptest::prelude::*;
 
-const FAULTS: &str = r#"[robot]
-urdf = "leg.urdf"
-base_link = "base"
-tip_link = "foot"
-start_position_rad = [0, 0.9, -1.8]
-[[fault]]
+const FAULTS: &str = r#"[[fault]]
 kind = "slow"
 process = ["planner", "controllers"]
 for_ms = 20
@@ -108,7 +106,7 @@ proptest! {
 
     #[test]
     fn of_faults(edits in proptest::collection::vec(edit(), 1..6)) {
-        judge(Settings::from_str(&apply(FAULTS, edits), "floor.toml", None, &[]));
+        judge(Settings::from_str(&apply(&format!("{ROBOT}{FAULTS}"), edits), "floor.toml", None, &[]));
     }
 
     #[test]

@@ -7,9 +7,9 @@ use crate::answer::{Known, answer};
 use crate::error::ControllerError;
 use hapfic_config::Settings;
 use hapfic_ipc::inject::Injector;
-use hapfic_ipc::message::{Command, Credit, Operator, Process, Reference, Request, State};
+use hapfic_ipc::message::{Command, Operator, Process, Reference, Request, State};
 use hapfic_ipc::realtime::Wish;
-use hapfic_ipc::{Clock, Context, Input, IpcError, Output, Recent, Tick, Wait, Wakes, clock, topic};
+use hapfic_ipc::{Clock, Context, Input, IpcError, Listener, Output, Recent, Tick, Wait, Wakes, clock, topic};
 use hapfic_robot::Chain;
 use nalgebra::Vector3;
 
@@ -21,7 +21,7 @@ struct Ports {
     reference: Input<Reference>,
     command: Input<Command>,
     operator: Input<Operator>,
-    answered: Input<Credit>,
+    answered: Listener,
     request: Output<Request>,
     injector: Injector<Request>,
 }
@@ -97,7 +97,7 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), ControllerE
         reference: context.bus.input(&topic::REFERENCE, in_step)?,
         command: context.bus.input(&topic::COMMAND, in_step)?,
         operator: context.bus.input(&topic::OPERATOR, Wait::No)?,
-        answered: context.bus.input(&topic::ANSWERED, Wait::Yes)?,
+        answered: context.bus.listener(topic::ANSWERED),
         request: context.bus.output(&topic::REQUEST)?,
         injector: Injector::open(context)?,
     };
@@ -153,6 +153,8 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), ControllerE
             latency_ns: 0,
         })?;
         ports.prepare();
+        // What comes after the answer need not be looked for while somebody waits for the next.
+        read_ahead(context, &mut ports, &mut inbox)?;
         context.tell_unmet(ports.unmet());
         ports.injector.listen()?;
         if state.tick >= last_tick {
@@ -173,6 +175,12 @@ enum Filled {
     End,
 }
 
+/// Takes in what is known before the state it belongs to: command(k) at the end of tick k, parameters some ticks ahead.
+fn read_ahead(context: &mut Context, ports: &mut Ports, inbox: &mut Inbox) -> Result<(), IpcError> {
+    context.drain(&mut ports.command, |new| inbox.commands.keep(new))?;
+    context.drain(&mut ports.operator, |new| inbox.operator = Some(new))
+}
+
 /// Takes what there is; in lockstep waits for reference(k) and command(k - 1), or for command(k): then tick k is done.
 fn fill(context: &mut Context, ports: &mut Ports, inbox: &mut Inbox, tick: i64) -> Result<Filled, IpcError> {
     loop {
@@ -182,8 +190,9 @@ fn fill(context: &mut Context, ports: &mut Ports, inbox: &mut Inbox, tick: i64) 
         for _ in 0..if inbox.joined { late } else { 0 } {
             context.refuse();
         }
-        context.drain(&mut ports.command, |new| inbox.commands.keep(new))?;
-        context.drain(&mut ports.operator, |new| inbox.operator = Some(new))?;
+        if context.clock == Clock::Lockstep || inbox.commands.at(tick - 1).is_none() || inbox.operator.is_none() {
+            read_ahead(context, ports, inbox)?;
+        }
         if context.clock == Clock::Realtime {
             return Ok(Filled::Complete);
         }

@@ -1,42 +1,37 @@
 //! Ports over iceoryx2.
 //!
-//! Each topic is a publish-subscribe service and, where someone waits for it, an event service of the same name. Sending makes
-//! no system call but the notification and no heap allocation: the sample is loaned beforehand, in the slack
-//! ([`Output::prepare`]).
+//! Each topic is a publish-subscribe service and, where someone waits for it, a bell ([`crate::bell`]). Sending makes no system call
+//! but the ring and no heap allocation: the sample is loaned beforehand, in the slack ([`Output::prepare`]).
 
+use crate::bell::{Bell, Bells, Listener, Place, Wakes};
 use crate::clock;
 use crate::error::IpcError;
+use crate::memory::{self, Senders};
 use crate::run::Clock;
 use crate::topic::{CONTROL_DEPTH, RECORDER_DEPTH, Topic};
 use core::mem::MaybeUninit;
 use core::time::Duration;
 use iceoryx2::config::Config;
 use iceoryx2::node::{Node, NodeBuilder};
-use iceoryx2::port::listener::Listener;
-use iceoryx2::port::notifier::Notifier;
+use iceoryx2::port::ReceiveError;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::prelude::*;
 use iceoryx2::sample_mut_uninit::SampleMutUninit;
-use rustix::event::{PollFd, PollFlags, poll};
-use std::os::fd::BorrowedFd;
+use std::sync::Arc;
 
 type Service = ipc::Service;
 
 /// Most that may take part in a topic at a time.
 const MAX_NODES: usize = 32;
 const MAX_SUBSCRIBERS: usize = 12;
-const MAX_LISTENERS: usize = 12;
-/// Places for those that only wake others.
-const KNOCKERS: usize = 2;
-/// Most inputs one may wait for at once.
-const MAX_WAITS: usize = 4;
 
 /// A run's own corner of the machine: nothing in it is seen by another run.
 #[derive(Clone, Debug)]
 pub struct Domain {
     config: Config,
+    folder: String,
 }
 
 impl Domain {
@@ -62,7 +57,7 @@ impl Domain {
         config.global.node.cleanup_dead_nodes_on_creation = false;
         config.global.node.cleanup_dead_nodes_on_destruction = false;
         config.global.service.cleanup_dead_nodes_on_open = false;
-        Ok(Self { config })
+        Ok(Self { config, folder: root.to_owned() })
     }
 
     /// The same corner for those who live on while others die: they wait only so long for a connection that another has begun to make.
@@ -75,7 +70,7 @@ impl Domain {
             Clock::Realtime => Duration::from_millis(5),
             Clock::Lockstep => Duration::from_millis(200),
         };
-        Self { config }
+        Self { config, folder: self.folder.clone() }
     }
 }
 
@@ -92,6 +87,7 @@ pub enum Wait {
 #[derive(Debug)]
 pub struct Bus {
     pub(crate) node: Node<Service>,
+    bells: Arc<Bells>,
 }
 
 impl Bus {
@@ -111,7 +107,7 @@ impl Bus {
             .signal_handling_mode(SignalHandlingMode::Disabled)
             .create::<Service>()
             .map_err(|e| IpcError::messaging("create node", name, e))?;
-        Ok(Self { node })
+        Ok(Self { node, bells: Bells::open(&domain.folder)? })
     }
 
     /// Removes what killed processes have left in the domain: milliseconds, and not for real-time threads.
@@ -138,17 +134,6 @@ impl Bus {
             .map_err(|e| IpcError::messaging("open topic", topic.name, e))
     }
 
-    fn event<T>(&self, topic: &Topic<T>) -> Result<iceoryx2::service::port_factory::event::PortFactory<Service>, IpcError> {
-        self.node
-            .service_builder(&service_name(topic.name)?)
-            .event()
-            .max_notifiers(topic.publishers + KNOCKERS)
-            .max_listeners(MAX_LISTENERS)
-            .max_nodes(MAX_NODES)
-            .open_or_create()
-            .map_err(|e| IpcError::messaging("open event", topic.name, e))
-    }
-
     /// Creates a topic and keeps it in being as long as the returned guard lives. Who creates first must outlive the others:
     /// a process killed while it creates a service can leave it unusable.
     ///
@@ -158,9 +143,7 @@ impl Bus {
         &self,
         topic: &Topic<T>,
     ) -> Result<Box<dyn core::any::Any>, IpcError> {
-        let service = self.service(topic)?;
-        let event = if topic.wakes { Some(self.event(topic)?) } else { None };
-        Ok(Box::new((service, event)))
+        Ok(Box::new(self.service(topic)?))
     }
 
     /// A sender.
@@ -168,6 +151,14 @@ impl Bus {
     /// # Errors
     /// [`IpcError::Messaging`], also when the topic has all the publishers it takes.
     pub fn output<T: Copy + core::fmt::Debug + ZeroCopySend + 'static>(&self, topic: &Topic<T>) -> Result<Output<T>, IpcError> {
+        let output = self.bare_output(topic)?;
+        if let Some(first) = &output.loan {
+            memory::bring_in_to_write(first.payload().as_ptr());
+        }
+        Ok(output)
+    }
+
+    fn bare_output<T: Copy + core::fmt::Debug + ZeroCopySend + 'static>(&self, topic: &Topic<T>) -> Result<Output<T>, IpcError> {
         let publisher = self
             .service(topic)?
             .publisher_builder()
@@ -175,12 +166,8 @@ impl Bus {
             .backpressure_strategy(BackpressureStrategy::DiscardData)
             .create()
             .map_err(|e| IpcError::messaging("publish on", topic.name, e))?;
-        let notifier = if topic.wakes {
-            Some(self.event(topic)?.notifier_builder().create().map_err(|e| IpcError::messaging("notify on", topic.name, e))?)
-        } else {
-            None
-        };
-        let mut output = Output { publisher, notifier, loan: None, topic: topic.name, unmet: 0 };
+        let bell = topic.bell.map(|place| self.bell(place));
+        let mut output = Output { publisher, bell, loan: None, topic: topic.name, unmet: 0 };
         output.prepare();
         Ok(output)
     }
@@ -191,11 +178,7 @@ impl Bus {
         wait: Wait,
         depth: usize,
     ) -> Result<Input<T>, IpcError> {
-        let listener = if wait == Wait::Yes && topic.wakes {
-            Some(self.event(topic)?.listener_builder().create().map_err(|e| IpcError::messaging("listen on", topic.name, e))?)
-        } else {
-            None
-        };
+        let listener = if wait == Wait::Yes { topic.bell.map(|place| self.listener(place)) } else { None };
         let subscriber = self
             .service(topic)?
             .subscriber_builder()
@@ -203,7 +186,7 @@ impl Bus {
             .history_request(topic.history)
             .create()
             .map_err(|e| IpcError::messaging("subscribe to", topic.name, e))?;
-        Ok(Input { subscriber, listener, topic: topic.name, unmet: 0 })
+        Ok(Input { subscriber, listener, topic: topic.name, unmet: 0, senders: Senders::default() })
     }
 
     /// A receiver for control: a short buffer of which the newest counts.
@@ -224,18 +207,20 @@ impl Bus {
     /// [`IpcError::Messaging`] with what iceoryx2 said.
     pub fn stir<T: Copy + core::fmt::Debug + ZeroCopySend + 'static>(&self, topic: &Topic<T>) -> Result<(), IpcError> {
         drop(self.input(topic, Wait::No)?);
-        drop(self.output(topic)?);
+        drop(self.bare_output(topic)?);
         Ok(())
     }
 
-    /// A way to wake those who wait for a topic without sending anything: they look around and find what has changed.
-    ///
-    /// # Errors
-    /// [`IpcError::Messaging`] with what iceoryx2 said.
-    pub fn knocker<T: Copy + core::fmt::Debug + ZeroCopySend + 'static>(&self, topic: &Topic<T>) -> Result<Knocker, IpcError> {
-        let notifier =
-            self.event(topic)?.notifier_builder().create().map_err(|e| IpcError::messaging("notify on", topic.name, e))?;
-        Ok(Knocker(notifier))
+    /// Wakes those who wait for a topic without sending anything: they look around and find what has changed.
+    #[must_use]
+    pub fn bell(&self, place: Place) -> Bell {
+        Bell::new(&self.bells, place)
+    }
+
+    /// Hears a bell with which no message comes.
+    #[must_use]
+    pub fn listener(&self, place: Place) -> Listener {
+        Listener::new(&self.bells, place)
     }
 
     /// A receiver for the recorder: a deep buffer that must not overflow.
@@ -254,28 +239,10 @@ pub(crate) fn service_name(name: &str) -> Result<ServiceName, IpcError> {
     name.try_into().map_err(|e| IpcError::Name { what: "a topic's name", value: name.to_owned(), cause: format!("{e:?}") })
 }
 
-/// Wakes those who wait for a topic.
-#[derive(Debug)]
-pub struct Knocker(Notifier<Service>);
-
-impl Knocker {
-    /// Work for the slack: meets those who have joined since.
-    pub fn prepare(&self) {
-        // As for a sender: one that cannot be met looks by itself.
-        let _ = self.0.update_connections();
-    }
-
-    /// Wakes them all.
-    pub fn knock(&self) {
-        // A listener that has just died is not the caller's concern.
-        let _ = self.0.notify();
-    }
-}
-
 /// A sender of one topic.
 pub struct Output<T: Copy + core::fmt::Debug + ZeroCopySend + 'static> {
     publisher: Publisher<Service, T, ()>,
-    notifier: Option<Notifier<Service>>,
+    bell: Option<Bell>,
     loan: Option<SampleMutUninit<Service, MaybeUninit<T>, ()>>,
     topic: &'static str,
     unmet: u32,
@@ -292,10 +259,6 @@ impl<T: Copy + core::fmt::Debug + ZeroCopySend + 'static> Output<T> {
     /// in who have joined since (history is handed over here).
     pub fn prepare(&mut self) {
         self.meet();
-        if let Some(notifier) = &self.notifier {
-            // One that cannot be met is not woken: it looks by itself from time to time.
-            let _ = notifier.update_connections();
-        }
         // A failure shows at the next send, which then has no loan.
         if self.loan.is_none() {
             self.loan = self.publisher.loan_uninit().ok();
@@ -326,9 +289,8 @@ impl<T: Copy + core::fmt::Debug + ZeroCopySend + 'static> Output<T> {
         self.meet();
         loan.write_payload(*message).send().map_err(|e| IpcError::messaging("send on", self.topic, e))?;
         let published = clock::now_ns();
-        if let Some(notifier) = &self.notifier {
-            // A listener that has just died is not the sender's concern.
-            let _ = notifier.notify();
+        if let Some(bell) = &self.bell {
+            bell.ring();
         }
         Ok(published)
     }
@@ -338,9 +300,10 @@ impl<T: Copy + core::fmt::Debug + ZeroCopySend + 'static> Output<T> {
 #[derive(Debug)]
 pub struct Input<T: Copy + core::fmt::Debug + ZeroCopySend + 'static> {
     subscriber: Subscriber<Service, T, ()>,
-    listener: Option<Listener<Service>>,
+    listener: Option<Listener>,
     topic: &'static str,
     unmet: u32,
+    senders: Senders,
 }
 
 impl<T: Copy + core::fmt::Debug + ZeroCopySend + 'static> Input<T> {
@@ -350,16 +313,28 @@ impl<T: Copy + core::fmt::Debug + ZeroCopySend + 'static> Input<T> {
     /// [`IpcError::Messaging`] if a connection is damaged.
     #[allow(clippy::should_implement_trait)]
     pub fn next(&mut self) -> Result<Option<T>, IpcError> {
-        // As in sending: one that cannot be met costs nobody else's messages.
-        self.prepare();
-        match self.subscriber.receive() {
-            Ok(sample) => Ok(sample.map(|s| *s)),
+        let received = match self.subscriber.receive() {
+            // As in sending: one that cannot be met costs nobody else's messages.
+            Err(ReceiveError::ConnectionFailure(_)) => {
+                self.unmet += 1;
+                self.subscriber.receive()
+            }
+            received => received,
+        };
+        match received {
+            Ok(None) => Ok(None),
+            Ok(Some(sample)) => {
+                self.senders.look_at(sample.payload(), sample.origin());
+                Ok(Some(*sample))
+            }
             Err(e) => Err(IpcError::messaging("receive on", self.topic, e)),
         }
     }
 
-    /// Work for the slack: meets those who have joined since, so that the next [`next`](Self::next) need not.
+    /// Work for the slack: meets those who have joined since, so that the next [`next`](Self::next) need not, and brings in the memory
+    /// through which the messages of those who have begun to send will come.
     pub fn prepare(&mut self) {
+        self.senders.bring_in::<T>();
         self.unmet += u32::from(self.subscriber.update_connections().is_err());
     }
 
@@ -382,64 +357,8 @@ impl<T: Copy + core::fmt::Debug + ZeroCopySend + 'static> Input<T> {
     }
 }
 
-/// Something to wait for. Implemented by [`Input`].
-pub trait Wakes {
-    /// The listener, if there is one.
-    #[doc(hidden)]
-    fn listener(&self) -> Option<&Listener<ipc::Service>>;
-}
-
 impl<T: Copy + core::fmt::Debug + ZeroCopySend + 'static> Wakes for Input<T> {
-    fn listener(&self) -> Option<&Listener<ipc::Service>> {
+    fn listener(&self) -> Option<&Listener> {
         self.listener.as_ref()
     }
-}
-
-/// Waits until something was sent to one of the inputs, a signal came, or the time is up; at once if something was sent since
-/// the last wait. Wake-ups coalesce, so take everything there is afterwards; and they may be spurious.
-///
-/// Inputs opened with [`Wait::No`] are passed over. At most four can be waited for. Says whether anything woke it.
-///
-/// # Errors
-/// [`IpcError::System`] if polling fails.
-pub fn wait(inputs: &[&dyn Wakes], timeout: Duration) -> Result<bool, IpcError> {
-    let mut listeners: [Option<&Listener<Service>>; MAX_WAITS] = [None; MAX_WAITS];
-    let mut count = 0;
-    for listener in inputs.iter().filter_map(|i| i.listener()).take(MAX_WAITS) {
-        listeners[count] = Some(listener);
-        count += 1;
-    }
-    // A listener that was told something while its last wake-up was being taken away has nothing in its socket, and nobody will
-    // put anything there until it is asked: so ask first, then poll.
-    if take_wake_ups(&listeners[..count]) {
-        return Ok(true);
-    }
-    let mut fds = listeners.map(|listener| {
-        // An unused place polls no file; descriptor 0 with no flags asked for is never looked at beyond the count below.
-        let raw = listener.map_or(0, |l| {
-            // SAFETY: the descriptor is only borrowed, for as long as the listener that owns it is.
-            unsafe { l.file_descriptor().native_handle() }
-        });
-        // SAFETY: `raw` stays open while `listeners` borrows its owner (or is standard input, and then not polled).
-        PollFd::from_borrowed_fd(unsafe { BorrowedFd::borrow_raw(raw) }, PollFlags::IN)
-    });
-    let time = clock::timespec(timeout.as_nanos() as u64);
-    match poll(&mut fds[..count], Some(&time)) {
-        Ok(0) | Err(rustix::io::Errno::INTR) => Ok(false),
-        Ok(_) => {
-            take_wake_ups(&listeners[..count]);
-            Ok(true)
-        }
-        Err(e) => Err(IpcError::System { action: "wait for a message", cause: e.into() }),
-    }
-}
-
-/// Takes pending wake-ups away; the messages themselves are in the subscribers. Says whether there were any.
-fn take_wake_ups(listeners: &[Option<&Listener<Service>>]) -> bool {
-    let mut any = false;
-    for listener in listeners.iter().flatten() {
-        // An error would show at the poll.
-        any |= listener.try_wait(|_| {}).is_ok_and(|count| count > 0);
-    }
-    any
 }

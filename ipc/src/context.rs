@@ -1,6 +1,8 @@
 //! A child process of the stack: its bus, its clock, its end.
 
-use crate::bus::{Bus, Domain, Input, Output, Wakes, wait};
+use crate::alarm::Alarm;
+use crate::bell::{Bell, Wakes, wait};
+use crate::bus::{Bus, Domain, Input, Output};
 use crate::check::Check;
 use crate::child::{Ending, supervisor_gone, tie_to_supervisor};
 use crate::error::IpcError;
@@ -14,6 +16,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 /// How long a process waits for input before it looks around.
 const PATIENCE: Duration = Duration::from_millis(50);
+/// How often page faults are counted, in ticks: a system call.
+const FAULTS_EVERY: i64 = 1000;
+
+/// The period in nanoseconds.
+const PERIOD_NS: u64 = 1_000_000;
 
 /// When a tick's work was done, by the monotonic clock.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -72,6 +79,7 @@ pub struct Context {
     stop: Arc<AtomicBool>,
     supervisor_pid: i32,
     core: Option<usize>,
+    reserve_core: Option<usize>,
     realtime: RealtimeMode,
     granted: Granted,
     timing: Output<Timing>,
@@ -81,6 +89,8 @@ pub struct Context {
     beaten_ns: u64,
     faults_at_start: u64,
     faults: u32,
+    /// First tick at which they are counted again.
+    faults_due: i64,
     allocations_at_wake: u64,
 }
 
@@ -117,6 +127,7 @@ impl Context {
             stop,
             supervisor_pid: run.supervisor_pid,
             core: if process == Process::Standby { run.reserve_core } else { run.core }.map(|c| c as usize),
+            reserve_core: run.reserve_core.map(|c| c as usize),
             realtime: if run.clock == Clock::Lockstep { RealtimeMode::Off } else { run.realtime },
             granted: Granted::default(),
             timing,
@@ -125,8 +136,19 @@ impl Context {
             beaten_ns: 0,
             faults_at_start: 0,
             faults: 0,
+            faults_due: 0,
             allocations_at_wake: 0,
         })
+    }
+
+    /// An [`Alarm`] for this process, at a priority of its own, on the core where the controller in reserve is.
+    ///
+    /// # Errors
+    /// [`IpcError::System`] if there is no thread to be had.
+    pub fn alarm(&self, name: &str, bell: Bell, period_ns: u64, priority: u32) -> Result<Alarm, IpcError> {
+        let wish = Wish { core: self.reserve_core, ..Wish::new(priority, None) };
+        let wish = (self.realtime != RealtimeMode::Off).then_some(wish);
+        Alarm::start(name, bell, period_ns, wish).map_err(|cause| IpcError::System { action: "start an alarm", cause })
     }
 
     fn supervisor_gone(&self) -> bool {
@@ -206,8 +228,10 @@ impl Context {
                     // A successor of the plant says once more what its forerunner said last.
                     continue;
                 }
+                // In realtime the newest: one that is not a period old.
+                let newest = self.clock == Clock::Lockstep || crate::clock::now_ns().saturating_sub(state.stamp_ns) < PERIOD_NS;
                 found = Some(state);
-                if self.clock == Clock::Lockstep {
+                if newest {
                     break;
                 }
             }
@@ -302,7 +326,8 @@ impl Context {
     pub fn account(&mut self, done: Tick) -> Result<(), IpcError> {
         let Tick { tick, due_ns, wake_ns, publish_ns, latency_ns } = done;
         // A system call: in the slack, and not at every tick.
-        if tick % 1000 == 999 {
+        if tick >= self.faults_due {
+            self.faults_due = tick - tick % FAULTS_EVERY + FAULTS_EVERY;
             self.count_faults();
         }
         // The first tick meets its peers, and in lockstep nobody waits in real time.

@@ -21,7 +21,9 @@
 //! This is the only crate with `unsafe` code.
 #![allow(unsafe_code)]
 
+pub mod alarm;
 pub mod allocations;
+pub mod bell;
 mod bus;
 mod check;
 mod child;
@@ -30,6 +32,7 @@ mod codes;
 mod context;
 mod error;
 pub mod inject;
+mod memory;
 pub mod message;
 pub mod realtime;
 mod recent;
@@ -38,7 +41,9 @@ pub mod service;
 pub mod topic;
 mod wire_enum;
 
-pub use bus::{Bus, Domain, Input, Knocker, Output, Wait, Wakes, wait};
+pub use alarm::Alarm;
+pub use bell::{Bell, Listener, Wakes, wait};
+pub use bus::{Bus, Domain, Input, Output, Wait};
 pub use check::{Check, Defect};
 pub use child::{Ending, tie_to_supervisor};
 pub use context::{Context, Start, Tick};

@@ -1,5 +1,6 @@
 //! The real-time set-up of a thread and of the machine: takes what it can get and says what it lacks.
 
+use crate::memory;
 use rustix::mm::{MlockAllFlags, mlockall};
 use rustix::process::{Resource, getrlimit};
 use rustix::thread::{CapabilitySet, CpuSet};
@@ -67,6 +68,13 @@ pub fn reserve_core(index: usize) -> Option<u32> {
 /// missing is missing in the result.
 #[must_use]
 pub fn enter(wish: Wish) -> Granted {
+    memory::bring_in_heap();
+    enter_without_heap(wish)
+}
+
+/// The same for a thread that allocates nothing.
+#[must_use]
+pub(crate) fn enter_without_heap(wish: Wish) -> Granted {
     let mut granted = 0;
     if MEMORY_LOCKED.load(Ordering::Relaxed) {
         granted |= Granted::LOCKED;
@@ -143,15 +151,17 @@ pub enum BringIn {
     /// All there is now. For the supervisor: what it holds of the program's file stays in memory for all processes of the stack, so
     /// that theirs never have to wait for a disk.
     All,
-    /// What is used. For the other processes.
+    /// The code, and what is used. For the other processes.
     Used,
 }
 
 /// Locks all memory of the process, now and in future; every page stays once it was used. To be called before topics are opened.
 ///
 /// A topic's segment has room for the deepest queue of every subscriber there may ever be, and the program for much that a process
-/// never runs; a few pages of both are used. Bringing all of it in would hold up whoever maps it, in the middle of a tick, for as
-/// long as a tick; and a process that dies at real-time priority has to give it all back before anyone below it runs again.
+/// never runs; a part of both is used. Bringing all of it in would hold up whoever maps it, in the middle of a tick, for as
+/// long as a tick; and a process that dies at real-time priority has to give it all back before anyone below it runs again. So what
+/// can be used is brought in beforehand, once this has been called, and nothing else: code, a reserve of heap, the messages that can be
+/// on their way.
 ///
 /// Only where the limit cannot be reached: with a finite limit a later allocation would fail, and abort the process.
 pub fn lock_memory(bring_in: BringIn) {
@@ -163,6 +173,11 @@ pub fn lock_memory(bring_in: BringIn) {
             BringIn::Used => mlockall(used).is_ok(),
         };
     MEMORY_LOCKED.store(locked, Ordering::Relaxed);
+    // Without the lock, too: it stays then as long as nobody needs the memory more.
+    memory::want();
+    if bring_in == BringIn::Used {
+        memory::bring_in_code();
+    }
 }
 
 /// Makes room in the process's table of open files for so many, or as many as it may have. To be called before it has threads.

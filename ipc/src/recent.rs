@@ -23,12 +23,17 @@ ticked!(Command, Reference, Request, State);
 /// The messages of the newest ticks that came, as many as a control input keeps.
 #[derive(Clone, Copy, Debug)]
 pub struct Recent<T> {
+    /// The ticks of those kept, apart from them: they are looked through while somebody waits, and lie on one cache line.
+    ticks: [i64; KEPT],
     kept: [Option<T>; KEPT],
 }
 
+/// The tick of an empty place: before all others.
+const NEVER: i64 = i64::MIN;
+
 impl<T> Default for Recent<T> {
     fn default() -> Self {
-        Self { kept: [const { None }; KEPT] }
+        Self { ticks: [NEVER; KEPT], kept: [const { None }; KEPT] }
     }
 }
 
@@ -36,10 +41,13 @@ impl<T: Ticked> Recent<T> {
     /// Keeps a message in place of the one of the same tick, or of the oldest tick. One that is older than all those kept is left
     /// out: after a restart the history of a forerunner may come last.
     pub fn keep(&mut self, message: T) {
-        let same = self.kept.iter().position(|k| k.as_ref().is_some_and(|k| k.tick() == message.tick()));
-        let place = same.or_else(|| (0..KEPT).min_by_key(|&i| self.kept[i].as_ref().map_or(i64::MIN, Ticked::tick)));
-        let Some(place) = place else { return };
-        if self.kept[place].as_ref().is_none_or(|k| k.tick() <= message.tick()) {
+        let tick = message.tick();
+        let same = self.ticks.iter().position(|t| *t == tick);
+        let place = same.or_else(|| (0..KEPT).min_by_key(|&i| self.ticks[i]));
+        if let Some(place) = place
+            && self.ticks[place] <= tick
+        {
+            self.ticks[place] = tick;
             self.kept[place] = Some(message);
         }
     }
@@ -52,19 +60,24 @@ impl<T: Ticked> Recent<T> {
     /// The message of the newest tick.
     #[must_use]
     pub fn newest(&self) -> Option<&T> {
-        self.iter().max_by_key(|m| m.tick())
+        self.last(|_| true)
     }
 
     /// The message of a tick, if it is among those kept.
     #[must_use]
     pub fn at(&self, tick: i64) -> Option<&T> {
-        self.kept.iter().flatten().find(|m| m.tick() == tick)
+        self.ticks.iter().position(|t| *t == tick).and_then(|place| self.kept[place].as_ref())
     }
 
     /// The newest message of a tick before this one.
     #[must_use]
     pub fn before(&self, tick: i64) -> Option<&T> {
-        self.kept.iter().flatten().filter(|m| m.tick() < tick).max_by_key(|m| m.tick())
+        self.last(|t| t < tick)
+    }
+
+    fn last(&self, wanted: impl Fn(i64) -> bool) -> Option<&T> {
+        let place = (0..KEPT).filter(|&i| wanted(self.ticks[i])).max_by_key(|&i| self.ticks[i])?;
+        self.kept[place].as_ref()
     }
 }
 

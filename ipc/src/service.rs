@@ -1,32 +1,32 @@
 //! Requests to a running stack and their replies: what `hapfic set`, `status` and `stop` ask, and any other program may.
 //!
-//! A request-response service, and an event service of the same name that wakes the one who answers. Both are made and held by the
-//! supervisor ([`hold`]); callers only open them, so that one killed while it calls cannot damage them.
+//! A request-response service, and a bell that wakes the one who answers. The service is made and held by the supervisor
+//! ([`hold`]); callers only open it, so that one killed while it calls cannot damage it.
 
-use crate::bus::{Bus, Wakes, service_name};
+use crate::bell::{Bell, Listener, Wakes};
+use crate::bus::{Bus, service_name};
 use crate::check::{Check, Defect};
 use crate::error::IpcError;
+use crate::topic;
 use crate::wire_enum::wire_enum;
 use core::time::Duration;
 use iceoryx2::active_request::ActiveRequest;
 use iceoryx2::port::client::Client;
-use iceoryx2::port::listener::Listener;
-use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::server::Server;
 use iceoryx2::prelude::*;
-use iceoryx2::service::port_factory::{event, request_response};
+use iceoryx2::service::port_factory::request_response;
 use std::time::Instant;
 
 type Transport = ipc::Service;
 type Factory = request_response::PortFactory<Transport, OperatorRequest, (), OperatorReply, ()>;
 
-/// Name of both services.
+/// Name of the service.
 const NAME: &str = "operator_request";
 /// Callers at a time; those that were killed count until they are swept.
 const MAX_CALLERS: usize = 16;
 /// Callers above which it is worth looking for dead ones.
 const CROWD: usize = 4;
-/// Nodes that may know the services: callers, the supervisor and its thread.
+/// Nodes that may know the service: callers, the supervisor and its thread.
 const MAX_NODES: usize = 32;
 /// How often a caller looks for its reply.
 const LOOK_EVERY: Duration = Duration::from_millis(1);
@@ -160,12 +160,12 @@ impl Check for OperatorReply {
     }
 }
 
-/// Creates the services and keeps them in being as long as the returned guard lives.
+/// Creates the service and keeps it in being as long as the returned guard lives.
 ///
 /// # Errors
 /// [`IpcError::Messaging`] with what iceoryx2 said.
 pub fn hold(bus: &Bus) -> Result<Box<dyn core::any::Any>, IpcError> {
-    Ok(Box::new((made_service(bus)?, made_event(bus)?)))
+    Ok(Box::new(made_service(bus)?))
 }
 
 fn made_service(bus: &Bus) -> Result<Factory, IpcError> {
@@ -183,21 +183,10 @@ fn made_service(bus: &Bus) -> Result<Factory, IpcError> {
         .map_err(|e| IpcError::messaging("open service", NAME, e))
 }
 
-fn made_event(bus: &Bus) -> Result<event::PortFactory<Transport>, IpcError> {
-    bus.node
-        .service_builder(&service_name(NAME)?)
-        .event()
-        .max_notifiers(MAX_CALLERS)
-        .max_listeners(1)
-        .max_nodes(MAX_NODES)
-        .open_or_create()
-        .map_err(|e| IpcError::messaging("open event", NAME, e))
-}
-
 /// The side that answers.
 pub struct Requests {
     server: Server<Transport, OperatorRequest, (), OperatorReply, ()>,
-    listener: Listener<Transport>,
+    listener: Listener,
     factory: Factory,
 }
 
@@ -209,7 +198,7 @@ pub struct Asked {
 }
 
 impl Requests {
-    /// Opens the services.
+    /// Opens the service.
     ///
     /// # Errors
     /// [`IpcError::Messaging`], also when somebody else answers already.
@@ -220,8 +209,7 @@ impl Requests {
             .backpressure_strategy(BackpressureStrategy::DiscardData)
             .create()
             .map_err(|e| IpcError::messaging("answer on", NAME, e))?;
-        let listener = made_event(bus)?.listener_builder().create().map_err(|e| IpcError::messaging("listen on", NAME, e))?;
-        Ok(Self { server, listener, factory })
+        Ok(Self { server, listener: bus.listener(topic::ASKED), factory })
     }
 
     /// The oldest request not taken yet.
@@ -241,7 +229,7 @@ impl Requests {
 }
 
 impl Wakes for Requests {
-    fn listener(&self) -> Option<&Listener<ipc::Service>> {
+    fn listener(&self) -> Option<&Listener> {
         Some(&self.listener)
     }
 }
@@ -259,14 +247,14 @@ impl Asked {
 /// The side that asks.
 pub struct Caller {
     client: Client<Transport, OperatorRequest, (), OperatorReply, ()>,
-    notifier: Notifier<Transport>,
+    bell: Bell,
 }
 
 impl Caller {
-    /// Opens the services of a run, which must be there.
+    /// Opens the service of a run, which must be there.
     ///
     /// # Errors
-    /// [`IpcError::Messaging`] if they are not, or have all the callers they take.
+    /// [`IpcError::Messaging`] if it is not, or has all the callers it takes.
     pub fn open(bus: &Bus) -> Result<Self, IpcError> {
         let client = bus
             .node
@@ -278,16 +266,7 @@ impl Caller {
             .backpressure_strategy(BackpressureStrategy::DiscardData)
             .create()
             .map_err(|e| IpcError::messaging("ask on", NAME, e))?;
-        let notifier = bus
-            .node
-            .service_builder(&service_name(NAME)?)
-            .event()
-            .open()
-            .map_err(|e| IpcError::messaging("open event", NAME, e))?
-            .notifier_builder()
-            .create()
-            .map_err(|e| IpcError::messaging("notify on", NAME, e))?;
-        Ok(Self { client, notifier })
+        Ok(Self { client, bell: bus.bell(topic::ASKED) })
     }
 
     /// Asks and waits for the reply; `None` if none came in time.
@@ -297,7 +276,7 @@ impl Caller {
     pub fn ask(&self, request: &OperatorRequest, patience: Duration) -> Result<Option<OperatorReply>, IpcError> {
         let pending = self.client.send_copy(*request).map_err(|e| IpcError::messaging("send on", NAME, e))?;
         // Whoever answers looks by itself, too; this only makes it sooner.
-        let _ = self.notifier.notify();
+        self.bell.ring();
         let asked = Instant::now();
         loop {
             if let Some(response) = pending.receive().map_err(|e| IpcError::messaging("receive on", NAME, e))? {

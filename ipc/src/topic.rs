@@ -1,5 +1,6 @@
 //! The topics of the stack and their quality of service: one table, the same in every process.
 
+use crate::bell::Place;
 use crate::message::{Command, Credit, Event, Injection, Operator, Reference, Request, State, Timing};
 use core::marker::PhantomData;
 
@@ -20,37 +21,46 @@ pub struct Topic<T> {
     pub publishers: usize,
     /// Samples kept for whoever joins late.
     pub history: usize,
-    /// Whether sending wakes those who wait for it.
-    pub wakes: bool,
+    /// The bell that sending rings, for those who wait.
+    pub bell: Option<Place>,
     pub(crate) kind: PhantomData<fn() -> T>,
 }
 
 impl<T> Topic<T> {
-    const fn new(name: &'static str, publishers: usize, history: usize, wakes: bool) -> Self {
-        Self { name, publishers, history, wakes, kind: PhantomData }
+    const fn new(name: &'static str, publishers: usize, history: usize, bell: Option<Place>) -> Self {
+        Self { name, publishers, history, bell, kind: PhantomData }
     }
 }
 
+/// Rung with each [`REQUEST`].
+pub const REQUEST_BELL: Place = Place(2);
+/// Rung with each [`COMMAND`].
+pub const COMMAND_BELL: Place = Place(3);
+
 /// plant -> all. The supervisor hands the last ones on when the plant is started again.
-pub const STATE: Topic<State> = Topic::new("state", 4, HANDED_OVER, true);
+pub const STATE: Topic<State> = Topic::new("state", 4, HANDED_OVER, Some(Place(0)));
 /// planner -> controllers. The supervisor hands the last ones on when the planner is started again.
-pub const REFERENCE: Topic<Reference> = Topic::new("reference", 4, HANDED_OVER, true);
+pub const REFERENCE: Topic<Reference> = Topic::new("reference", 4, HANDED_OVER, Some(Place(1)));
 /// controllers -> gate.
-pub const REQUEST: Topic<Request> = Topic::new("request", 6, 1, true);
+pub const REQUEST: Topic<Request> = Topic::new("request", 6, 1, Some(REQUEST_BELL));
 /// gate -> plant, and the controllers' memory.
-pub const COMMAND: Topic<Command> = Topic::new("command", 2, HANDED_OVER, true);
+pub const COMMAND: Topic<Command> = Topic::new("command", 2, HANDED_OVER, Some(COMMAND_BELL));
 /// gate -> all: parameters in force and to come.
-pub const OPERATOR: Topic<Operator> = Topic::new("operator", 2, 1, false);
+pub const OPERATOR: Topic<Operator> = Topic::new("operator", 2, 1, None);
 /// all -> recorder.
-pub const EVENT: Topic<Event> = Topic::new("event", 8, 0, false);
+pub const EVENT: Topic<Event> = Topic::new("event", 8, 0, None);
 /// all -> recorder, watchdog.
-pub const TIMING: Topic<Timing> = Topic::new("timing", 12, 0, false);
+pub const TIMING: Topic<Timing> = Topic::new("timing", 12, 0, None);
 /// recorder -> plant, in lockstep.
-pub const CREDIT: Topic<Credit> = Topic::new("credit", 2, 1, true);
-/// plant -> the controller in reserve: the state has been answered, or should have been. Only wakes; nothing is sent.
+pub const CREDIT: Topic<Credit> = Topic::new("credit", 2, 1, Some(Place(4)));
+/// gate -> planner and controller in reserve, in realtime: a state has been answered, or should have been. A bell alone; nothing is
+/// sent.
 ///
-/// Waking a thread on another core costs the one who wakes tens of microseconds. So the plant wakes the primary when its state is
-/// out, and the controller in reserve, which nobody waits for unless the primary fails, when there is time.
-pub const ANSWERED: Topic<Credit> = Topic::new("answered", 2, 0, true);
+/// Each thread that a state woke would cost those who wait for its answer some microseconds, and tens of them if it sleeps on
+/// another core. So a state wakes the primary only; the others, whom nobody waits for unless the primary fails, are woken when
+/// there is time.
+pub const ANSWERED: Place = Place(5);
+/// callers -> supervisor: an [operator's request](crate::service) waits.
+pub const ASKED: Place = Place(6);
 /// supervisor -> processes: faults to be made on purpose.
-pub const INJECTION: Topic<Injection> = Topic::new("injection", 2, 0, false);
+pub const INJECTION: Topic<Injection> = Topic::new("injection", 2, 0, None);

@@ -7,7 +7,7 @@ use hapfic_config::Settings;
 use hapfic_ipc::inject::Injector;
 use hapfic_ipc::message::{Command, Mode, Operator, Reference, State};
 use hapfic_ipc::realtime::Wish;
-use hapfic_ipc::{Clock, Context, Input, IpcError, Output, Recent, Tick, Wait, clock, topic};
+use hapfic_ipc::{Clock, Context, Input, IpcError, Output, Recent, Tick, Wait, Wakes, clock, topic};
 
 struct Ports {
     state: Input<State>,
@@ -46,7 +46,9 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), IpcError> {
         seen = tick - 1;
     }
 
-    while let Some(state) = context.next_state(&mut ports.state, seen, None, || {
+    let answered = (context.clock == Clock::Realtime).then(|| context.bus.listener(topic::ANSWERED));
+    let instead = answered.as_ref().map(|a| a as &dyn Wakes);
+    while let Some(state) = context.next_state(&mut ports.state, seen, instead, || {
         ports.reference.prepare();
         ports.command.prepare();
         ports.operator.prepare();

@@ -10,7 +10,7 @@ use hapfic_ipc::Tick;
 use hapfic_ipc::inject::Injector;
 use hapfic_ipc::message::{Command, Credit, State};
 use hapfic_ipc::realtime::Wish;
-use hapfic_ipc::{Clock, Context, Input, IpcError, Knocker, Output, Recent, Wait, clock, topic, wait};
+use hapfic_ipc::{Alarm, Clock, Context, Input, IpcError, Output, Recent, Wait, clock, topic, wait};
 use std::time::Duration;
 
 /// The period in nanoseconds.
@@ -26,8 +26,6 @@ struct Ports {
     command: Input<Command>,
     credit: Input<Credit>,
     commands: Recent<Command>,
-    /// Wakes the controller in reserve.
-    answered: Knocker,
 }
 
 impl Ports {
@@ -41,7 +39,6 @@ impl Ports {
     fn slack(&mut self, context: &mut Context) -> Result<(), IpcError> {
         self.state.prepare();
         self.command.prepare();
-        self.answered.prepare();
         context.tell_unmet(self.state.unmet() + self.command.unmet() + self.credit.unmet());
         self.injector.listen()
     }
@@ -65,7 +62,6 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), PlantError>
         command: context.bus.input(&topic::COMMAND, Wait::Yes)?,
         credit: context.bus.input(&topic::CREDIT, Wait::Yes)?,
         commands: Recent::default(),
-        answered: context.bus.knocker(&topic::ANSWERED)?,
     };
     let mut plant = Plant::new(settings)?;
     let handed_over = match context.start.resume {
@@ -89,7 +85,7 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), PlantError>
     }
     let ticks = settings.duration_ticks as i64;
     match context.clock {
-        Clock::Realtime => realtime(context, &mut plant, &mut ports, resumed, ticks)?,
+        Clock::Realtime => realtime(context, settings, &mut plant, &mut ports, resumed)?,
         Clock::Lockstep => lockstep(context, &mut plant, &mut ports, resumed, ticks)?,
     }
     context.finish(ticks - 1)?;
@@ -98,11 +94,13 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), PlantError>
 
 fn realtime(
     context: &mut Context,
+    settings: &Settings,
     plant: &mut Plant,
     ports: &mut Ports,
     resumed: Option<State>,
-    ticks: i64,
 ) -> Result<(), PlantError> {
+    let bell = context.bus.bell(topic::COMMAND_BELL);
+    let alarm = context.alarm("hapfic-plant-alarm", bell, PERIOD_NS, settings.realtime.priority_plant)?;
     // Two periods to get everyone's first steps out of the way.
     let begun = clock::now_ns() + 2 * PERIOD_NS;
     let (first, mut slipped) = match &resumed {
@@ -112,7 +110,7 @@ fn realtime(
     };
     // When tick 0 would have been due had nothing slipped.
     let start = begun.wrapping_sub((first as u64 + slipped) * PERIOD_NS);
-    for tick in first..ticks {
+    for tick in first..settings.duration_ticks as i64 {
         let due = start.wrapping_add((tick as u64 + slipped) * PERIOD_NS);
         let mut wake = clock::now_ns();
         while wake < due {
@@ -131,10 +129,12 @@ fn realtime(
         state.slipped = slipped;
         state.stamp_ns = clock::now_ns();
         let published = ports.injector.send(&mut ports.state, &state, tick)?;
-        ports.read(context)?;
+        // Usually it is here already, having been awaited; whatever is read now costs those who wait for this state their processor.
+        if ports.commands.at(tick - 1).is_none() {
+            ports.read(context)?;
+        }
         ports.pass(plant, tick);
-        let answered = await_answer(context, ports, tick, published)?;
-        ports.answered.knock();
+        let answered = await_answer(context, ports, &alarm, tick, published)?;
         plant.advance()?;
         context.account(Tick { tick, due_ns: due, wake_ns: wake, publish_ns: published, latency_ns: answered })?;
         ports.slack(context)?;
@@ -146,17 +146,22 @@ fn realtime(
 }
 
 /// Waits for the command that answers `tick`, for a while. Returns how long it took, ns; zero if it did not come.
-fn await_answer(context: &mut Context, ports: &mut Ports, tick: i64, published: u64) -> Result<u64, IpcError> {
-    let end = published + COURTESY.as_nanos() as u64;
+fn await_answer(context: &mut Context, ports: &mut Ports, alarm: &Alarm, tick: i64, published: u64) -> Result<u64, IpcError> {
+    // None was sent: then there is none to wait for.
+    let sent = if published == 0 { clock::now_ns() } else { published };
+    let end = sent + COURTESY.as_nanos() as u64;
+    alarm.set(end);
     loop {
+        // Woken by a command, by the alarm, or by a signal.
+        wait(&[&ports.command], Duration::MAX)?;
+        ports.read(context)?;
         let now = clock::now_ns();
+        if ports.commands.at(tick).is_some() {
+            alarm.clear();
+            return Ok(if published == 0 { 0 } else { now - published });
+        }
         if now >= end || !context.running() {
             return Ok(0);
-        }
-        wait(&[&ports.command], Duration::from_nanos(end - now))?;
-        ports.read(context)?;
-        if ports.commands.at(tick).is_some() {
-            return Ok(clock::now_ns() - published);
         }
     }
 }

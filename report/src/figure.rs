@@ -185,6 +185,16 @@ impl Mark {
     }
 }
 
+impl Figure {
+    /// As a picture, PNG.
+    ///
+    /// # Errors
+    /// [`ReportError::Draw`](crate::ReportError::Draw) if it cannot be drawn.
+    pub fn png(&self) -> Result<Vec<u8>, crate::ReportError> {
+        crate::chart::draw(self, None)
+    }
+}
+
 impl Panel {
     /// A panel over time.
     #[must_use]

@@ -1,5 +1,7 @@
 //! The command line.
 
+use crate::commands::bench::Bench;
+use crate::commands::simulate::SimulateArgs;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use hapfic_ipc::{Clock, RealtimeMode};
 use std::path::PathBuf;
@@ -18,6 +20,8 @@ pub struct Cli {
 pub enum Command {
     /// Run a scenario: launch all processes, log everything, print a summary.
     Run(RunArgs),
+    /// Simulate a scenario in one process, without a clock: one run, or a study over values of settings.
+    Simulate(SimulateArgs),
     /// Check a scenario file, its robot and everything they name, without running it.
     Check {
         /// Name of an embedded scenario, or path of a file.
@@ -81,6 +85,15 @@ pub enum Command {
         #[arg(required = true, value_name = "KEY=VALUE")]
         fault: Vec<String>,
     },
+    /// Say whether this machine is good enough for 1 kHz, and what to change: what it says of itself, a measurement, one verdict.
+    Doctor {
+        /// How long to measure, s, 1 to 3600.
+        #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=3600))]
+        seconds: u32,
+        /// One JSON object, for scripts.
+        #[arg(long)]
+        json: bool,
+    },
     /// Print what the operator did in a log as entries of a scenario, to replay it.
     Timeline {
         /// A log of `hapfic run`.
@@ -88,6 +101,28 @@ pub enum Command {
     },
     /// Draw the figures of a log and sum it up.
     Report(ReportArgs),
+    /// Measure this machine, and the stack on it.
+    Bench {
+        /// What to measure.
+        #[command(subcommand)]
+        what: Bench,
+    },
+    /// A chain beside the stack's own; started by `bench latency`.
+    #[command(hide = true)]
+    BenchChain {
+        /// As hapfic-latency understands them.
+        #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
+        words: Vec<String>,
+    },
+    /// A run that ends with a measurement; started by `bench latency`.
+    #[command(hide = true)]
+    BenchRun {
+        /// Process id of the measurement.
+        parent: i32,
+        /// How to run.
+        #[command(flatten)]
+        run: RunArgs,
+    },
     /// Make a log that was cut off or damaged readable again; the original is kept.
     Recover {
         /// The damaged log.

@@ -17,7 +17,7 @@ use crate::watch::{self, Begin, Timed, Watch};
 use anyhow::{Context, Result};
 use hapfic_config::{PERIOD_S, Placement, Settings};
 use hapfic_ipc::message::MAX_JOINTS;
-use hapfic_ipc::realtime::{BringIn, IdleHold};
+use hapfic_ipc::realtime::{BringIn, IdleHold, Wish};
 use hapfic_ipc::{Bus, Clock, Domain, IpcError, RealtimeMode, RunFile, topic};
 use hapfic_log::{Attachment, Names, Viewer, Writer, WriterOptions};
 use hapfic_plant::Plant;
@@ -175,6 +175,7 @@ impl Prepared {
             ticks: settings.duration_ticks as i64,
             deadline: Duration::from_micros(settings.supervisor.deadline_us.into()),
             wish: realtime.then(|| GateStart::wish(settings, cores.shared)),
+            alarm: realtime.then(|| Wish::new(settings.realtime.priority_gate, cores.reserve)),
             hatch,
             live: Arc::clone(&live),
         })?;
@@ -250,7 +251,6 @@ fn hold_all(bus: &Bus) -> Result<Vec<Box<dyn std::any::Any>>> {
         bus.hold(&topic::TIMING)?,
         bus.hold(&topic::CREDIT)?,
         bus.hold(&topic::INJECTION)?,
-        bus.hold(&topic::ANSWERED)?,
         hapfic_ipc::service::hold(bus)?,
     ])
 }
@@ -272,18 +272,24 @@ pub(crate) fn limits(settings: &Settings, plant: &Plant) -> Limits {
     }
 }
 
-fn open_log(request: &Request, plant: &Plant, start_unix_ns: u64) -> Result<Writer> {
+/// Names of what messages carry by index.
+pub(crate) fn names(settings: &Settings, plant: &Plant) -> Names {
+    Names {
+        joints: plant.chain().joints().iter().map(|j| j.name.clone()).collect(),
+        bodies: plant.body_names().to_vec(),
+        objects: settings.world.objects.iter().map(|object| object.name.clone()).collect(),
+    }
+}
+
+/// Creates the log of a run. `start_unix_ns` is the time of tick 0, zero in lockstep.
+pub(crate) fn open_log(request: &Request, plant: &Plant, start_unix_ns: u64) -> Result<Writer> {
     if let Some(folder) = request.log.parent()
         && !folder.as_os_str().is_empty()
     {
         std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}, the log's folder", folder.display()))?;
     }
     let settings = &request.settings;
-    let names = Names {
-        joints: plant.chain().joints().iter().map(|j| j.name.clone()).collect(),
-        bodies: plant.body_names().to_vec(),
-        objects: request.settings.world.objects.iter().map(|object| object.name.clone()).collect(),
-    };
+    let names = names(settings, plant);
     let pairs = [
         ("version", env!("CARGO_PKG_VERSION").to_owned()),
         ("scenario", request.scenario.clone()),

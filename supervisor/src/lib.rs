@@ -1,11 +1,12 @@
 //! `hapfic`: launches the stack, gates torque, watches the processes and records everything.
 //!
-//! Exit codes: 0 the run completed, or the question was answered; 2 what was asked for is no good, nothing was started; 3 the
+//! Exit codes: 0 the run completed, or the question was answered; 1 the machine is not good enough (`doctor`); 2 what was asked for is no good, nothing was started; 3 the
 //! run failed.
 
 mod children;
 mod cli;
 mod commands;
+mod doctor;
 pub mod gate;
 mod launch;
 mod live;
@@ -27,6 +28,8 @@ use std::io::Write;
 use std::process::ExitCode;
 use std::time::Instant;
 
+/// The machine is not good enough.
+const NOT_GOOD_ENOUGH: u8 = 1;
 /// What was asked for is no good.
 const BAD_INPUT: u8 = 2;
 /// The run failed.
@@ -38,6 +41,7 @@ pub fn main() -> ExitCode {
     let cli = cli::Cli::parse();
     let outcome = match cli.command.unwrap_or_else(|| cli::Command::Run(cli::RunArgs::default())) {
         cli::Command::Run(args) => commands::run::run(&args, since),
+        cli::Command::Simulate(args) => commands::simulate::simulate(&args),
         cli::Command::Check { scenario, set } => commands::check::check(&scenario, &set),
         cli::Command::Scenarios { name } => commands::scenarios::scenarios(name.as_deref()),
         cli::Command::Schema => {
@@ -51,6 +55,10 @@ pub fn main() -> ExitCode {
         cli::Command::Rearm { run } => commands::order::order(run.as_deref(), OperatorKind::Rearm, &[]),
         cli::Command::Inject { run, fault } => commands::order::order(run.as_deref(), OperatorKind::Inject, &fault),
         cli::Command::Nuisance { supervisor, what } => commands::nuisance::nuisance(supervisor, &what),
+        cli::Command::Doctor { seconds, json } => commands::doctor::doctor(seconds, json),
+        cli::Command::Bench { what } => commands::bench::bench(&what),
+        cli::Command::BenchChain { words } => commands::bench::chain(&words),
+        cli::Command::BenchRun { parent, run } => commands::bench::run(parent, &run, since),
         cli::Command::Timeline { log } => commands::timeline::timeline(&log),
         cli::Command::Report(args) => commands::report::report(&args),
         cli::Command::Recover { log, output } => commands::recover::recover(&log, output.as_deref()),
@@ -58,6 +66,7 @@ pub fn main() -> ExitCode {
     };
     match outcome {
         Ok(Outcome::Done) => ExitCode::SUCCESS,
+        Ok(Outcome::NotGoodEnough) => ExitCode::from(NOT_GOOD_ENOUGH),
         Ok(Outcome::Failed) => ExitCode::from(FAILED),
         Ok(Outcome::Refused(e)) => {
             say(&format!("hapfic: {e:#}"));
@@ -74,6 +83,8 @@ pub fn main() -> ExitCode {
 enum Outcome {
     /// As asked.
     Done,
+    /// The machine is not good enough for 1 kHz; why has been said.
+    NotGoodEnough,
     /// The run failed; what there is to say has been said.
     Failed,
     /// It cannot be done as asked.

@@ -135,6 +135,12 @@ impl Simulation {
         &self.snapshot
     }
 
+    /// The operator's sets as they are known after the last tick, with what was announced in it.
+    #[must_use]
+    pub fn operator(&self) -> &Operator {
+        self.timeline.operator()
+    }
+
     /// Puts a change of the operator in, to take effect as soon as an announced change can. Returns its version and that tick;
     /// `None` if too many are waiting.
     pub fn change(&mut self, change: &OperatorChange) -> Option<(u64, i64)> {

@@ -1,51 +1,18 @@
 //! What an operator does while the stack runs: `hapfic set`, `status`, `stop`, and `timeline` afterwards.
 
 use crate::log_file::{expect_complete, streams};
+use crate::running::{PATIENCE, start, status_at, unscripted};
 use hapfic_log::{Reader, Record};
 use hapfic_tests::{Finished, Stack, Started};
 use serde_json::Value;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-/// How long anything may take before a test gives up.
-const PATIENCE: Duration = Duration::from_secs(60);
-
-/// The embedded scenario without its script, so that nothing but the test changes parameters.
-fn unscripted(stack: &Stack) -> String {
-    let floor = stack.run(&["scenarios", "floor"]).expect(0).out.clone();
-    let (body, _) = floor.split_once("[[operator]]").expect("a script");
-    body.to_owned()
-}
-
-/// Starts a run far longer than any test, in a file of its own.
-fn start(stack: &Stack, name: &str, clock: &str) -> Started {
-    let scenario = format!("{name}.toml");
-    std::fs::write(stack.path(&scenario), unscripted(stack)).unwrap();
-    let log = format!("{name}.mcap");
-    stack.start(&["run", &scenario, "--clock", clock, "--duration", "3600", "--log", &log])
-}
-
 /// Asks without the harness's look for remains: those of the run are still in use.
 fn ask(stack: &Stack, arguments: &[&str], code: i32) -> Finished {
     let end = stack.run(arguments);
     assert_eq!(end.code, Some(code), "{arguments:?}\nstdout:\n{}\nstderr:\n{}", end.out, end.err);
     end
-}
-
-/// The status of the only run, as soon as it has got to a tick.
-fn status_at(stack: &Stack, tick: i64) -> Value {
-    let begun = Instant::now();
-    loop {
-        let end = stack.run(&["status", "--json"]);
-        assert!(begun.elapsed() < PATIENCE, "tick {tick} does not come:\n{}\n{}", end.out, end.err);
-        if end.code != Some(0) {
-            continue;
-        }
-        let status: Value = serde_json::from_str(&end.out).unwrap();
-        if status["tick"].as_i64().unwrap() >= tick {
-            return status;
-        }
-    }
 }
 
 /// Version, tick of effect, tick due when it was asked, tick due when the gate took it.

@@ -1,9 +1,9 @@
 //! Who can get at a run: what it has on the machine, what another user can do to it, and what the same user can.
 
+use crate::running::{start, status_at};
 use hapfic_tests::{Stack, Started, hapfic, is_running};
 use rustix::process::{Gid, Pid, Signal, Uid, geteuid, kill_process};
 use rustix::thread::{set_thread_gid, set_thread_groups, set_thread_uid};
-use serde_json::Value;
 use std::fs::{self, File, OpenOptions, Permissions};
 use std::io::{ErrorKind, Write};
 use std::os::unix::fs::{FileTypeExt, MetadataExt, PermissionsExt, chown};
@@ -15,34 +15,8 @@ use tempfile::TempDir;
 
 /// User and group that own nothing.
 const NOBODY: u32 = 65_534;
-/// How long anything may take before a test gives up.
-const PATIENCE: Duration = Duration::from_secs(60);
 /// Processes that a run starts.
 const PROCESSES: [&str; 4] = ["plant", "planner", "controller", "standby"];
-
-/// A lockstep run far longer than any test, in which nothing but the test changes parameters.
-fn start(stack: &Stack) -> Started {
-    let floor = stack.run(&["scenarios", "floor"]).expect(0).out.clone();
-    let (body, _) = floor.split_once("[[operator]]").expect("a script");
-    fs::write(stack.path("run.toml"), body).unwrap();
-    stack.start(&["run", "run.toml", "--clock", "lockstep", "--duration", "3600", "--log", "run.mcap"])
-}
-
-/// The status of the only run, as soon as it has got to a tick.
-fn status_at(stack: &Stack, tick: i64) -> Value {
-    let begun = Instant::now();
-    loop {
-        let end = stack.run(&["status", "--json"]);
-        assert!(begun.elapsed() < PATIENCE, "tick {tick} does not come:\n{}\n{}", end.out, end.err);
-        if end.code != Some(0) {
-            continue;
-        }
-        let status: Value = serde_json::from_str(&end.out).unwrap();
-        if status["tick"].as_i64().unwrap() >= tick {
-            return status;
-        }
-    }
-}
 
 fn set(stack: &Stack, change: &str) {
     let end = stack.run(&["set", change]);
@@ -123,7 +97,7 @@ fn umask() -> u32 {
 #[test]
 fn all_of_a_run_belongs_to_its_user_alone() {
     let stack = Stack::new();
-    let mut run = start(&stack);
+    let mut run = start(&stack, "run", "lockstep");
     let _ = run.children(&PROCESSES);
     status_at(&stack, 10);
     let (registration, name) = registered(&stack);
@@ -179,7 +153,7 @@ fn breaches(path: &Path) -> Vec<String> {
 #[test]
 fn another_user_can_neither_open_nor_remove_nor_end_any_of_it() {
     let stack = Stack::new();
-    let mut run = start(&stack);
+    let mut run = start(&stack, "run", "lockstep");
     let children = run.children(&PROCESSES);
     status_at(&stack, 10);
     let (registration, name) = registered(&stack);
@@ -218,7 +192,7 @@ fn another_user_can_neither_open_nor_remove_nor_end_any_of_it() {
 #[test]
 fn another_user_has_no_say() {
     let stack = Stack::new();
-    let run = start(&stack);
+    let run = start(&stack, "run", "lockstep");
     let before = status_at(&stack, 10);
     let (_, name) = registered(&stack);
     // A program and a folder that the other user can get at.
@@ -279,7 +253,7 @@ fn another_user_has_no_say() {
 #[test]
 fn what_the_same_user_leaves_beside_a_run_does_not_disturb_it() {
     let stack = Stack::new();
-    let run = start(&stack);
+    let run = start(&stack, "run", "lockstep");
     status_at(&stack, 10);
     let (_, name) = registered(&stack);
     let folder = Path::new("/dev/shm").join(&name);
@@ -325,7 +299,7 @@ fn what_the_same_user_leaves_beside_a_run_does_not_disturb_it() {
 fn segments_that_the_same_user_cuts_off_end_the_run_and_nothing_else() {
     for kind in ["data", "connection", "dynamic"] {
         let stack = Stack::new();
-        let mut run = start(&stack);
+        let mut run = start(&stack, "run", "lockstep");
         let children = run.children(&PROCESSES);
         run.wait_for(&stack.path("run.mcap"), 200_000);
         let (_, name) = registered(&stack);

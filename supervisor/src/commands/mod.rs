@@ -1,6 +1,8 @@
 //! One file for each thing the program can do.
 
+pub mod bench;
 pub mod check;
+pub mod doctor;
 pub mod nuisance;
 pub mod order;
 pub mod process;
@@ -8,6 +10,7 @@ pub mod recover;
 pub mod report;
 pub mod run;
 pub mod scenarios;
+pub mod simulate;
 pub mod status;
 pub mod stop;
 pub mod timeline;

@@ -3,8 +3,10 @@
 //! [`core::Gate`] decides; this thread waits, reads, judges, publishes and accounts.
 
 pub mod core;
+mod intake;
 pub mod protocol;
 pub mod severity;
+mod slack;
 mod tell;
 mod thread;
 pub mod timeline;

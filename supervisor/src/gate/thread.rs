@@ -1,15 +1,17 @@
 //! The gate's thread.
 
 use super::core::{Gate, Limits};
-use super::protocol::{Choice, Observed, Patience, Place, Wishes};
+use super::protocol::{Choice, Patience, Place, Wishes};
 use super::timeline::Timeline;
 use super::torque::TorqueCheck;
 use crate::live::Live;
-use crate::operator::exchange::{Answer, Hatch, Verdict};
+use crate::operator::exchange::Hatch;
 use hapfic_config::Settings;
-use hapfic_ipc::message::{Command, Detector, Event, EventKind, MAX_JOINTS, Operator, Phase, Process, Request, State, Timing};
+use hapfic_ipc::message::{Command, Event, Operator, Phase, Process, Request, State, Timing};
 use hapfic_ipc::realtime::{self, Granted, Wish};
-use hapfic_ipc::{Bus, Check, Clock, Defect, Domain, Input, IpcError, Output, Recent, Wait, allocations, clock, topic, wait};
+use hapfic_ipc::{
+    Alarm, Bell, Bus, Clock, Defect, Domain, Input, IpcError, Output, Recent, Wait, allocations, clock, topic, wait,
+};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
@@ -20,12 +22,12 @@ const PATIENCE: Duration = Duration::from_millis(20);
 const GO_EVERY: Duration = Duration::from_millis(1);
 /// How often it looks for a state that is overdue.
 const LOOK_AGAIN: Duration = Duration::from_micros(500);
+/// How often page faults are counted, in ticks: a system call.
+const FAULTS_EVERY: i64 = 1000;
 /// The period in nanoseconds.
-const PERIOD_NS: u64 = 1_000_000;
+pub(super) const PERIOD_NS: u64 = 1_000_000;
 /// Controllers: the primary and its standby.
-const CONTROLLERS: usize = 2;
-/// How far from the tick that is due a request's tick may be.
-const NEAR: i64 = 8;
+pub(super) const CONTROLLERS: usize = 2;
 /// In lockstep: how long one controller's request waits for the other's, which lives and should answer.
 const LOCKSTEP_PATIENCE_NS: u64 = 2_000_000_000;
 /// Ticks in a row without a request that are told of one by one.
@@ -50,6 +52,8 @@ pub struct Start {
     pub deadline: Duration,
     /// Priority and core; `None`: no real time.
     pub wish: Option<Wish>,
+    /// The same for its alarm.
+    pub alarm: Option<Wish>,
     /// Where changes of the operator come in while the stack runs.
     pub hatch: Hatch,
     /// Shared with the rest of the supervisor.
@@ -68,16 +72,16 @@ impl Start {
 pub struct Gateway {
     pub(super) start: Start,
     pub(super) gate: Gate,
-    state: Input<State>,
-    request: Input<Request>,
-    command: Output<Command>,
-    operator: Output<Operator>,
+    pub(super) state: Input<State>,
+    pub(super) request: Input<Request>,
+    pub(super) command: Output<Command>,
+    pub(super) operator: Output<Operator>,
     pub(super) event: Output<Event>,
-    timing: Output<Timing>,
+    pub(super) timing: Output<Timing>,
     /// What each controller has asked for lately: primary first.
-    inbox: [Recent<Request>; CONTROLLERS],
+    pub(super) inbox: [Recent<Request>; CONTROLLERS],
     /// The states they answer.
-    states: Recent<State>,
+    pub(super) states: Recent<State>,
     /// What was refused lately, to be told of in the slack.
     pub(super) state_defect: Option<Defect>,
     pub(super) stray_defect: Option<Defect>,
@@ -89,13 +93,13 @@ pub struct Gateway {
     /// Ticks in a row without a request.
     pub(super) missed: u64,
     /// Last tick at which the controllers' requests were compared, and whether they differed.
-    compared: (i64, bool),
+    pub(super) compared: (i64, bool),
     /// Stops and re-armings that have been taken in.
     stops: u64,
     rearms: u64,
     /// Newest state's tick and time of publication.
-    newest: Option<(i64, u64)>,
-    refused: u32,
+    pub(super) newest: Option<(i64, u64)>,
+    pub(super) refused: u32,
     /// Periods slipped so far, and joints limited in the last tick.
     pub(super) slipped: u64,
     pub(super) limited: u32,
@@ -103,9 +107,17 @@ pub struct Gateway {
     pub(super) slip: (u64, u64),
     /// Time of the last heartbeat sent while waiting.
     beaten_ns: u64,
+    /// Rings when a request is overdue; in realtime only.
+    alarm: Option<Alarm>,
+    /// Wakes those who need a state, but not at once.
+    answered: Bell,
+    /// Last tick for which they were woken before it was answered.
+    called: i64,
     granted: Granted,
     faults_at_start: u64,
     faults: u32,
+    /// First tick at which they are counted again.
+    faults_due: i64,
 }
 
 impl Gateway {
@@ -115,6 +127,13 @@ impl Gateway {
     /// [`IpcError`] if they cannot be had.
     pub fn open(start: Start) -> Result<Self, IpcError> {
         let bus = Bus::open(&start.domain, "gate")?;
+        let alarm = match start.clock {
+            Clock::Lockstep => None,
+            Clock::Realtime => Some(
+                Alarm::start("hapfic-alarm", bus.bell(topic::REQUEST_BELL), PERIOD_NS, start.alarm)
+                    .map_err(|cause| IpcError::System { action: "start the gate's alarm", cause })?,
+            ),
+        };
         Ok(Self {
             gate: Gate::new(start.limits, start.torque.clone()),
             state: bus.input(&topic::STATE, Wait::No)?,
@@ -140,9 +159,13 @@ impl Gateway {
             limited: 0,
             slip: (0, 0),
             beaten_ns: 0,
+            alarm,
+            answered: bus.bell(topic::ANSWERED),
+            called: -1,
             granted: Granted::default(),
             faults_at_start: 0,
             faults: 0,
+            faults_due: 0,
             start,
         })
     }
@@ -265,35 +288,6 @@ impl Gateway {
         Some(command)
     }
 
-    /// Who has answered the tick that is due, and with what. A request whose state is not here yet has not come either.
-    fn observe(&mut self, overdue: bool) -> (Observed, [Option<Request>; CONTROLLERS]) {
-        let tick = self.gate.tick();
-        let present = self.start.live.present.load(Ordering::Acquire);
-        let mut seen = Observed { overdue, ..Observed::default() };
-        let mut requests = [None; CONTROLLERS];
-        let state = self.states.at(tick);
-        for place in Place::BOTH {
-            let i = place as usize;
-            seen.present[i] = present & (1 << place.process().code()) != 0;
-            let (Some(state), Some(request)) = (state, self.inbox[i].at(tick)) else { continue };
-            match self.gate.judge(request, state, self.start.timeline.operator().at(tick)) {
-                Ok(()) => {
-                    seen.valid[i] = true;
-                    requests[i] = Some(*request);
-                }
-                Err(defect) => {
-                    seen.refused[i] = true;
-                    // Asked again at every wake-up of this tick, told once.
-                    if self.defects[i].is_none() {
-                        self.refused += 1;
-                        self.defects[i] = Some(defect);
-                    }
-                }
-            }
-        }
-        (seen, requests)
-    }
-
     /// What has been asked for since the last tick.
     fn wishes(&mut self) -> Wishes {
         let live = &self.start.live;
@@ -316,8 +310,19 @@ impl Gateway {
             return self.beat(Phase::Waiting);
         };
         // A state that is still to come is due a period after the last one.
-        let due = stamp + (tick - newest).max(0) as u64 * PERIOD_NS + deadline;
-        if due > now {
+        let expected = stamp + (tick - newest).max(0) as u64 * PERIOD_NS;
+        let (call, due) = (expected + deadline / 2, expected + deadline);
+        if now < call
+            && let Some(alarm) = &self.alarm
+        {
+            alarm.set(call);
+            wait(&[&self.request], Duration::MAX)?;
+        } else if now < due {
+            // It is late, if its state is not: those in reserve are to answer.
+            if newest == tick && self.called < tick {
+                self.called = tick;
+                self.answered.ring();
+            }
             wait(&[&self.request], Duration::from_nanos(due - now))?;
         } else {
             wait(&[&self.request], LOOK_AGAIN)?;
@@ -331,65 +336,6 @@ impl Gateway {
         Ok(())
     }
 
-    /// Takes in what has come: states for their time and for the check of torques, requests into the inbox.
-    fn read(&mut self) -> Result<(), IpcError> {
-        while let Some(state) = self.state.next()? {
-            if self.newest.is_some_and(|(tick, _)| state.tick == tick) && state.check().is_ok() {
-                // A successor of the plant says once more what its forerunner said last.
-                continue;
-            }
-            match self.judge_state(&state) {
-                Ok(()) => {
-                    let now = clock::now_ns();
-                    // A stamp that cannot be right must not move the deadline.
-                    let stamp = state.stamp_ns.clamp(now.saturating_sub(PERIOD_NS), now);
-                    self.newest = Some((state.tick, stamp));
-                    self.states.keep(state);
-                    self.slip = self.slip.max((state.slipped, state.wake_lateness_ns));
-                }
-                Err(defect) => {
-                    self.refused += 1;
-                    self.state_defect = Some(defect);
-                }
-            }
-        }
-        while let Some(request) = self.request.next()? {
-            let place = match Process::from_code(request.controller) {
-                Some(Process::Controller) => 0,
-                Some(Process::Standby) => 1,
-                _ => {
-                    self.refused += 1;
-                    self.stray_defect = Some(Defect::Code { field: "controller", found: request.controller });
-                    continue;
-                }
-            };
-            let due = self.gate.tick();
-            let newest = self.inbox[place].newest().map_or(i64::MIN, |r| r.tick);
-            let again = request.tick < due && request.tick <= newest;
-            if again || request.tick.abs_diff(due) > NEAR as u64 {
-                self.refused += 1;
-                self.defects[place] = Some(Defect::Tick { field: "tick", found: request.tick, expected: due.max(newest + 1) });
-                continue;
-            }
-            self.inbox[place].keep(request);
-        }
-        Ok(())
-    }
-
-    fn judge_state(&self, state: &State) -> Result<(), Defect> {
-        state.check()?;
-        let expected = self.newest.map_or(0, |(tick, _)| tick + 1);
-        // The plant does one tick after the other; a gate that was held up may have missed as many as there has been time for.
-        let missed = match (self.start.clock, self.newest) {
-            (Clock::Realtime, Some((_, stamp))) => (clock::now_ns().saturating_sub(stamp) / PERIOD_NS) as i64 + NEAR,
-            _ => 0,
-        };
-        if (expected..=expected + missed).contains(&state.tick) && state.tick < self.start.ticks {
-            return Ok(());
-        }
-        Err(Defect::Tick { field: "tick", found: state.tick, expected })
-    }
-
     fn publish(&mut self, command: &Command, wake: u64, before: u64) -> Result<(), IpcError> {
         let tick = command.tick;
         let severity_before = self.start.live.severity.load(Ordering::Relaxed);
@@ -401,12 +347,14 @@ impl Gateway {
         self.start.live.severity.store(command.severity, Ordering::Relaxed);
         self.start.live.primary.store(self.gate.primary().process().code(), Ordering::Relaxed);
         self.start.live.gated.store(tick, Ordering::Release);
+        self.answered.ring();
         self.tell_all(command, severity_before, announced)?;
         let latency_ns = match self.newest {
             Some((newest, stamp)) if newest == tick && stamp > 0 => published.saturating_sub(stamp),
             _ => 0,
         };
-        if tick % 1000 == 999 {
+        if tick >= self.faults_due {
+            self.faults_due = tick - tick % FAULTS_EVERY + FAULTS_EVERY;
             self.faults = (realtime::page_faults() - self.faults_at_start) as u32;
         }
         let timing = Timing {
@@ -456,60 +404,4 @@ impl Gateway {
         })?;
         Ok(())
     }
-
-    /// What can be done while nobody waits for it: loans, meeting those who have joined, changes of the operator.
-    fn slack(&mut self) -> Result<(), IpcError> {
-        // Parameters first: whoever joins and has a command has them, too.
-        self.operator.prepare();
-        self.command.prepare();
-        self.event.prepare();
-        self.timing.prepare();
-        self.request.prepare();
-        self.state.prepare();
-        self.compare()?;
-        self.take_change();
-        Ok(())
-    }
-
-    /// Compares what the two controllers have asked for: they compute the same function of the same inputs.
-    fn compare(&mut self) -> Result<(), IpcError> {
-        let last = self.gate.last().tick;
-        for tick in (self.compared.0 + 1).max(last - 1)..=last {
-            let (Some(a), Some(b)) = (self.inbox[0].at(tick), self.inbox[1].at(tick)) else { continue };
-            let (a, b) = (*a, *b);
-            // One that is no good is told of as such.
-            let differs = a.check().is_ok() && b.check().is_ok() && made(&a) != made(&b);
-            let told = std::mem::replace(&mut self.compared, (tick, differs)).1;
-            if differs && !told {
-                self.tell(Process::Standby, EventKind::Differs, Detector::Check, |text| {
-                    let worst = (0..MAX_JOINTS).map(|i| (a.torque[i] - b.torque[i]).abs()).fold(0.0, f64::max);
-                    write!(text, "controller and standby asked for different things at tick {tick}: torque by {worst:e} N m")
-                })?;
-            }
-        }
-        Ok(())
-    }
-
-    /// Takes a change that the operator offers, at most one a call: no lock, no waiting, no allocation.
-    fn take_change(&mut self) {
-        let Some(offer) = self.start.hatch.take() else { return };
-        let tick = self.gate.tick();
-        let slot = self.start.timeline.slot(tick);
-        let verdict = if offer.made_on.is_some_and(|version| version + 1 != slot.version) {
-            Verdict::Stale
-        } else if slot.effective_tick >= self.start.ticks {
-            Verdict::TooLate
-        } else if self.start.timeline.insert(&offer.change, tick).is_none() {
-            Verdict::Full
-        } else {
-            Verdict::Placed
-        };
-        let answer = Answer::new(&offer, verdict, slot.version, slot.effective_tick, tick, slot.before);
-        self.start.hatch.answer(answer);
-    }
-}
-
-/// What has to be the same in the requests of both controllers: all but who made them, and when.
-fn made(request: &Request) -> Request {
-    Request { stamp_ns: 0, controller: 0, ..*request }
 }

@@ -1,5 +1,6 @@
 //! The main thread during a run: starts the processes, watches them with three detectors, starts them again, and ends them.
 
+mod detect;
 mod inject;
 mod keeper;
 pub mod life;
@@ -15,10 +16,10 @@ use crate::progress::Progress;
 use crate::recorder::{self, Recorder};
 use crate::summary::{self, Fault, Losses};
 use anyhow::Result;
-use hapfic_config::{OnLoss, PERIOD_S, Settings};
+use hapfic_config::{PERIOD_S, Settings};
 use hapfic_ipc::message::{Detector, Event, EventKind, Phase, Process, Severity};
 use hapfic_ipc::realtime::{self, Granted};
-use hapfic_ipc::{Bus, Clock, IpcError, Knocker, Output, RealtimeMode, Start};
+use hapfic_ipc::{Bell, Bus, Clock, IpcError, Output, RealtimeMode, Start};
 use inject::Injections;
 use keeper::Keeper;
 use slot::Slot;
@@ -38,8 +39,6 @@ const LOOK_EVERY: Duration = Duration::from_millis(20);
 const LOOK_CLOSELY: Duration = Duration::from_millis(1);
 /// Ticks before a fault on purpose from which on it looks closely.
 const NEAR: i64 = 200;
-/// In lockstep nothing is lost while a process stands still, so a busy host gets so many times as long.
-const LOCKSTEP_PATIENCE: u64 = 5;
 /// How long processes may take to do their last tick after the gate's.
 const LAST_TICK: Duration = Duration::from_secs(1);
 
@@ -101,7 +100,7 @@ pub struct Watch<'a> {
     bus: &'a Bus,
     keeper: Keeper,
     injections: Injections,
-    knockers: Vec<Knocker>,
+    bells: Vec<Bell>,
     events: Output<Event>,
     begun: Instant,
     /// Re-armings that have been taken in.
@@ -143,13 +142,11 @@ impl<'a> Watch<'a> {
             bus,
             keeper: Keeper::open(bus)?,
             injections: Injections::new(&request.settings.faults, asked, bus.output(&topic::INJECTION)?, &request.log),
-            knockers: vec![
-                bus.knocker(&topic::STATE)?,
-                bus.knocker(&topic::REFERENCE)?,
-                bus.knocker(&topic::REQUEST)?,
-                bus.knocker(&topic::COMMAND)?,
-                bus.knocker(&topic::CREDIT)?,
-            ],
+            bells: [topic::STATE.bell, topic::REFERENCE.bell, topic::REQUEST.bell, topic::COMMAND.bell, topic::CREDIT.bell]
+                .into_iter()
+                .flatten()
+                .map(|place| bus.bell(place))
+                .collect(),
             events: bus.output(&topic::EVENT)?,
             begun: Instant::now(),
             rearms: 0,
@@ -294,8 +291,8 @@ impl<'a> Watch<'a> {
             let joining = self.slots.iter().any(Slot::joining);
             if joining {
                 self.keeper.prepare();
-                for knocker in &self.knockers {
-                    knocker.knock();
+                for bell in &self.bells {
+                    bell.ring();
                 }
             }
             let near = joining || self.injections.near(self.live.gated.load(Ordering::Relaxed), NEAR);
@@ -308,50 +305,6 @@ impl<'a> Watch<'a> {
         children::watch(self.slots.iter().filter_map(|s| s.child.as_ref()), time);
     }
 
-    /// Looks at everyone, and does what can be done. `false` if the run has to end.
-    fn all_well(&mut self) -> Result<bool> {
-        if self.live.asked_to_stop.load(Ordering::Relaxed) {
-            self.fault("supervisor", "was asked to end by the operator".to_owned(), "operator");
-            return Ok(false);
-        }
-        if self.stop.load(Ordering::Relaxed) {
-            self.fault("supervisor", "was asked to end by a signal".to_owned(), "signal");
-            return Ok(false);
-        }
-        let well = self.look_after_processes()?;
-        if let Some(age) = self.live.silence_ns(recorder::GATE)
-            && age > self.patience_ns()
-            && self.live.pulse(recorder::GATE).phase() != Some(Phase::Finished)
-        {
-            self.fault("gate", format!("has not been heard of for {} ms", age / 1_000_000), "heartbeat");
-            return Ok(false);
-        }
-        if well && self.live.go.load(Ordering::Relaxed) {
-            self.inject()?;
-            if self.stalled()? {
-                return Ok(false);
-            }
-        }
-        if self.live.log_failed.load(Ordering::Acquire) || self.recorder.failed() {
-            self.fault("recorder", "cannot write the log any further".to_owned(), "recorder");
-            return Ok(false);
-        }
-        if well && self.gate.as_ref().is_some_and(JoinHandle::is_finished) {
-            let done = self.live.gated.load(Ordering::Acquire) + 1 >= self.settings.duration_ticks as i64;
-            if !done {
-                self.fault("gate", "ended too early".to_owned(), "exit");
-                return Ok(false);
-            }
-        }
-        Ok(well)
-    }
-
-    /// Age of the last sign of life at which a process counts as lost, ns.
-    fn patience_ns(&self) -> u64 {
-        let patience = if self.clock == Clock::Lockstep { LOCKSTEP_PATIENCE } else { 1 };
-        u64::from(self.settings.supervisor.heartbeat_timeout_ms) * patience * 1_000_000
-    }
-
     /// Does the faults that are due.
     fn inject(&mut self) -> Result<()> {
         let gated = self.live.gated.load(Ordering::Acquire);
@@ -360,56 +313,6 @@ impl<'a> Watch<'a> {
             self.note(about, EventKind::Injected, Detector::None, &format!("fault on purpose: {what}"));
         }
         Ok(())
-    }
-
-    /// The third detector, for all together: everybody lives, and no tick is done.
-    fn stalled(&mut self) -> Result<bool> {
-        let gated = self.live.gated.load(Ordering::Acquire);
-        let joining = self.slots.iter().any(Slot::joining);
-        if gated != self.advanced.0 {
-            (self.spare_the_plant, self.all_started_anew) = (true, false);
-        }
-        if gated != self.advanced.0 || gated + 1 >= self.settings.duration_ticks as i64 {
-            self.advanced = (gated, Instant::now());
-            return Ok(false);
-        }
-        let limit = Duration::from_millis(self.settings.supervisor.stall_timeout_ms.into());
-        // Who joins needs some time; but he may also wait for somebody in vain.
-        if self.advanced.1.elapsed() <= if joining { 2 * limit } else { limit } {
-            return Ok(false);
-        }
-        self.advanced = (gated, Instant::now());
-        let refused: Vec<_> = started(self.settings)
-            .iter()
-            .chain([&recorder::GATE])
-            .filter(|p| self.live.pulse(**p).refused() > 0)
-            .map(|p| format!("{p} {}", self.live.pulse(*p).refused()))
-            .collect();
-        let refused = if refused.is_empty() { "none".to_owned() } else { refused.join(", ") };
-        if self.clock == Clock::Lockstep && !std::mem::replace(&mut self.all_started_anew, true) {
-            // One of them has not said what another waits for. The clock waits, so all may start anew.
-            let what = format!(
-                "is started anew with the others: no tick was done for {} ms; messages refused: {refused}",
-                limit.as_millis()
-            );
-            for process in [Process::Planner, Process::Controller, Process::Standby] {
-                if !self.lose(process, Detector::Tick, &what)? {
-                    return Ok(true);
-                }
-            }
-            return Ok(false);
-        }
-        if self.settings.plant.on_loss == OnLoss::Restart && std::mem::take(&mut self.spare_the_plant) {
-            // Then the one that all others wait for.
-            let what = format!("has done no tick for {} ms; messages refused: {refused}", limit.as_millis());
-            return Ok(!self.lose(Process::Plant, Detector::Tick, &what)?);
-        }
-        self.fault(
-            "gate",
-            format!("has had nothing to pass on for {} ms; messages refused: {refused}", limit.as_millis()),
-            "tick",
-        );
-        Ok(true)
     }
 
     /// With `--realtime require`: whether every thread has got what it asked for.

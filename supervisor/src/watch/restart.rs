@@ -148,8 +148,8 @@ impl Watch<'_> {
             return Ok(false);
         }
         self.live.missing.fetch_or(bit(process), Ordering::AcqRel);
-        for knocker in &self.knockers {
-            knocker.knock();
+        for bell in &self.bells {
+            bell.ring();
         }
         let slot = &mut self.slots[index];
         slot.lost = Some(Instant::now());

@@ -1,0 +1,75 @@
+//! The controller's whole tick, from what it knows to the torque, beside that of the QP controller: the same thousand moments
+//! of the floor scenario, in the air and in contact, in turn.
+
+use anyhow::{Context, Result};
+use criterion::Criterion;
+use hapfic_bench_control::{Gains, OperationalSpace, Task};
+use hapfic_bench_recorded::{Moment, moments};
+use hapfic_config::Settings;
+use hapfic_controller::answer::{Known, answer};
+use hapfic_ipc::message::Process;
+use hapfic_robot::Chain;
+use nalgebra::Vector3;
+use std::hint::black_box;
+use std::io::Write;
+
+fn known(m: &Moment) -> Known<'_> {
+    Known {
+        state: &m.state,
+        reference_position: m.reference.position,
+        reference_velocity: m.reference.velocity,
+        parameters: m.operator.at(m.state.tick),
+        carried: m.carried,
+    }
+}
+
+fn task(m: &Moment) -> Task<'_> {
+    Task {
+        position: m.reference.position,
+        velocity: m.reference.velocity,
+        acceleration: m.reference_acceleration,
+        parameters: m.operator.at(m.state.tick),
+    }
+}
+
+fn main() -> Result<()> {
+    let settings = Settings::load("floor", &[])?;
+    let chain = Chain::from_settings(&settings.robot)?;
+    let gravity = settings.world.gravity_m_per_s2;
+    let moments = moments("floor", 1000)?;
+    let usual = moments.iter().find(|m| m.in_contact()).context("the floor scenario never touches the floor")?;
+    let mut qp = OperationalSpace::new(chain.clone(), gravity, Gains::default(), &usual.state, &task(usual))?;
+
+    // Each is checked on every moment before any is timed.
+    let mut iterations = 0;
+    for m in &moments {
+        anyhow::ensure!(
+            answer(&chain, &gravity.into(), &known(m), Process::Controller).is_some(),
+            "tick {}: the controller has no answer, expected one",
+            m.state.tick
+        );
+        qp.step(&m.state, &task(m))?;
+        iterations += qp.iterations();
+    }
+    let mean = f64::from(iterations) / moments.len() as f64;
+    let _ = writeln!(std::io::stdout(), "QP: {mean:.1} iterations a tick on average over {} moments", moments.len());
+
+    let mut criterion = Criterion::default().configure_from_args();
+    let mut group = criterion.benchmark_group("control tick");
+    group.bench_function("hapfic", |b| {
+        let gravity = Vector3::from(gravity);
+        let mut turn = moments.iter().cycle();
+        b.iter(|| turn.next().map(|m| answer(&chain, &gravity, black_box(&known(m)), Process::Controller)));
+    });
+    group.bench_function("qp", |b| {
+        let mut turn = moments.iter().cycle();
+        b.iter(|| turn.next().map(|m| qp.step(black_box(&m.state), &task(m)).is_ok()));
+    });
+    group.bench_function("qp, all but the solver", |b| {
+        let mut turn = moments.iter().cycle();
+        b.iter(|| turn.next().map(|m| qp.problem(black_box(&m.state), &task(m)).is_ok()));
+    });
+    group.finish();
+    criterion.final_summary();
+    Ok(())
+}

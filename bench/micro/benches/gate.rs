@@ -1,0 +1,67 @@
+//! What the torque gate does with a request: the filter and the limit alone, the judgement, and all of it.
+
+use anyhow::Result;
+use criterion::Criterion;
+use hapfic_bench_recorded::moments;
+use hapfic_config::{PERIOD_S, Settings};
+use hapfic_controller::conditioning::{LowPass, limit};
+use hapfic_ipc::message::{MAX_JOINTS, Request, State};
+use hapfic_robot::Chain;
+use hapfic_supervisor::gate::core::{Gate, Limits};
+use hapfic_supervisor::gate::protocol::{Observed, Place, Wishes};
+use hapfic_supervisor::gate::torque::TorqueCheck;
+use std::hint::black_box;
+
+fn main() -> Result<()> {
+    let settings = Settings::load("floor", &[])?;
+    let chain = Chain::from_settings(&settings.robot)?;
+    let all = moments("floor", 1000)?;
+    let mut peak = [0.0; MAX_JOINTS];
+    for (peak, joint) in peak.iter_mut().zip(chain.joints()) {
+        *peak = joint.effort;
+    }
+    let limits = Limits {
+        joints: chain.dof(),
+        bandwidth_hz: Some(20.0),
+        peak,
+        period_s: PERIOD_S,
+        ramp_rate: settings.supervisor.ramp_rate,
+        discontinuity: settings.supervisor.discontinuity,
+    };
+    let check = TorqueCheck::new(chain, settings.world.gravity_m_per_s2);
+
+    let mut criterion = Criterion::default().configure_from_args();
+    let mut group = criterion.benchmark_group("gate");
+    group.bench_function("torque filter and limit", |b| {
+        let mut turn = all.iter().cycle();
+        let mut filter = LowPass::default();
+        b.iter(|| {
+            turn.next().map(|m| {
+                filter = filter.step(black_box(&m.command.request.torque), limits.bandwidth_hz, PERIOD_S);
+                limit(&filter.output, &peak)
+            })
+        });
+    });
+    group.bench_function("torque of its own force?", |b| {
+        let mut turn = all.iter().cycle();
+        b.iter(|| turn.next().map(|m| check.check(&m.state, black_box(&m.command.request), m.operator.at(m.state.tick))));
+    });
+    group.bench_function("whole tick", |b| {
+        let mut gate = Gate::new(limits, check.clone());
+        let mut turn = all.iter().cycle();
+        let mut refused = 0_u64;
+        b.iter(|| {
+            turn.next().map(|m| {
+                let tick = gate.tick();
+                let request = Request { tick, state_tick: tick, ..m.command.request };
+                let state = State { tick, ..m.state };
+                refused += u64::from(gate.judge(black_box(&request), &state, m.operator.at(m.state.tick)).is_err());
+                gate.accept(Place::First, &request, &Observed::alone(), &Wishes::default())
+            })
+        });
+        assert_eq!(refused, 0, "the gate refused requests that it had let pass");
+    });
+    group.finish();
+    criterion.final_summary();
+    Ok(())
+}

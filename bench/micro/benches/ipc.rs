@@ -1,0 +1,67 @@
+//! A message through shared memory, in one thread: published, and received and copied out; then with the wake-up that goes with
+//! it (a system call on each side, and no switch of processes). What a switch adds is `hapfic bench latency`'s business.
+
+use anyhow::{Context, Result};
+use criterion::{Criterion, Throughput};
+use hapfic_bench_micro::corner::Corner;
+use hapfic_ipc::message::{Command, Request, State};
+use hapfic_ipc::topic::{self, Topic};
+use hapfic_ipc::{Bus, Wait, ZeroCopySend, wait};
+use std::hint::black_box;
+use std::time::Duration;
+
+fn measure<T>(criterion: &mut Criterion, bus: &Bus, topic: &Topic<T>, message: T) -> Result<()>
+where
+    T: Copy + core::fmt::Debug + ZeroCopySend + 'static,
+{
+    let mut output = bus.output(topic)?;
+    let mut input = bus.input(topic, Wait::No)?;
+    output.prepare();
+    output.send(&message)?;
+    input.newest()?.context("the first message does not arrive")?;
+
+    let mut group = criterion.benchmark_group("message");
+    group.throughput(Throughput::Bytes(size_of::<T>() as u64));
+    let mut lost = 0_u64;
+    group.bench_function(format!("{}: publish and receive", topic.name), |b| {
+        b.iter(|| {
+            output.prepare();
+            let sent = output.send(black_box(&message)).is_ok();
+            let received = input.next().ok().flatten();
+            lost += u64::from(!sent || received.is_none());
+            received
+        });
+    });
+    drop(input);
+    let mut input = bus.input(topic, Wait::Yes)?;
+    output.prepare();
+    output.send(&message)?;
+    wait(&[&input], Duration::from_secs(1))?;
+    input.newest()?;
+    group.bench_function(format!("{}: publish, wake, wait and receive", topic.name), |b| {
+        b.iter(|| {
+            output.prepare();
+            let sent = output.send(black_box(&message)).is_ok();
+            let woken = wait(&[&input], Duration::from_secs(1)).unwrap_or(false);
+            let received = input.next().ok().flatten();
+            lost += u64::from(!sent || !woken || received.is_none());
+            received
+        });
+    });
+    group.finish();
+    anyhow::ensure!(lost == 0, "{}: {lost} messages did not arrive", topic.name);
+    Ok(())
+}
+
+fn main() -> Result<()> {
+    let corner = Corner::open()?;
+    let mut criterion = Criterion::default().configure_from_args();
+    {
+        let bus = Bus::open(corner.domain(), "bench")?;
+        measure(&mut criterion, &bus, &topic::STATE, State::default())?;
+        measure(&mut criterion, &bus, &topic::REQUEST, Request::default())?;
+        measure(&mut criterion, &bus, &topic::COMMAND, Command::default())?;
+    }
+    criterion.final_summary();
+    Ok(())
+}

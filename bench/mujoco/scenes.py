@@ -1,0 +1,96 @@
+"""MuJoCo's side: the scenes, with contact parameters as near to the plant's law as MuJoCo's has a place for them.
+
+MuJoCo's normal force at a contact, in its direct mode (solref = (-S, -D), constant impedance I), is
+
+    f = (S depth + D rate) / ((1 - I) A) - I / ((1 - I) A) * acceleration
+
+with A the inverse inertia it assumes for the pair (body_invweight0). S = k (1 - I) A and D = b (1 - I) A therefore give the
+plant's k and b; the last term is MuJoCo's own and has no counterpart. The impedance comes in over the transition width, as the plant's
+force does. MuJoCo has one coefficient of friction; the plant runs with its dynamic one alone here, too. Near rest the slope of MuJoCo's
+friction over slip is impratio * b; impratio is set so that it is the plant's, 2 mu F / v_c, at the wished force.
+"""
+
+import pathlib
+
+import mujoco
+import numpy as np
+
+HERE = pathlib.Path(__file__).resolve().parent
+# Impedance I of a contact deeper than the transition width. The term in the acceleration is a quarter of the pair's inertia then: at 0.9,
+# MuJoCo's default, it would be nine times that inertia, and an impact a third of the plant's.
+IMPEDANCE = 0.2
+# MuJoCo allows no less.
+LEAST_IMPEDANCE = 1e-4
+# Wished forces, N, as in bench/substep/src/plan.rs; they matter for impratio alone.
+PRESSED = {"floor": 50.0, "box": 50.0, "ball": 30.0}
+INTEGRATORS = {"euler": mujoco.mjtIntegrator.mjINT_EULER, "implicitfast": mujoco.mjtIntegrator.mjINT_IMPLICITFAST}
+
+
+class Mismatch(Exception):
+    """The two simulators would not simulate the same thing."""
+
+
+def _law(a, b):
+    """Where two surfaces meet, as in the plant: the softer gives, the more slippery slides; the robot has none (None)."""
+    if a is None or b is None:
+        return a or b
+    soft = a if a["stiffness"] <= b["stiffness"] else b
+    slippery = a if a["friction_static"] <= b["friction_static"] else b
+    return {**soft, **{key: slippery[key] for key in ("friction_static", "friction_dynamic", "critical_speed")}}
+
+
+def load(name, description, integrator="euler", sensors=True):
+    """The scene as an MjModel. `description` is what `hapfic-substep model` says of it."""
+    model = mujoco.MjModel.from_xml_path(str(HERE / "scenes" / f"{name}.xml"))
+    model.opt.timestep = description["substep_s"]
+    model.opt.gravity[:] = description["gravity"]
+    model.opt.integrator = INTEGRATORS[integrator]
+    if not sensors:
+        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_SENSOR
+    surfaces = {"floor": description["floor"]} | {thing["name"]: thing["feel"] for thing in description["objects"]}
+    ratio = 1.0
+    for pair in range(model.npair):
+        geoms = (model.pair_geom1[pair], model.pair_geom2[pair])
+        names = [model.geom(geom).name for geom in geoms]
+        law = _law(*(surfaces.get(other) for other in names))
+        inverse_inertia = sum(model.body_invweight0[model.geom_bodyid[geom], 0] for geom in geoms)
+        scale = (1.0 - IMPEDANCE) * inverse_inertia
+        model.pair_solref[pair] = [-law["stiffness"] * scale, -law["damping"] * scale]
+        model.pair_solimp[pair] = [LEAST_IMPEDANCE, IMPEDANCE, law["transition_width"], 0.5, 1.0]
+        model.pair_friction[pair, :2] = law["friction_dynamic"]
+        if "foot" in names and names != ["foot", "floor"] and law["friction_dynamic"] > 0.0:
+            slope = 2.0 * law["friction_dynamic"] * PRESSED[name] / law["critical_speed"]
+            ratio = slope / law["damping"]
+    model.opt.impratio = ratio
+    check(name, model, description)
+    return model
+
+
+def start(model, description):
+    """The state at the start: the plan's posture, everything at rest."""
+    data = mujoco.MjData(model)
+    data.qpos[:3] = description["plan"]["start"]
+    return data
+
+
+def check(name, model, description):
+    """Refuses a model whose leg or objects are not the plant's."""
+    expected = description["check"]
+    data = start(model, description)
+    data.qvel[:3] = expected["velocity"]
+    mujoco.mj_forward(model, data)
+    mass = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, mass)
+    found = {
+        "foot, m": (data.site("foot").xpos, expected["foot"]),
+        "mass matrix": (mass[:3, :3], expected["mass_matrix"]),
+        "bias, N m": (data.qfrc_bias[:3], expected["bias"]),
+    }
+    for thing in description["objects"]:
+        body = model.body(thing["name"])
+        found[f"{thing['name']}: mass, kg"] = (body.mass[0], thing["mass"])
+        found[f"{thing['name']}: inertia, kg m^2"] = (body.inertia, thing["inertia"])
+        found[f"{thing['name']}: position, m"] = (body.pos, thing["position"])
+    for what, (here, there) in found.items():
+        if not np.allclose(here, there, rtol=1e-9, atol=1e-9):
+            raise Mismatch(f"scenes/{name}.xml: {what}: found {np.asarray(here).tolist()}, the plant has {there}")

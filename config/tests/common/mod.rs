@@ -1,0 +1,9 @@
+//! What the tests share.
+
+/// Five lines: the least that a scenario has to say.
+pub const ROBOT: &str = r#"[robot]
+urdf = "leg.urdf"
+base_link = "base"
+tip_link = "foot"
+start_position_rad = [0, 0.9, -1.8]
+"#;

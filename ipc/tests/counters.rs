@@ -1,0 +1,87 @@
+//! What a process says of its allocations and page faults is what it did: counters that could not count would prove nothing.
+//!
+//! A test of its own, since it installs the counting allocator, as the program does.
+#![allow(clippy::unwrap_used, missing_docs)]
+
+use hapfic_ipc::allocations::{Counting, count};
+use hapfic_ipc::message::{Process, Timing};
+use hapfic_ipc::{Clock, Context, Input, RealtimeMode, RunFile, Start, Tick, Wait, topic};
+use std::hint::black_box;
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+#[test]
+fn every_way_to_get_memory_from_the_heap_is_counted_and_nothing_else() {
+    let before = count();
+    let mut numbers = black_box(Vec::<u64>::with_capacity(4));
+    assert_eq!(count() - before, 1, "new memory");
+    numbers.extend([1, 2, 3, 4]);
+    assert_eq!(count() - before, 1, "there was room");
+    numbers.reserve_exact(100);
+    assert_eq!(count() - before, 2, "moved to a larger place");
+    let zeros = black_box(vec![0_u64; 100]);
+    assert_eq!(count() - before, 3, "zeroed memory");
+    drop((numbers, zeros));
+    assert_eq!(count() - before, 3, "given back");
+    let mine = count();
+    let theirs = std::thread::spawn(|| {
+        (0..100).for_each(|i| drop(black_box(Box::new(i))));
+        count()
+    });
+    assert!(theirs.join().unwrap() >= 100);
+    assert!(count() - mine < 50, "each thread counts its own; a few are for starting another");
+}
+
+fn told(timing: &mut Input<Timing>) -> Timing {
+    timing.newest().unwrap().unwrap()
+}
+
+#[test]
+fn a_process_tells_of_what_it_allocated_in_a_tick_and_of_the_pages_it_touched() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = RunFile {
+        prefix: format!("ht{}_", std::process::id()),
+        root: folder.path().to_str().unwrap().to_owned(),
+        supervisor_pid: rustix::process::getppid().unwrap().as_raw_nonzero().get(),
+        clock: Clock::Realtime,
+        realtime: RealtimeMode::Off,
+        core: None,
+        reserve_core: None,
+        settings: String::new(),
+        urdf_name: String::new(),
+        urdf: String::new(),
+    };
+    let mut context = Context::join(&run, Process::Controller, Start::default()).unwrap();
+    // Whoever runs the tests may end before them.
+    rustix::process::set_parent_process_death_signal(None).unwrap();
+    let mut timing = context.bus.input(&topic::TIMING, Wait::No).unwrap();
+    let done = |tick| Tick { tick, due_ns: 0, wake_ns: 0, publish_ns: 0, latency_ns: 0 };
+    // The first meets the receiver.
+    context.account(done(1)).unwrap();
+    let first = told(&mut timing);
+
+    for (tick, pieces) in [(2, 0), (3, 3), (4, 0)] {
+        context.begin();
+        for size in 0..pieces {
+            black_box(vec![1_u8; 100 + size]);
+        }
+        context.account(done(tick)).unwrap();
+        let told = told(&mut timing);
+        assert_eq!((told.tick, told.allocations), (tick, pieces as u32));
+    }
+
+    let touched = black_box(vec![1_u8; 16 << 20]);
+    context.account(done(500)).unwrap();
+    assert_eq!(told(&mut timing).page_faults, first.page_faults, "counted once in a thousand ticks");
+    context.account(done(1001)).unwrap();
+    assert!(told(&mut timing).page_faults > first.page_faults, "{} bytes", touched.len());
+
+    drop((timing, context));
+    // What iceoryx2 keeps of a domain that nobody is in any more; the supervisor removes a run's.
+    for entry in std::fs::read_dir("/dev/shm").unwrap().flatten() {
+        if entry.file_name().to_str().is_some_and(|name| name.starts_with(&run.prefix)) {
+            std::fs::remove_file(entry.path()).unwrap();
+        }
+    }
+}

@@ -1,0 +1,7 @@
+//! `hapfic-chain`: the chains over what the kernel offers as a program of their own; the pattern of any other peer.
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    hapfic_latency::main(&hapfic_latency::own())
+}

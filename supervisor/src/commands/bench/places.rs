@@ -1,0 +1,75 @@
+//! The files of a measurement: a folder while it lasts, and where the results go.
+
+use anyhow::{Context, Result, ensure};
+use std::fs::DirBuilder;
+use std::os::unix::fs::DirBuilderExt;
+use std::path::{Path, PathBuf};
+
+/// A folder of this process's own; removed with everything in it when dropped.
+#[derive(Debug)]
+pub(super) struct Folder(PathBuf);
+
+impl Folder {
+    pub(super) fn make() -> Result<Self> {
+        let stamp = hapfic_ipc::clock::unix_ns() % 1_000_000_000;
+        let path = std::env::temp_dir().join(format!("hapfic-bench-{}-{stamp}", std::process::id()));
+        DirBuilder::new()
+            .mode(0o700)
+            .create(&path)
+            .with_context(|| format!("cannot make {}, the measurement's folder", path.display()))?;
+        Ok(Self(path))
+    }
+
+    pub(super) fn file(&self, name: &str) -> PathBuf {
+        self.0.join(name)
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        // What cannot be removed is in the system's folder for such things.
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+/// Checks that a result can be written: before a measurement that may take hours, and not after it.
+pub(super) fn check(option: &str, path: &Path, ending: Option<&str>) -> Result<()> {
+    if let Some(ending) = ending {
+        let found = path.extension().and_then(|e| e.to_str()).unwrap_or("none");
+        ensure!(found == ending, "{option} {}: found the ending '{found}', expected '{ending}'", path.display());
+    }
+    ensure!(!path.is_dir(), "{option} {}: found a folder, expected the name of a file", path.display());
+    let folder = path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    ensure!(folder.is_dir(), "{option} {}: found no folder {}, expected one that exists", path.display(), folder.display());
+    let writable = rustix::fs::access(folder, rustix::fs::Access::WRITE_OK).is_ok();
+    ensure!(writable, "{option} {}: the folder {} cannot be written to", path.display(), folder.display());
+    Ok(())
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_folder_goes_with_what_is_in_it() {
+        let folder = Folder::make().unwrap();
+        let file = folder.file("x");
+        std::fs::write(&file, "x").unwrap();
+        drop(folder);
+        assert!(!file.exists() && !file.parent().unwrap().exists());
+    }
+
+    #[test]
+    fn results_that_cannot_be_written_are_refused_beforehand() {
+        let folder = Folder::make().unwrap();
+        assert!(check("--plot", &folder.file("a.png"), Some("png")).is_ok());
+        for (bad, says) in
+            [(folder.file("a.svg"), "found the ending 'svg', expected 'png'"), (folder.file("none/a.png"), "found no folder")]
+        {
+            let error = check("--plot", &bad, Some("png")).unwrap_err().to_string();
+            assert!(error.contains(says), "{error}");
+        }
+        assert!(check("--json", &folder.0, None).is_err());
+    }
+}

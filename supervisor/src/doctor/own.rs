@@ -1,0 +1,178 @@
+//! What the kernel tells this process about itself: its permissions, limits and cores.
+
+use super::fact::{Fact, Level, Subject};
+use hapfic_ipc::realtime::{self, Privilege};
+use rustix::process::{Resource, getrlimit};
+use rustix::thread::CpuSet;
+use rustix::time::{ClockId, clock_getres};
+
+/// All that the segments of one run are large, bytes: 42 MB by `du --apparent-size`, in 92 files.
+const RUN_LAID_OUT: u64 = 48 << 20;
+/// What a run has touched of them after some seconds is 1.4 MB; more when its recorder falls behind, bytes.
+const RUN_TOUCHES: u64 = 8 << 20;
+/// Files that a supervisor has open when all have joined, and room for what comes with those that are started again.
+const FILES_NEEDED: u64 = 300;
+const FILES_WANTED: u64 = 1024;
+/// Coarsest timer that is good for periods of 1 ms, ns.
+const COARSEST_NS: u64 = 10_000;
+const MB: f64 = 1e6;
+
+/// What is told to the process that asks.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Own {
+    /// Cores it may use, ascending.
+    pub cores: Vec<usize>,
+    /// The core that a run would take.
+    pub core: Option<usize>,
+    /// What it may, as `hapfic run` finds it.
+    pub privileges: Vec<Privilege>,
+    /// Step of the monotonic clock's timers, ns.
+    pub resolution_ns: u64,
+    /// Files it may have open; none: any number.
+    pub open_files: Option<u64>,
+    /// Size of the shared memory and what is free of it, bytes.
+    pub shared_memory: Option<(u64, u64)>,
+}
+
+impl Own {
+    /// Asks, for a run at a highest priority that has others beside it on this machine.
+    #[must_use]
+    pub fn ask(priority: u32, others: usize) -> Self {
+        let set = rustix::thread::sched_getaffinity(None);
+        let cores = set.map(|set| (0..CpuSet::MAX_CPU).filter(|core| set.is_set(*core)).collect()).unwrap_or_default();
+        let step = clock_getres(ClockId::Monotonic);
+        let memory = rustix::fs::statvfs("/dev/shm").ok();
+        Self {
+            cores,
+            core: realtime::shared_core(others).map(|core| core as usize),
+            privileges: realtime::privileges(priority as i32),
+            resolution_ns: (step.tv_sec as u64).saturating_mul(1_000_000_000).saturating_add(step.tv_nsec as u64),
+            open_files: getrlimit(Resource::Nofile).current,
+            shared_memory: memory.map(|m| (m.f_blocks.saturating_mul(m.f_frsize), m.f_bavail.saturating_mul(m.f_frsize))),
+        }
+    }
+
+    fn privilege(&self, name: &str) -> Option<&Privilege> {
+        self.privileges.iter().find(|privilege| privilege.name == name)
+    }
+
+    fn may(&self, name: &str) -> bool {
+        self.privilege(name).is_some_and(|privilege| privilege.granted)
+    }
+
+    /// Whether memory may be locked.
+    pub(super) fn may_lock(&self) -> bool {
+        self.may(Subject::MemoryLock.name())
+    }
+
+    /// Whether deep idle states may be held off.
+    pub(super) fn may_hold_idle(&self) -> bool {
+        self.may(Subject::IdleHold.name())
+    }
+
+    fn permission(&self, subject: Subject, lacking: Level, wanted: &'static str) -> Fact {
+        match self.privilege(subject.name()) {
+            Some(privilege) if privilege.granted => Fact::good(subject, &privilege.note, wanted),
+            Some(privilege) => Fact::at(lacking, subject, "not allowed", wanted, &privilege.note),
+            None => Fact::untold(subject, wanted),
+        }
+    }
+
+    /// Whether threads may have a real-time priority.
+    pub(super) fn priority(&self) -> Fact {
+        self.permission(Subject::Priority, Level::Bad, "allowed: else every other program goes first at times")
+    }
+
+    /// Whether memory may be locked.
+    pub(super) fn memory_lock(&self) -> Fact {
+        self.permission(Subject::MemoryLock, Level::Bad, "allowed: else a tick may wait for a page")
+    }
+
+    /// Whether deep idle states may be held off.
+    pub(super) fn idle_hold(&self) -> Fact {
+        self.permission(Subject::IdleHold, Level::Fair, "allowed: else the processor wakes up late")
+    }
+
+    /// How finely timers go off.
+    pub(super) fn resolution(&self) -> Fact {
+        let level = if self.resolution_ns <= COARSEST_NS { Level::Good } else { Level::Bad };
+        let found = format!("{} ns", self.resolution_ns);
+        let how = "boot without `highres=off`, with a kernel that has CONFIG_HIGH_RES_TIMERS=y";
+        Fact::at(level, Subject::Resolution, found, "10 us or finer", how)
+    }
+
+    /// Room in shared memory.
+    pub(super) fn shared_memory(&self) -> Fact {
+        const WANTED: &str = "48 MB free for each run; it touches 2 MB of them, 8 MB with its recorder behind";
+        let Some((size, free)) = self.shared_memory else { return Fact::untold(Subject::SharedMemory, WANTED) };
+        let level = match free {
+            free if free < RUN_TOUCHES => Level::Bad,
+            free if free < RUN_LAID_OUT => Level::Fair,
+            _ => Level::Good,
+        };
+        let found = format!("{:.0} MB free of {:.0}", free as f64 / MB, size as f64 / MB);
+        let how = "as root: `mount -o remount,size=256M /dev/shm`; for a container `--shm-size=256m`";
+        Fact::at(level, Subject::SharedMemory, found, WANTED, how)
+    }
+
+    /// How many files may be open.
+    pub(super) fn open_files(&self) -> Fact {
+        const WANTED: &str = "1024 or more; a run has some 270 open";
+        let level = match self.open_files {
+            Some(limit) if limit < FILES_NEEDED => Level::Bad,
+            Some(limit) if limit < FILES_WANTED => Level::Fair,
+            _ => Level::Good,
+        };
+        let found = self.open_files.map_or("any number".to_owned(), |limit| limit.to_string());
+        let how = "`ulimit -n 4096`, or `@realtime - nofile 4096` in /etc/security/limits.conf";
+        Fact::at(level, Subject::OpenFiles, found, WANTED, how)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hapfic_ipc::message::{Command, Event, Operator, Reference, Request, State, Timing};
+    use hapfic_ipc::topic::{RECORDER_DEPTH, TIMING};
+
+    #[test]
+    fn this_process_is_told_something() {
+        let own = Own::ask(80, 0);
+        assert!(own.core.is_none_or(|core| own.cores.contains(&core)));
+        for subject in [Subject::Priority, Subject::MemoryLock, Subject::IdleHold] {
+            assert!(own.privilege(subject.name()).is_some(), "{subject:?} has the name that `privileges` gives it");
+        }
+        assert!(own.resolution_ns > 0);
+    }
+
+    /// Fails when messages have grown so much that the constant has to be measured again.
+    #[test]
+    fn the_messages_of_a_run_fit_into_what_is_said_to_be_needed() {
+        // For each of twelve subscribers a full queue; plant and planner have the supervisor as a second publisher.
+        let queue = 12 * (RECORDER_DEPTH + 2);
+        let singles = size_of::<Command>() + size_of::<Operator>();
+        let pairs = 2 * (size_of::<State>() + size_of::<Reference>() + size_of::<Request>());
+        let all = TIMING.publishers / 2 * (size_of::<Event>() + size_of::<Timing>());
+        let bytes = (queue * (singles + pairs + all)) as u64;
+        assert!(bytes < RUN_LAID_OUT && bytes > RUN_LAID_OUT / 2, "{bytes} bytes of messages");
+    }
+
+    #[test]
+    fn limits_that_a_run_would_hit_are_bad() {
+        let own = |free: u64, files: Option<u64>| Own {
+            cores: vec![0],
+            core: Some(0),
+            privileges: Vec::new(),
+            resolution_ns: 1,
+            open_files: files,
+            shared_memory: Some((64 << 20, free)),
+        };
+        let levels = |own: &Own| (own.shared_memory().level, own.open_files().level);
+        assert_eq!(levels(&own(1 << 20, Some(256))), (Level::Bad, Level::Bad));
+        assert_eq!(levels(&own(16 << 20, Some(512))), (Level::Fair, Level::Fair));
+        assert_eq!(levels(&own(60 << 20, Some(1024))), (Level::Good, Level::Good));
+        assert_eq!(own(0, None).open_files().level, Level::Good);
+        assert_eq!(own(0, None).priority().level, Level::Untold);
+        assert_eq!(Own { resolution_ns: 4_000_000, ..own(0, None) }.resolution().level, Level::Bad);
+    }
+}

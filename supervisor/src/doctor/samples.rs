@@ -1,0 +1,247 @@
+//! Made-up machines for tests.
+
+use super::fact::{Fact, Facts, Level, Subject};
+use super::measure::Measured;
+use super::own::Own;
+use super::root::Root;
+use super::{Grade, facts, judge};
+use hapfic_ipc::realtime::Privilege;
+use hapfic_log::metrics::Quantiles;
+use tempfile::TempDir;
+
+const SUBJECTS: [Subject; 22] = [
+    Subject::Kernel,
+    Subject::Preemption,
+    Subject::Priority,
+    Subject::MemoryLock,
+    Subject::IdleHold,
+    Subject::Throttling,
+    Subject::Clock,
+    Subject::Resolution,
+    Subject::Cores,
+    Subject::Isolation,
+    Subject::Siblings,
+    Subject::IdleStates,
+    Subject::Governor,
+    Subject::Turbo,
+    Subject::Hypervisor,
+    Subject::Steal,
+    Subject::Load,
+    Subject::Quota,
+    Subject::SharedMemory,
+    Subject::OpenFiles,
+    Subject::Swap,
+    Subject::HugePages,
+];
+
+/// Every fact at one level.
+pub(super) fn all_at(level: Level) -> Facts {
+    let fact = |subject| Fact::at(level, subject, "found", "wanted", "how");
+    Facts(SUBJECTS.map(fact).to_vec())
+}
+
+/// The same with one fact at another level.
+pub(super) fn with(facts: &Facts, subject: Subject, level: Level) -> Facts {
+    let changed = facts.0.iter().map(|fact| match fact.subject == subject {
+        true => Fact::at(level, subject, "found", "wanted", "how"),
+        false => fact.clone(),
+    });
+    Facts(changed.collect())
+}
+
+/// Ten seconds as on a machine made for it.
+pub(super) fn good_measurement() -> Measured {
+    let quantiles = Quantiles { p50: 3.0, p99: 8.0, p999: 15.0, max: 25.0 };
+    Measured {
+        seconds: 10.0,
+        core: Some(3),
+        priority: 80,
+        fifo: true,
+        locked: true,
+        idle_held: true,
+        ticks: 10_000,
+        lateness_us: quantiles,
+        over_100_us: 0,
+        over_500_us: 0,
+        over_1_ms: 0,
+        late_ticks: 0,
+        brakes: 0,
+        steal_ms: Some(0),
+        page_faults: 0,
+        interrupts: Some(0),
+        wake_same_core_us: Some(quantiles),
+        wake_other_core_us: Some(quantiles),
+    }
+}
+
+/// Ten seconds as on somebody else's machine; not a word of steal.
+pub(super) fn late_measurement() -> Measured {
+    Measured {
+        lateness_us: Quantiles { p50: 55.0, p99: 400.0, p999: 4_000.0, max: 9_000.0 },
+        ticks: 9_950,
+        over_100_us: 300,
+        over_500_us: 80,
+        over_1_ms: 30,
+        late_ticks: 50,
+        brakes: 4,
+        ..good_measurement()
+    }
+}
+
+fn tree(files: &[(&str, &str)]) -> (TempDir, Root) {
+    let folder = tempfile::tempdir().unwrap();
+    for (path, text) in files {
+        let path = folder.path().join(path);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(path, text).unwrap();
+    }
+    let root = Root::new(folder.path());
+    (folder, root)
+}
+
+fn own(granted: bool, cores: usize) -> Own {
+    let privilege = |name| Privilege { name, granted, note: "needs something".to_owned() };
+    Own {
+        cores: (0..cores).collect(),
+        core: cores.checked_sub(1),
+        privileges: ["SCHED_FIFO", "memory lock", "no deep idle"].map(privilege).to_vec(),
+        resolution_ns: 1,
+        open_files: Some(4096),
+        shared_memory: Some((8 << 30, 7 << 30)),
+    }
+}
+
+const GOOD: &[(&str, &str)] = &[
+    ("proc/sys/kernel/osrelease", "6.12.9-rt5\n"),
+    ("proc/sys/kernel/version", "#1 SMP PREEMPT_RT Debian 6.12.9\n"),
+    ("proc/sys/kernel/sched_rt_runtime_us", "950000\n"),
+    ("proc/sys/kernel/sched_rt_period_us", "1000000\n"),
+    ("sys/kernel/realtime", "1\n"),
+    ("sys/devices/system/clocksource/clocksource0/current_clocksource", "tsc\n"),
+    ("sys/devices/system/clocksource/clocksource0/available_clocksource", "tsc hpet acpi_pm\n"),
+    ("sys/devices/system/cpu/online", "0-3\n"),
+    ("sys/devices/system/cpu/isolated", "3\n"),
+    ("sys/devices/system/cpu/nohz_full", "3\n"),
+    ("sys/devices/system/cpu/cpu3/topology/thread_siblings_list", "3\n"),
+    ("sys/devices/system/cpu/cpu3/cpuidle/state0/latency", "0\n"),
+    ("sys/devices/system/cpu/cpu3/cpuidle/state1/latency", "890\n"),
+    ("sys/devices/system/cpu/cpu3/cpuidle/state1/name", "C10\n"),
+    ("sys/devices/system/cpu/cpu3/cpufreq/scaling_governor", "performance\n"),
+    ("sys/devices/system/cpu/intel_pstate/no_turbo", "1\n"),
+    ("proc/cpuinfo", "processor\t: 0\nflags\t\t: fpu vme sse2\n"),
+    ("proc/stat", "cpu  100 0 100 9000 0 0 0 0 0 0\ncpu0 1 2 3\n"),
+    ("proc/loadavg", "0.10 0.20 0.30 1/100 4242\n"),
+    ("proc/self/cgroup", "0::/user.slice/me.scope\n"),
+    ("sys/fs/cgroup/user.slice/cpu.max", "max 100000\n"),
+    ("proc/swaps", "Filename Type Size Used Priority\n"),
+    ("sys/kernel/mm/transparent_hugepage/enabled", "always [madvise] never\n"),
+];
+
+const BAD: &[(&str, &str)] = &[
+    ("proc/sys/kernel/osrelease", "4.19.0-17-amd64\n"),
+    ("proc/sys/kernel/version", "#1 SMP Debian 4.19.194\n"),
+    ("proc/sys/kernel/sched_rt_runtime_us", "0\n"),
+    ("proc/sys/kernel/sched_rt_period_us", "1000000\n"),
+    ("sys/devices/system/clocksource/clocksource0/current_clocksource", "hpet\n"),
+    ("sys/devices/system/clocksource/clocksource0/available_clocksource", "kvm-clock hpet\n"),
+    ("sys/devices/system/cpu/online", "0-1\n"),
+    ("sys/devices/system/cpu/isolated", "\n"),
+    ("sys/devices/system/cpu/cpu1/topology/thread_siblings_list", "0-1\n"),
+    ("sys/devices/system/cpu/cpu1/cpuidle/state0/latency", "2\n"),
+    ("sys/devices/system/cpu/cpu1/cpuidle/state1/latency", "133\n"),
+    ("sys/devices/system/cpu/cpu1/cpuidle/state1/disable", "0\n"),
+    ("sys/devices/system/cpu/cpu1/cpuidle/state2/latency", "5000\n"),
+    ("sys/devices/system/cpu/cpu1/cpuidle/state2/disable", "1\n"),
+    ("sys/devices/system/cpu/cpu1/cpufreq/scaling_governor", "powersave\n"),
+    ("sys/devices/system/cpu/cpufreq/boost", "1\n"),
+    ("proc/cpuinfo", "processor\t: 0\nflags\t\t: fpu vme hypervisor\n"),
+    ("sys/class/dmi/id/sys_vendor", "QEMU\n"),
+    ("proc/stat", "cpu  100 0 100 9000 0 0 0 400 0 0\n"),
+    ("proc/loadavg", "7.00 5.00 4.00 3/100 4242\n"),
+    ("proc/self/cgroup", "3:cpuset:/\n2:cpu,cpuacct:/../docker/abc\n0::/docker/abc\n"),
+    ("sys/fs/cgroup/cpu,cpuacct/docker/cpu.cfs_quota_us", "150000\n"),
+    ("sys/fs/cgroup/cpu,cpuacct/docker/cpu.cfs_period_us", "100000\n"),
+    ("sys/fs/cgroup/docker/abc/cpu.max", "170000 100000\n"),
+    ("proc/swaps", "Filename Type Size Used Priority\n/dev/sda2 partition 8388604 0 -2\n"),
+    ("sys/kernel/mm/transparent_hugepage/enabled", "[always] madvise never\n"),
+];
+
+fn levels(facts: &Facts) -> Vec<(Subject, Level)> {
+    facts.0.iter().map(|fact| (fact.subject, fact.level)).collect()
+}
+
+#[test]
+fn a_machine_made_for_it_is_good_throughout() {
+    let (_folder, root) = tree(GOOD);
+    let found = facts(&root, &own(true, 4));
+    assert_eq!(levels(&found), SUBJECTS.map(|subject| (subject, Level::Good)));
+    assert!(found.0.iter().all(|fact| fact.how.is_none()));
+    assert_eq!(judge(&found, &good_measurement()).grade, Grade::Good);
+}
+
+#[test]
+fn a_bad_virtual_machine_is_told_so_fact_by_fact() {
+    let (_folder, root) = tree(BAD);
+    let found = facts(&root, &own(false, 2));
+    let good = [Subject::Resolution, Subject::Cores, Subject::Turbo, Subject::SharedMemory, Subject::OpenFiles];
+    for fact in &found.0 {
+        assert_eq!(fact.level == Level::Good, good.contains(&fact.subject), "{fact:?}");
+        assert!(fact.level == Level::Good || fact.how.as_ref().is_some_and(|how| !how.is_empty()), "{fact:?}");
+    }
+    let text = |subject| found.get(subject).map(|fact| format!("{} / {}", fact.found, fact.how.as_deref().unwrap_or("")));
+    let says = |subject, expected: &str| assert!(text(subject).unwrap().contains(expected), "{:?}", text(subject));
+    says(Subject::Quota, "1.50 cores");
+    says(Subject::IdleStates, "133 us");
+    says(Subject::Clock, "echo kvm-clock");
+    says(Subject::Hypervisor, "QEMU");
+    says(Subject::Steal, "4.17 %");
+    says(Subject::Siblings, "cpu0/online");
+    says(Subject::Isolation, "isolcpus=1");
+}
+
+#[test]
+fn a_kernel_that_tells_nothing_is_believed() {
+    let (_folder, root) = tree(&[]);
+    let silent = Own { cores: Vec::new(), core: None, privileges: Vec::new(), shared_memory: None, ..own(false, 0) };
+    for fact in facts(&root, &silent).0 {
+        let told = [Subject::Resolution, Subject::OpenFiles].contains(&fact.subject);
+        assert_eq!(fact.level, if told { Level::Good } else { Level::Untold }, "{fact:?}");
+        assert!(told || fact.found == "not told by this kernel");
+    }
+}
+
+/// Whatever is in the files: a fact, and no panic.
+#[test]
+fn nonsense_in_files_is_a_fact_like_others() {
+    for nonsense in
+        ["", "\0\u{fffd}", "-1", "99999999999999999999999", "a:b:c", "NaN", "0::\n1:cpu", "[", "cpu 1 2", "max", "max max"]
+    {
+        let files: Vec<(&str, &str)> = GOOD.iter().chain(BAD).map(|(path, _)| (*path, nonsense)).collect();
+        let (_folder, root) = tree(&files);
+        assert_eq!(facts(&root, &own(true, 4)).0.len(), SUBJECTS.len());
+    }
+}
+
+#[test]
+fn preemption_is_what_the_kernel_says_first_and_what_was_asked_for_at_boot_next() {
+    let level = |files: &[(&str, &str)]| {
+        let (_folder, root) = tree(files);
+        let found = facts(&root, &own(true, 1));
+        let fact = found.get(Subject::Preemption).unwrap();
+        (fact.level, fact.found.clone())
+    };
+    let dynamic = ("proc/sys/kernel/version", "#1 SMP PREEMPT_DYNAMIC x");
+    let now = |text| ("sys/kernel/debug/sched/preempt", text);
+    let boot = ("proc/cmdline", "quiet preempt=none preempt=voluntary");
+    let case = |files: &[(&str, &str)], expected: Level, what: &str| {
+        let (found, said) = level(files);
+        assert!(found == expected && said.contains(what), "{found:?} {said}");
+    };
+    case(&[dynamic, boot, now("none voluntary (full) lazy")], Level::Good, "full");
+    case(&[dynamic, boot, now("none voluntary full (lazy)")], Level::Fair, "lazy");
+    case(&[dynamic, boot], Level::Bad, "voluntary");
+    case(&[dynamic], Level::Untold, "not told which");
+    case(&[("proc/sys/kernel/version", "#1 SMP PREEMPT x")], Level::Good, "full");
+    case(&[("proc/sys/kernel/version", "#1 SMP x")], Level::Bad, "none");
+    case(&[("sys/kernel/realtime", "1")], Level::Good, "PREEMPT_RT");
+}

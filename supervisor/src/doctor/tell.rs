@@ -1,0 +1,135 @@
+//! An examination for the terminal.
+
+use super::Examination;
+use super::fact::Level;
+use super::measure::Measured;
+use hapfic_log::metrics::Quantiles;
+use std::fmt::Write;
+
+impl Examination {
+    /// For the terminal.
+    #[must_use]
+    pub fn text(&self) -> String {
+        let mut out = String::new();
+        // Writing to a string cannot fail.
+        let _ = self.write(&mut out);
+        out
+    }
+
+    fn write(&self, out: &mut String) -> std::fmt::Result {
+        writeln!(out, "what this machine says of itself:")?;
+        for fact in &self.facts.0 {
+            writeln!(out, "  {:<18} {:<6} {}", fact.subject.name(), fact.level.mark(), fact.found)?;
+            if fact.level != Level::Good {
+                writeln!(out, "  {:<25} wanted: {}", "", fact.wanted)?;
+            }
+            if let Some(how) = &fact.how {
+                writeln!(out, "  {:<25} how: {how}", "")?;
+            }
+        }
+        self.measured.write(out)?;
+        let verdict = &self.verdict;
+        writeln!(out, "verdict: {}", verdict.line)?;
+        // The first reason against a machine is in the line.
+        let said = |reason: &&String| !verdict.line.ends_with(reason.as_str());
+        for reason in verdict.reasons.iter().filter(said) {
+            writeln!(out, "  also: {reason}")?;
+        }
+        if !verdict.changes.is_empty() {
+            writeln!(out, "what to change, most effective first:")?;
+        }
+        for (place, change) in verdict.changes.iter().enumerate() {
+            writeln!(out, "  {}. {}: {}", place + 1, change.subject.name(), change.why)?;
+            writeln!(out, "     {}", change.how)?;
+        }
+        Ok(())
+    }
+}
+
+impl Measured {
+    fn write(&self, out: &mut String) -> std::fmt::Result {
+        let scheduler = match self.fifo {
+            true => format!("SCHED_FIFO {}", self.priority),
+            false => "SCHED_OTHER, as no real-time priority is allowed".to_owned(),
+        };
+        let core = self.core.map_or("any core".to_owned(), |core| format!("core {core}"));
+        let memory = if self.locked { "memory locked" } else { "memory not locked" };
+        let idle = if self.idle_held { ", no deep idle" } else { "" };
+        writeln!(out, "measured for {:.0} s on {core}, {scheduler}, {memory}{idle}:", self.seconds)?;
+        let q = &self.lateness_us;
+        writeln!(
+            out,
+            "  timer lateness     p50 {:.0}  p99 {:.0}  p99.9 {:.0}  max {:.0} us  (absolute timer, 1 ms)",
+            q.p50, q.p99, q.p999, q.max
+        )?;
+        writeln!(
+            out,
+            "  ticks              {}; more than 100 us late {}, 500 us {}, 1 ms {}; {} periods lost, three or more at once {}",
+            self.ticks,
+            self.over_100_us,
+            self.over_500_us,
+            self.over_1_ms,
+            self.late_ticks,
+            match self.brakes {
+                0 => "never".to_owned(),
+                1 => "once".to_owned(),
+                times => format!("{times} times"),
+            }
+        )?;
+        let wake = |q: &Option<Quantiles>| q.map_or("none".to_owned(), |q| format!("p50 {:.0}  p99 {:.0} us", q.p50, q.p99));
+        writeln!(
+            out,
+            "  wake-up by futex   same core {}; another core {}",
+            wake(&self.wake_same_core_us),
+            wake(&self.wake_other_core_us)
+        )?;
+        let told = |value: Option<u64>| value.map_or("an untold number of".to_owned(), |value| value.to_string());
+        writeln!(
+            out,
+            "  meanwhile          {} ms of the core stolen by the host; {} page faults; {} interrupts by devices",
+            told(self.steal_ms),
+            self.page_faults,
+            told(self.interrupts)
+        )
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::super::judge;
+    use super::super::samples::{all_at, good_measurement, late_measurement};
+    use super::{Examination, Level, Measured};
+
+    fn examination(level: Level, measured: Measured) -> Examination {
+        let facts = all_at(level);
+        Examination { verdict: judge(&facts, &measured), measured, facts }
+    }
+
+    #[test]
+    fn a_good_machine_is_told_in_few_lines() {
+        let text = examination(Level::Good, good_measurement()).text();
+        assert!(text.contains("SCHED_FIFO 80") && text.contains("verdict: good: 1 kHz with margin"), "{text}");
+        assert!(!text.contains("what to change") && !text.contains("how:") && !text.contains("also:"), "{text}");
+    }
+
+    #[test]
+    fn a_bad_machine_is_told_what_is_wanted_and_how_to_get_it() {
+        let measured = Measured { fifo: false, core: None, steal_ms: None, wake_other_core_us: None, ..late_measurement() };
+        let text = examination(Level::Bad, measured).text();
+        for expected in ["SCHED_OTHER", "any core", "wanted: ", "how: ", "another core none", "  5. ", "an untold number of ms"] {
+            assert!(text.contains(expected), "{expected} in:\n{text}");
+        }
+        assert!(!text.contains("  6. "), "{text}");
+    }
+
+    #[test]
+    fn programs_get_one_object_with_everything() {
+        let json = serde_json::to_value(examination(Level::Bad, late_measurement())).unwrap();
+        assert_eq!(json["verdict"]["grade"], "not_good");
+        assert_eq!(json["facts"][0]["subject"], "kernel");
+        assert_eq!(json["facts"][0]["level"], "bad");
+        assert_eq!(json["verdict"]["changes"].as_array().unwrap().len(), 5);
+        assert!(json["measured"]["lateness_us"]["p999"].is_f64());
+    }
+}

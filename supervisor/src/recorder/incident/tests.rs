@@ -1,0 +1,223 @@
+use super::*;
+use hapfic_ipc::message::{Detector, Request, State};
+
+/// A stamp of a tick, ns; none in lockstep.
+fn stamp(clock: Clock, tick: i64) -> u64 {
+    if clock == Clock::Realtime { 7_000_000_000 + tick as u64 * 1_000_000 } else { 0 }
+}
+
+/// What happens in a test.
+struct Story {
+    folder: tempfile::TempDir,
+    incidents: Incidents,
+    live: Live,
+    clock: Clock,
+}
+
+impl Story {
+    fn new(clock: Clock) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let incidents = Incidents::new(&folder.path().join("run.mcap"), clock);
+        Self { folder, incidents, live: Live::new(), clock }
+    }
+
+    fn text(&self) -> String {
+        fs::read_to_string(self.folder.path().join("run.incidents.md")).unwrap()
+    }
+
+    fn take(&mut self, record: Record) -> bool {
+        let sync = self.incidents.observe(&record, &self.live);
+        self.incidents.settle();
+        sync
+    }
+
+    fn event(&mut self, tick: i64, kind: EventKind, severity: Severity, detector: Detector, text: &str) -> bool {
+        let process = if kind == EventKind::Transition { Process::Supervisor } else { Process::Controller };
+        let event = Event::new(tick, process, kind, severity, detector, text);
+        // Half a millisecond after the tick.
+        let stamp_ns = Some(stamp(self.clock, tick)).filter(|ns| *ns > 0).map_or(0, |ns| ns + 500_000);
+        self.take(Record::Event(Event { stamp_ns, ..event }))
+    }
+
+    fn transition(&mut self, tick: i64, to: Severity) -> bool {
+        self.event(tick, EventKind::Transition, to, Detector::Deadline, &format!("severity ? -> {to}"))
+    }
+
+    /// State and command of a tick, and both requests if it is a good one.
+    fn tick(&mut self, tick: i64, mode: Mode, source: Source) {
+        let stamp_ns = stamp(self.clock, tick);
+        self.take(Record::State(State { tick, stamp_ns, ..State::default() }));
+        let mut request = Request { tick, stamp_ns, controller: Process::Controller.code(), joints: 2, ..Request::default() };
+        request.torque[0] = 1.5;
+        if source == Source::Fresh {
+            self.take(Record::Request(request));
+            let mut other = Request { controller: Process::Standby.code(), ..request };
+            other.torque[0] = 2.5;
+            self.take(Record::Request(other));
+        }
+        let mut command =
+            Command { tick, stamp_ns, mode: mode.code(), source: source.code(), joints: 2, request, ..Command::default() };
+        command.torque[1] = -0.25;
+        self.take(Record::Command(command));
+    }
+
+    /// A controller that is lost at a tick, the brake three ticks later, and good again at the end.
+    fn brake(&mut self, from: i64, until: i64) {
+        for tick in from - 15..from {
+            self.tick(tick, Mode::Active, Source::Fresh);
+        }
+        self.event(from, EventKind::Lost, Severity::Nominal, Detector::Exit, "killed | by <signal> 9");
+        self.tick(from, Mode::Active, Source::Repeated);
+        self.event(from, EventKind::Missed, Severity::Degraded, Detector::Deadline, "no request");
+        assert!(!self.transition(from, Severity::Degraded));
+        for tick in from + 1..from + 3 {
+            self.tick(tick, Mode::Active, Source::Repeated);
+        }
+        self.tick(from + 3, Mode::Brake, Source::None);
+        assert!(self.transition(from + 3, Severity::Brake), "the log is to be synced");
+        for tick in from + 4..until {
+            self.tick(tick, Mode::Brake, Source::Withheld);
+        }
+        self.event(until - 1, EventKind::Restarted, Severity::Brake, Detector::None, "started again");
+    }
+}
+
+#[test]
+fn an_incident_is_told_while_it_goes_on_and_when_it_is_over() {
+    for clock in [Clock::Realtime, Clock::Lockstep] {
+        let mut story = Story::new(clock);
+        story.live.hear(&Timing { process: Process::Planner.code(), tick: 5, ..Timing::default() });
+        story.brake(4000, 4030);
+        let text = story.text();
+        assert!(text.contains("## 1. brake at tick 4003 (4.003 s)") && text.contains("has not recovered"), "{text}");
+        story.tick(4030, Mode::Active, Source::Fresh);
+        assert!(!story.transition(4030, Severity::Nominal));
+        // What comes later is another story.
+        story.event(4031, EventKind::Note, Severity::Nominal, Detector::None, "later");
+        let text = story.text();
+        for line in [
+            "**What happened**: controller lost: killed \\| by &lt;signal> 9.",
+            "**Seen first by**: exit, of controller, tick 4000, 3.0 ms before the transition.",
+            "| 0.0 | 4000 | controller | missed | deadline | no request |",
+            "| 29.0 | 4029 | controller | restarted | none | started again |",
+            "| 30.0 | 4030 | supervisor | transition | deadline | severity ? -> nominal |",
+            "- time to brake: 3.0 ms (first cause to brake)",
+            "| 3999 | active | fresh | controller | 1.500 0.000 | 2.500 0.000 | 1.500 0.000 | 0.000 -0.250 |",
+            "| 4003 | brake | none | controller | - | - | 1.500 0.000 | 0.000 -0.250 |",
+            "| standby | never | 3999 |",
+        ] {
+            // In lockstep there is no stamp to tell how old the standby's last request is.
+            let ours = !line.starts_with("| standby") || clock == Clock::Lockstep;
+            assert!(!ours || text.lines().any(|l| l == line), "{clock:?}: '{line}' is not in\n{text}");
+        }
+        assert!(text.contains("- time to recover: 27.0 ms (brake to nominal), 2"), "{text}");
+        assert!(!text.contains("| 3993 |") && !text.contains("later"), "{text}");
+        assert_eq!(text.contains("Lockstep:"), clock == Clock::Lockstep);
+        let summary = story.incidents.finish().unwrap();
+        assert_eq!((summary.count, summary.error), (1, None));
+        assert_eq!(fs::read_dir(story.folder.path()).unwrap().count(), 1, "nothing is left beside the file");
+    }
+}
+
+#[test]
+fn ages_come_from_stamps_and_else_from_what_was_heard() {
+    let mut story = Story::new(Clock::Realtime);
+    story.live.hear(&Timing { process: Process::Planner.code(), tick: 5, ..Timing::default() });
+    story.brake(100, 110);
+    let text = story.text();
+    // The last request is of tick 99, the brake half a millisecond after tick 103.
+    assert!(text.contains("| controller | 4.5 | 99 |") && text.contains("| plant | 0.5 | 103 |"), "{text}");
+    assert!(text.lines().any(|line| line.starts_with("| planner | ") && !line.contains("never")), "{text}");
+}
+
+#[test]
+fn a_stop_by_the_operator_or_a_spent_budget_says_so() {
+    let mut story = Story::new(Clock::Lockstep);
+    story.event(10, EventKind::Missed, Severity::Degraded, Detector::Deadline, "by chance");
+    assert!(story.event(12, EventKind::Transition, Severity::Stopped, Detector::Operator, "estop"));
+    assert!(story.text().contains("**What happened**: supervisor transition: estop.\n"), "{}", story.text());
+    assert!(story.event(20, EventKind::Transition, Severity::Brake, Detector::Operator, "rearmed"));
+    story.transition(40, Severity::Nominal);
+    story.event(50, EventKind::Lost, Severity::Degraded, Detector::Tick, "stands still");
+    assert!(story.event(51, EventKind::Transition, Severity::Stopped, Detector::Budget, "spent"));
+    let text = story.text();
+    assert!(text.contains("**What happened**: controller lost: stands still; the restart budget is spent.\n"), "{text}");
+    assert!(text.contains("## 2. stopped at tick 51"), "{text}");
+    assert_eq!(story.incidents.finish().map(|summary| summary.count), Some(2));
+}
+
+#[test]
+fn a_cause_that_has_cleared_or_is_long_past_is_none() {
+    let mut story = Story::new(Clock::Lockstep);
+    story.event(10, EventKind::Missed, Severity::Degraded, Detector::Deadline, "long past");
+    story.event(11, EventKind::Refused, Severity::Degraded, Detector::Check, "just before");
+    story.transition(61, Severity::Brake);
+    let text = story.text();
+    assert!(text.contains("controller refused: just before.") && !text.contains("long past"), "{text}");
+    assert!(text.contains("- time to brake: 50.0 ms"), "{text}");
+
+    let mut story = Story::new(Clock::Lockstep);
+    story.event(70, EventKind::Refused, Severity::Degraded, Detector::Check, "cleared");
+    story.transition(70, Severity::Degraded);
+    story.transition(71, Severity::Nominal);
+    story.transition(75, Severity::Brake);
+    let text = story.text();
+    assert!(text.contains("- time to brake: 0.0 ms") && !text.contains("cleared"), "{text}");
+}
+
+#[test]
+fn a_flood_of_incidents_is_counted_and_bounded() {
+    let mut story = Story::new(Clock::Lockstep);
+    for number in 0..25 {
+        for tick in 0..500 {
+            story.event(1000 * number + tick, EventKind::Missed, Severity::Degraded, Detector::Deadline, "again");
+        }
+        story.transition(1000 * number + 500, Severity::Brake);
+        for tick in 501..600 {
+            story.event(1000 * number + tick, EventKind::Missed, Severity::Brake, Detector::Deadline, "again");
+        }
+        story.transition(1000 * number + 600, Severity::Nominal);
+    }
+    let summary = story.incidents.finish().unwrap();
+    let text = story.text();
+    assert_eq!((summary.count, text.matches("\n## ").count()), (25, 20));
+    assert!(text.ends_with("\n5 further incidents are not told here; the log has them all.\n"), "{text}");
+    assert_eq!(text.matches("severity ? -> nominal").count(), 20, "the end is told, however many events there are");
+    assert!(text.len() < 200_000, "{} bytes", text.len());
+}
+
+#[test]
+fn a_run_without_incidents_leaves_no_file_and_removes_a_stale_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let stale = folder.path().join("run.incidents.md");
+    fs::write(&stale, "old").unwrap();
+    let mut incidents = Incidents::new(&folder.path().join("run.mcap"), Clock::Realtime);
+    assert!(!stale.exists());
+    assert_eq!(incidents.finish(), None);
+    assert!(!stale.exists());
+}
+
+#[test]
+fn a_file_that_cannot_be_written_is_told_and_hurts_nobody() {
+    let mut story = Story::new(Clock::Lockstep);
+    // A folder of its name cannot be replaced.
+    let path = story.folder.path().join("run.incidents.md");
+    fs::create_dir(&path).unwrap();
+    assert!(story.transition(5, Severity::Brake));
+    assert!(story.transition(6, Severity::Stopped));
+    let summary = story.incidents.finish().unwrap();
+    let error = summary.error.unwrap();
+    assert!(error.contains("run.incidents.md: cannot write the post-mortem: "), "{error}");
+    assert_eq!((summary.count, summary.file), (1, path));
+    assert_eq!(fs::read_dir(story.folder.path()).unwrap().count(), 1);
+}
+
+#[test]
+fn beside_a_device_no_file_is_made() {
+    let mut incidents = Incidents::new(Path::new("/dev/null"), Clock::Lockstep);
+    let event = Event::new(5, Process::Supervisor, EventKind::Transition, Severity::Brake, Detector::Deadline, "brake");
+    assert!(incidents.observe(&Record::Event(event), &Live::new()));
+    let summary = incidents.finish().unwrap();
+    assert!(summary.error.is_some_and(|error| error.starts_with("/dev/null: not a regular file")));
+    assert!(!summary.file.exists());
+}

@@ -1,0 +1,128 @@
+//! `hapfic simulate`: the stack in one process gives what the processes give, and studies give the same on any number of threads.
+
+use crate::log_file::{expect_complete, streams};
+use hapfic_tests::Stack;
+use rustix::process::Signal;
+use serde_json::Value;
+
+/// What a log of one process has of that of the processes.
+const SHARED: [&str; 7] = ["/state", "/reference", "/request", "/command", "/operator", "/tf", "/scene"];
+
+#[test]
+fn its_log_is_that_of_the_processes_in_lockstep() {
+    let stack = Stack::new();
+    // The second ends between the announcement of a change and the tick at which it takes effect.
+    for (scenario, duration) in [("floor", "1"), ("floor", "0.197"), ("box", "2")] {
+        stack.run(&["run", scenario, "--clock", "lockstep", "--duration", duration, "--log", "processes.mcap"]).expect(0);
+        stack.run(&["simulate", scenario, "--duration", duration, "--log", "one.mcap"]).expect(0);
+        let ticks = expect_complete(&stack.path("one.mcap"));
+        assert_eq!(ticks as f64, 1000.0 * duration.parse::<f64>().unwrap());
+        let (processes, one) = (streams(&stack.path("processes.mcap")), streams(&stack.path("one.mcap")));
+        for topic in SHARED {
+            let (a, b) = (&processes[topic], &one[topic]);
+            assert_eq!(a.len(), b.len(), "{scenario} {duration}: {topic}");
+            for (i, (a, b)) in a.iter().zip(b).enumerate() {
+                assert_eq!(a, b, "{scenario} {duration}: {topic}, message {i}");
+            }
+        }
+        assert_eq!(one.keys().map(String::as_str).filter(|topic| !SHARED.contains(topic)).count(), 0);
+    }
+}
+
+#[test]
+fn its_figures_are_those_of_the_processes_and_its_log_can_be_reported_and_replayed() {
+    let stack = Stack::new();
+    let run = ["run", "floor", "--clock", "lockstep", "--duration", "4", "--log", "p.mcap", "--summary-json", "p.json"];
+    stack.run(&run).expect(0);
+    let processes: Value = serde_json::from_str(&std::fs::read_to_string(stack.path("p.json")).unwrap()).unwrap();
+    let told = stack.run(&["simulate", "floor", "--duration", "4", "--log", "one.mcap", "--json"]).expect(0).out.clone();
+    let told: Value = serde_json::from_str(&told).unwrap();
+    let one = &told["runs"][0];
+    assert_eq!(one["completed"], true);
+    for group in ["tracking", "force", "force_command", "moments", "integration", "ticks"] {
+        assert_eq!(one["metrics"][group], processes[group], "{group}");
+    }
+    assert_eq!(one["settled_rms_z_percent"], processes["force"]["settled_rms_percent"][2]);
+    assert!(told["speed"].as_f64().unwrap() > 0.0 && told["simulated_s"] == 4.0);
+
+    stack.run(&["report", "one.mcap", "--json", "report.json"]).expect(0);
+    assert!(std::fs::read_to_string(stack.path("report.json")).unwrap().contains("settled_rms_percent"));
+    let entries = stack.run(&["timeline", "one.mcap"]).expect(0).out.clone();
+    assert!(entries.matches("[[operator]]").count() > 2, "{entries}");
+}
+
+#[test]
+fn a_study_is_the_same_on_any_number_of_threads() {
+    let stack = Stack::new();
+    let study = |jobs: &str, csv: &str| {
+        let sweeps = ["--sweep", "operator.2.desired_force=[0, 0, 20],[0, 0, 80]", "--sweep", "controller.taper=0.1:0.2:3"];
+        let mut all = vec!["simulate", "floor", "--duration", "3.8", "--jobs", jobs, "--csv", csv];
+        all.extend(sweeps);
+        let out = stack.run(&all).expect(0).out.clone();
+        (std::fs::read_to_string(stack.path(csv)).unwrap(), out)
+    };
+    let ((one, shown), (two, shown_by_two)) = (study("1", "one.csv"), study("2", "two.csv"));
+    assert_eq!(one, two);
+    let rows = |text: &str| text.lines().take(7).map(str::to_owned).collect::<Vec<_>>();
+    assert_eq!(rows(&shown), rows(&shown_by_two));
+    assert!(shown.contains("6 runs, 22.800 s simulated in") && shown.contains("(1 job)"), "{shown}");
+    let lines: Vec<&str> = one.lines().collect();
+    assert_eq!(lines.len(), 7, "{one}");
+    assert!(lines[0].starts_with("operator.2.desired_force,controller.taper,completed,error,"), "{}", lines[0]);
+    assert!(lines[1].starts_with("\"[0, 0, 20]\",0.1,true,,3.8,"), "{}", lines[1]);
+    assert!(lines[6].starts_with("\"[0, 0, 80]\",0.2,true,,3.8,"), "{}", lines[6]);
+    let figures: std::collections::BTreeSet<_> = lines[1..].iter().map(|line| line.split_once("true").unwrap().1).collect();
+    assert_eq!(figures.len(), 6, "other values give other figures:\n{one}");
+}
+
+#[test]
+fn what_is_wrong_with_a_study_is_told_before_anything_runs() {
+    let stack = Stack::new();
+    std::fs::write(stack.path("kept.csv"), "kept\n").unwrap();
+    let refused = |arguments: &[&str]| {
+        let mut all = vec!["simulate", "floor", "--csv", "kept.csv"];
+        all.extend(arguments);
+        let end = stack.run(&all);
+        end.expect(2);
+        assert_eq!((end.out.as_str(), std::fs::read_to_string(stack.path("kept.csv")).unwrap().as_str()), ("", "kept\n"));
+        end.err.clone()
+    };
+    // The last value of the last sweep, as `--set` would tell it.
+    let swept = refused(&["--sweep", "seed=1,2", "--sweep", "controller.taper=0.1,0.2,-1"]);
+    let set = stack.run(&["check", "floor", "--set", "controller.taper=-1"]).expect(2).err.clone();
+    assert_eq!(swept, set);
+    let swept = refused(&["--sweep", "controller.tapper=0.1,0.2"]);
+    let set = stack.run(&["check", "floor", "--set", "controller.tapper=0.1"]).expect(2).err.clone();
+    assert_eq!(swept, set);
+    assert!(refused(&["--sweep", "controller.taper"]).contains("found no =, expected KEY=V1,V2,..."));
+    assert!(refused(&["--duration", "-1"]).contains("duration_s"));
+    assert!(
+        refused(&["--set", "fault=[{kind=\"kill\",process=\"plant\",at_s=1}]"]).contains("expected none: there are no processes")
+    );
+    assert!(refused(&["--set", "processes.plant=[\"true\"]"]).contains("foreign command for the plant"));
+    refused(&["--log", "."]);
+    assert!(refused(&["--jobs", "0"]).contains("--jobs"));
+    let end = stack.run(&["simulate", "floor", "--csv", "no/such/folder.csv"]);
+    assert!(end.expect(2).err.contains("--csv no/such/folder.csv: cannot be written"));
+}
+
+#[test]
+fn a_study_that_is_ended_leaves_complete_lines() {
+    let stack = Stack::new();
+    let sweep = ["simulate", "floor", "--duration", "0.5", "--sweep", "seed=1:5000:5000", "--csv", "cut.csv", "--jobs", "2"];
+    let mut study = stack.start(&sweep);
+    // Until some runs have ended.
+    study.wait_for(&stack.path("cut.csv"), 4000);
+    study.signal(Signal::INT);
+    let end = study.finish();
+    end.expect(3);
+    assert!(end.err.contains("it was ended after") && end.err.contains("of 5000 runs"), "{}", end.err);
+    let csv = std::fs::read_to_string(stack.path("cut.csv")).unwrap();
+    assert!(csv.ends_with('\n'));
+    let cells = |line: &str| line.split(',').count();
+    let rows: Vec<&str> = csv.lines().skip(1).collect();
+    assert!((2..5000).contains(&rows.len()), "{}", rows.len());
+    for (place, row) in rows.iter().enumerate() {
+        assert!(row.starts_with(&format!("{},true,", place + 1)) && cells(row) == cells(csv.lines().next().unwrap()), "{row}");
+    }
+}
