@@ -185,7 +185,10 @@ fn read_ahead(context: &mut Context, ports: &mut Ports, inbox: &mut Inbox) -> Re
 fn fill(context: &mut Context, ports: &mut Ports, inbox: &mut Inbox, tick: i64) -> Result<Filled, IpcError> {
     loop {
         let mut late = 0;
-        context.drain(&mut ports.reference, |new| late += u32::from(!inbox.follow(new)))?;
+        context.take_until(&mut ports.reference, |new| {
+            late += u32::from(!inbox.follow(new));
+            new.tick >= tick
+        })?;
         // Who has just joined is handed over what was said long ago.
         for _ in 0..if inbox.joined { late } else { 0 } {
             context.refuse();

@@ -195,11 +195,26 @@ impl Context {
     where
         T: Check + Copy + core::fmt::Debug + iceoryx2::prelude::ZeroCopySend + 'static,
     {
+        self.take_until(input, |message| {
+            take(message);
+            false
+        })
+    }
+
+    /// Takes what has come in up to a message that is `enough`, for when somebody waits and a look for more would cost; checks as
+    /// [`drain`](Self::drain) does.
+    ///
+    /// # Errors
+    /// [`IpcError`] if a connection is damaged.
+    pub fn take_until<T>(&mut self, input: &mut Input<T>, mut enough: impl FnMut(T) -> bool) -> Result<(), IpcError>
+    where
+        T: Check + Copy + core::fmt::Debug + iceoryx2::prelude::ZeroCopySend + 'static,
+    {
         while let Some(message) = input.next()? {
-            if message.check().is_ok() {
-                take(message);
-            } else {
+            if message.check().is_err() {
                 self.refuse();
+            } else if enough(message) {
+                break;
             }
         }
         Ok(())

@@ -35,6 +35,15 @@ impl Ports {
         context.drain(&mut self.command, |new| commands.keep(new))
     }
 
+    /// Takes in commands up to the one that answers a tick.
+    fn read_answer(&mut self, context: &mut Context, tick: i64) -> Result<(), IpcError> {
+        let commands = &mut self.commands;
+        context.take_until(&mut self.command, |new| {
+            commands.keep(new);
+            new.tick >= tick
+        })
+    }
+
     /// What can be done while nobody waits for it.
     fn slack(&mut self, context: &mut Context) -> Result<(), IpcError> {
         self.state.prepare();
@@ -154,7 +163,7 @@ fn await_answer(context: &mut Context, ports: &mut Ports, alarm: &Alarm, tick: i
     loop {
         // Woken by a command, by the alarm, or by a signal.
         wait(&[&ports.command], Duration::MAX)?;
-        ports.read(context)?;
+        ports.read_answer(context, tick)?;
         let now = clock::now_ns();
         if ports.commands.at(tick).is_some() {
             alarm.clear();

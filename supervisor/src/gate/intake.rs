@@ -13,46 +13,70 @@ impl Gateway {
     /// Takes in what has come.
     pub(super) fn read(&mut self) -> Result<(), IpcError> {
         while let Some(state) = self.state.next()? {
-            if self.newest.is_some_and(|(tick, _)| state.tick == tick) && state.check().is_ok() {
-                // A successor of the plant says once more what its forerunner said last.
-                continue;
-            }
-            match self.judge_state(&state) {
-                Ok(()) => {
-                    let now = clock::now_ns();
-                    // A stamp that cannot be right must not move the deadline.
-                    let stamp = state.stamp_ns.clamp(now.saturating_sub(PERIOD_NS), now);
-                    self.newest = Some((state.tick, stamp));
-                    self.states.keep(state);
-                    self.slip = self.slip.max((state.slipped, state.wake_lateness_ns));
-                }
-                Err(defect) => {
-                    self.refused += 1;
-                    self.state_defect = Some(defect);
-                }
-            }
+            self.take_state(state);
         }
         while let Some(request) = self.request.next()? {
-            let place = match Process::from_code(request.controller) {
-                Some(Process::Controller) => 0,
-                Some(Process::Standby) => 1,
-                _ => {
-                    self.refused += 1;
-                    self.stray_defect = Some(Defect::Code { field: "controller", found: request.controller });
-                    continue;
-                }
-            };
-            let due = self.gate.tick();
-            let newest = self.inbox[place].newest().map_or(i64::MIN, |r| r.tick);
-            let again = request.tick < due && request.tick <= newest;
-            if again || request.tick.abs_diff(due) > NEAR as u64 {
-                self.refused += 1;
-                self.defects[place] = Some(Defect::Tick { field: "tick", found: request.tick, expected: due.max(newest + 1) });
-                continue;
-            }
-            self.inbox[place].keep(request);
+            self.take_request(request);
         }
         Ok(())
+    }
+
+    /// Takes in what has come up to the state of a tick and the primary's request; the rest can wait for the slack.
+    pub(super) fn read_answer(&mut self, tick: i64) -> Result<(), IpcError> {
+        while self.newest.is_none_or(|(newest, _)| newest < tick)
+            && let Some(state) = self.state.next()?
+        {
+            self.take_state(state);
+        }
+        let primary = self.gate.primary() as usize;
+        while self.inbox[primary].at(tick).is_none()
+            && let Some(request) = self.request.next()?
+        {
+            self.take_request(request);
+        }
+        Ok(())
+    }
+
+    fn take_state(&mut self, state: State) {
+        if self.newest.is_some_and(|(tick, _)| state.tick == tick) && state.check().is_ok() {
+            // A successor of the plant says once more what its forerunner said last.
+            return;
+        }
+        match self.judge_state(&state) {
+            Ok(()) => {
+                let now = clock::now_ns();
+                // A stamp that cannot be right must not move the deadline.
+                let stamp = state.stamp_ns.clamp(now.saturating_sub(PERIOD_NS), now);
+                self.newest = Some((state.tick, stamp));
+                self.states.keep(state);
+                self.slip = self.slip.max((state.slipped, state.wake_lateness_ns));
+            }
+            Err(defect) => {
+                self.refused += 1;
+                self.state_defect = Some(defect);
+            }
+        }
+    }
+
+    fn take_request(&mut self, request: Request) {
+        let place = match Process::from_code(request.controller) {
+            Some(Process::Controller) => 0,
+            Some(Process::Standby) => 1,
+            _ => {
+                self.refused += 1;
+                self.stray_defect = Some(Defect::Code { field: "controller", found: request.controller });
+                return;
+            }
+        };
+        let due = self.gate.tick();
+        let newest = self.inbox[place].newest().map_or(i64::MIN, |r| r.tick);
+        let again = request.tick < due && request.tick <= newest;
+        if again || request.tick.abs_diff(due) > NEAR as u64 {
+            self.refused += 1;
+            self.defects[place] = Some(Defect::Tick { field: "tick", found: request.tick, expected: due.max(newest + 1) });
+            return;
+        }
+        self.inbox[place].keep(request);
     }
 
     fn judge_state(&self, state: &State) -> Result<(), Defect> {

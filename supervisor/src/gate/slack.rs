@@ -6,7 +6,8 @@ use hapfic_ipc::message::{Detector, EventKind, MAX_JOINTS, Process, Request};
 use hapfic_ipc::{Check, IpcError};
 
 impl Gateway {
-    /// What can be done while nobody waits for it: loans, meeting those who have joined, changes of the operator.
+    /// What can be done while nobody waits for it: loans, meeting those who have joined, what was not read because somebody
+    /// waited, changes of the operator.
     pub(super) fn slack(&mut self) -> Result<(), IpcError> {
         // Parameters first: whoever joins and has a command has them, too.
         self.operator.prepare();
@@ -15,6 +16,7 @@ impl Gateway {
         self.timing.prepare();
         self.request.prepare();
         self.state.prepare();
+        self.read()?;
         self.compare()?;
         self.take_change();
         Ok(())

@@ -245,7 +245,7 @@ impl Gateway {
         let tick = self.gate.tick();
         let deadline = self.start.deadline.as_nanos() as u64;
         loop {
-            self.read()?;
+            self.read_answer(tick)?;
             let now = clock::now_ns();
             let before = allocations::count();
             let overdue = self.newest.is_some_and(|(newest, stamp)| newest > tick || (newest == tick && now >= stamp + deadline));
