@@ -1,6 +1,6 @@
 //! Motion away from everything: the classic fourth-order Runge-Kutta method, and when it may be used.
 
-use crate::newton::{self, MAX_SPEEDS, Row};
+use crate::cholesky::{factor, substitute};
 use crate::scene::Pair;
 use crate::world::{CLEARANCE, World};
 use hapfic_robot::{JointVector, Kinematics, MAX_JOINTS};
@@ -10,28 +10,26 @@ const DECAY: f64 = 0.5;
 
 impl World {
     /// Whether the leg can touch nothing within a free sub-step of `h`, s.
-    pub(crate) fn leg_is_clear(&mut self, kin: &Kinematics, h: f64) -> bool {
+    pub(crate) fn leg_is_clear(&mut self, h: f64) -> bool {
         let stops = self.scene.chain.joints().iter().zip(&self.q).zip(&self.qd).all(|((joint, q), qd)| {
             let way = CLEARANCE + 2.0 * h * qd.abs();
             *q - way > joint.lower && *q + way < joint.upper
         });
-        stops && self.are_clear(kin, h, Pair::has_link)
+        stops && self.are_clear(h, Pair::has_link)
     }
 
     /// Whether no object can touch another, or the floor, within a free sub-step of `h`, s.
-    pub(crate) fn objects_are_clear(&mut self, kin: &Kinematics, h: f64) -> bool {
-        self.are_clear(kin, h, |pair| !pair.has_link())
+    pub(crate) fn objects_are_clear(&mut self, h: f64) -> bool {
+        self.are_clear(h, |pair| !pair.has_link())
     }
 
-    fn are_clear(&mut self, kin: &Kinematics, h: f64, which: impl Fn(&Pair) -> bool) -> bool {
-        let n = self.n();
+    fn are_clear(&mut self, h: f64, which: impl Fn(&Pair) -> bool) -> bool {
         (0..self.scene.pairs.len()).all(|index| {
-            let pair = &self.scene.pairs[index];
-            if !which(pair) {
+            if !which(&self.scene.pairs[index]) {
                 return true;
             }
-            let reach = CLEARANCE + 2.0 * h * self.scene.closing_speed(pair, kin, &self.qd[..n], &self.objects);
-            self.scene.touch(index, kin, &self.objects, reach).is_empty()
+            let reach = CLEARANCE + 2.0 * h * self.scene.closing_speed(index);
+            self.scene.touch(index, &self.objects, reach).next().is_none()
         })
     }
 
@@ -44,39 +42,31 @@ impl World {
         let Some(factor) = self.factor(kin) else { return false };
         let mut rate = 0.0;
         for i in 0..n {
-            let mut unit = [0.0; MAX_SPEEDS];
+            let mut unit = [0.0; MAX_JOINTS];
             unit[i] = 1.0;
-            newton::substitute(&factor, &mut unit, n);
+            substitute(&factor, &mut unit, n);
             rate += damping[i] * unit[i];
         }
         h * rate < DECAY
     }
 
     /// Cholesky factor of the mass matrix; `None` if it is singular.
-    fn factor(&self, kin: &Kinematics) -> Option<[Row; MAX_SPEEDS]> {
-        let n = self.n();
-        let mass = self.scene.chain.mass_matrix(kin);
-        let mut factor = [[0.0; MAX_SPEEDS]; MAX_SPEEDS];
-        for (i, row) in factor.iter_mut().enumerate().take(n) {
-            for (j, value) in row.iter_mut().enumerate().take(n) {
-                *value = mass[(i, j)];
-            }
-        }
-        newton::factor(&mut factor, n).then_some(factor)
+    fn factor(&self, kin: &Kinematics) -> Option<[JointVector; MAX_JOINTS]> {
+        // Symmetric: its columns are its rows.
+        let mut matrix: [JointVector; MAX_JOINTS] = self.scene.chain.mass_matrix(kin).into();
+        factor(&mut matrix, self.n()).then_some(matrix)
     }
 
     /// q'' under a torque; not a number where the mass matrix is singular, which the plant reports.
     fn acceleration(&self, kin: &Kinematics, qd: &JointVector, torque: &JointVector, damping: &JointVector) -> JointVector {
         let n = self.n();
         let bias = self.scene.chain.bias(kin, &qd[..n], &self.gravity);
-        let mut qdd = [0.0; MAX_JOINTS];
         let Some(factor) = self.factor(kin) else { return [f64::NAN; MAX_JOINTS] };
-        let mut x = [0.0; MAX_SPEEDS];
+        let mut qdd = [0.0; MAX_JOINTS];
         for i in 0..n {
-            x[i] = torque[i] - damping[i] * qd[i] - bias[i];
+            qdd[i] = torque[i] - damping[i] * qd[i] - bias[i];
         }
-        newton::substitute(&factor, &mut x, n);
-        qdd[..n].copy_from_slice(&x[..n]);
+        substitute(&factor, &mut qdd, n);
         qdd
     }
 

@@ -4,18 +4,22 @@
 //! integrator [`World`].
 
 mod account;
+mod cholesky;
 mod contact_law;
 mod drive;
 mod error;
 mod flight;
 mod newton;
 mod object;
+mod placed;
 #[allow(clippy::module_inception)]
 mod plant;
+mod point;
 mod press;
 pub mod process;
 mod scene;
 mod touch;
+mod watch;
 mod world;
 
 pub use account::Advance;

@@ -10,12 +10,15 @@
 //! second order on impacts; friction, whose slope 2 mu_s F_n / v_c is the stiff part, at its end, so that it holds without
 //! chatter. The falling branch of mu and the coupling of normal and tangential forces are left out of the matrix (quasi-Newton),
 //! which keeps it positive definite.
+//!
+//! Within a tick a sub-step goes on from the one before: it starts from the same change of velocity, and keeps the factored matrix
+//! as long as that lets the residual fall quickly. Both decide how soon it is solved, not what counts as solved.
 
-// Indices read as the algebra does.
-#![allow(clippy::needless_range_loop)]
-
-use crate::contact_law::ContactLaw;
+use crate::cholesky::{factor, substitute};
+use crate::point::Point;
 use hapfic_ipc::message::{MAX_JOINTS, MAX_OBJECTS};
+use hapfic_robot::MassMatrix;
+use nalgebra::{Matrix3, Vector3};
 
 /// Most velocities a world has.
 pub(crate) const MAX_SPEEDS: usize = MAX_JOINTS + 6 * MAX_OBJECTS;
@@ -25,27 +28,16 @@ pub(crate) const MAX_POINTS: usize = 32;
 const MAX_ITERATIONS: u32 = 25;
 /// Residual that counts as solved, N s.
 const TOLERANCE: f64 = 1e-10;
+/// The same as a force over the sub-step, N: in sub-steps below 20 us the tighter of the two.
+const TOLERANCE_FORCE: f64 = 5e-6;
+/// Share of the residual that a step with a kept matrix may leave; with more the matrix is made anew.
+const KEEP: f64 = 0.1;
 
-/// One row of a contact's Jacobian.
+/// A value for each velocity.
 pub(crate) type Row = [f64; MAX_SPEEDS];
 
-/// A contact point, or a joint at its stop (no tangents then).
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Point {
-    /// Maps velocities to the speed of separation.
-    pub(crate) normal: Row,
-    /// Maps velocities to the two components of slip.
-    pub(crate) tangents: [Row; 2],
-    /// Whether friction acts.
-    pub(crate) rough: bool,
-    /// Depth at the start of the sub-step, m.
-    pub(crate) depth: f64,
-    /// The law.
-    pub(crate) law: ContactLaw,
-}
-
 /// Force of a contact point: normal, and the two components of friction, N.
-pub(crate) type PointForce = [f64; 3];
+pub(crate) type PointForce = Vector3<f64>;
 
 /// How a step was solved.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -56,208 +48,202 @@ pub(crate) struct Solved {
     pub(crate) converged: bool,
 }
 
-/// The problem of a sub-step, and the memory to solve it in.
+/// What a sub-step knows from the one before.
+#[derive(Clone, Debug)]
+struct Known {
+    /// Number of velocities, and length, s, of that sub-step; with others all else is void.
+    size: (usize, f64),
+    /// How the velocities changed.
+    change: Row,
+    /// Whether the matrix holds a factor.
+    factored: bool,
+}
+
+/// The problem of a sub-step, and the memory to solve it in. The leg's velocities come first, then six of each body.
 #[derive(Clone, Debug)]
 pub(crate) struct Newton {
-    /// Velocities that count.
-    pub(crate) n: usize,
-    /// M + h D, row by row.
-    pub(crate) matrix: [Row; MAX_SPEEDS],
+    /// Velocities of the leg that count.
+    pub(crate) leg: usize,
+    /// M + h D of the leg.
+    pub(crate) mass: MassMatrix,
+    /// Bodies that count.
+    pub(crate) count: usize,
+    /// Masses, kg, and inertias, kg m^2, of the bodies.
+    pub(crate) bodies: [(f64, Matrix3<f64>); MAX_OBJECTS],
     /// M v0 + h (tau - bias).
     pub(crate) impulse: Row,
     /// Velocities at the start.
     pub(crate) v0: Row,
-    hessian: [Row; MAX_SPEEDS],
+    /// Separation speeds of the points at the start, m/s.
+    before: [f64; MAX_POINTS],
     residual: Row,
-    trial: Row,
-}
-
-fn dot(a: &Row, b: &Row, n: usize) -> f64 {
-    a[..n].iter().zip(&b[..n]).map(|(x, y)| x * y).sum()
+    matrix: [Row; MAX_SPEEDS],
+    known: Known,
 }
 
 impl Newton {
-    pub(crate) fn new(n: usize) -> Self {
+    pub(crate) fn new(leg: usize) -> Self {
         let zero = [0.0; MAX_SPEEDS];
-        Self { n, matrix: [zero; MAX_SPEEDS], impulse: zero, v0: zero, hessian: [zero; MAX_SPEEDS], residual: zero, trial: zero }
+        Self {
+            leg,
+            mass: MassMatrix::zeros(),
+            count: 0,
+            bodies: [(0.0, Matrix3::zeros()); MAX_OBJECTS],
+            impulse: zero,
+            v0: zero,
+            before: [0.0; MAX_POINTS],
+            residual: zero,
+            matrix: [zero; MAX_SPEEDS],
+            known: Known { size: (0, 0.0), change: zero, factored: false },
+        }
     }
 
-    /// Empties matrix, impulse and velocities, for a problem of `n` velocities.
-    pub(crate) fn clear(&mut self) {
-        for row in &mut self.matrix[..self.n] {
-            row[..self.n].fill(0.0);
-        }
-        self.impulse[..self.n].fill(0.0);
-        self.v0[..self.n].fill(0.0);
+    /// Velocities that count.
+    pub(crate) fn n(&self) -> usize {
+        self.leg + 6 * self.count
+    }
+
+    /// Forgets the sub-step before: the next one is solved as if it were the first.
+    pub(crate) fn forget(&mut self) {
+        self.known.size = (0, 0.0);
     }
 
     /// Velocities at the end of the sub-step, and the force of every point.
     pub(crate) fn solve(&mut self, h: f64, points: &[Point], v: &mut Row, forces: &mut [PointForce]) -> Solved {
-        *v = self.v0;
-        let mut norm = self.assemble(h, points, v, forces);
+        let n = self.n();
+        if self.known.size != (n, h) {
+            self.known.size = (n, h);
+            self.known.change[..n].fill(0.0);
+            self.known.factored = false;
+        }
+        for (before, point) in self.before.iter_mut().zip(points) {
+            *before = point.speeds(&self.v0).x;
+        }
+        for ((v, before), change) in v.iter_mut().zip(&self.v0).zip(&self.known.change).take(n) {
+            *v = before + change;
+        }
+        let tolerance = TOLERANCE.min(TOLERANCE_FORCE * h);
+        let mut norm = self.weigh(h, points, v, forces);
         let mut iterations = 0;
-        while norm > TOLERANCE && iterations < MAX_ITERATIONS {
+        // One step at least: what is let pass would else add up, always to the same side.
+        while (norm > tolerance || iterations == 0) && iterations < MAX_ITERATIONS {
             iterations += 1;
-            if !factor(&mut self.hessian, self.n) {
-                break;
-            }
-            substitute(&self.hessian, &mut self.residual, self.n);
-            let step = self.residual;
-            // Where the law bends, a full step may overshoot: halve it until the residual falls, or take the shortest.
-            let mut scale = 1.0;
-            loop {
-                let mut trial = self.trial;
-                for i in 0..self.n {
-                    trial[i] = v[i] - scale * step[i];
-                }
-                self.trial = trial;
-                let trial_norm = self.assemble(h, points, &trial, forces);
-                if trial_norm < norm || scale < 0.1 {
-                    norm = trial_norm;
-                    *v = trial;
+            let kept = self.known.factored;
+            if !kept {
+                self.assemble(h, points, v);
+                if !factor(&mut self.matrix, n) {
                     break;
                 }
-                scale *= 0.5;
+                self.known.factored = true;
             }
+            let mut step = self.residual;
+            substitute(&self.matrix, &mut step, n);
+            let last = norm;
+            // Where the law bends, a full step may overshoot: halve it until the residual falls, or take the shortest.
+            let mut scale = 1.0;
+            let mut taken = 0.0;
+            loop {
+                for i in 0..n {
+                    v[i] -= (scale - taken) * step[i];
+                }
+                norm = self.weigh(h, points, v, forces);
+                if norm < last || norm <= tolerance || scale < 0.1 {
+                    break;
+                }
+                (taken, scale) = (scale, if kept { 0.0 } else { 0.5 * scale });
+            }
+            // Not good enough any more, or no good at all: then it starts again from where it was.
+            self.known.factored = norm <= tolerance || norm <= KEEP * last;
         }
-        Solved { iterations, converged: norm <= TOLERANCE }
+        for ((change, after), before) in self.known.change.iter_mut().zip(&*v).zip(&self.v0).take(n) {
+            *change = after - before;
+        }
+        Solved { iterations, converged: norm <= tolerance }
     }
 
-    /// Fills forces, residual and matrix at velocities `v`; returns the largest residual, N s.
-    fn assemble(&mut self, h: f64, points: &[Point], v: &Row, forces: &mut [PointForce]) -> f64 {
-        let n = self.n;
-        for i in 0..n {
-            self.hessian[i][..n].copy_from_slice(&self.matrix[i][..n]);
-            self.residual[i] = dot(&self.matrix[i], v, n) - self.impulse[i];
+    /// Fills forces and residual at velocities `v`; returns the largest residual, N s.
+    fn weigh(&mut self, h: f64, points: &[Point], v: &Row, forces: &mut [PointForce]) -> f64 {
+        let n = self.n();
+        let (residual, impulse) = (&mut self.residual, &self.impulse);
+        for i in 0..self.leg {
+            let momentum: f64 = (0..self.leg).map(|j| self.mass[(i, j)] * v[j]).sum();
+            residual[i] = momentum - impulse[i];
         }
-        for (point, force) in points.iter().zip(forces.iter_mut()) {
-            let before = dot(&point.normal, &self.v0, n);
-            let middle = 0.5 * (before + dot(&point.normal, v, n));
-            let depth = point.depth - 0.5 * h * middle;
-            let normal = point.law.normal(depth, -middle);
-            *force = [normal.force, 0.0, 0.0];
-            if normal.force <= 0.0 {
-                continue;
+        for (index, (mass, inertia)) in self.bodies[..self.count].iter().enumerate() {
+            let at = self.leg + 6 * index;
+            let momentum = inertia * Vector3::new(v[at + 3], v[at + 4], v[at + 5]);
+            for k in 0..3 {
+                residual[at + k] = mass * v[at + k] - impulse[at + k];
+                residual[at + 3 + k] = momentum[k] - impulse[at + 3 + k];
             }
-            let slope = 0.5 * (normal.by_rate + 0.5 * h * normal.by_depth).max(0.0);
-            self.add(&point.normal, h * normal.force);
-            self.add_outer(&point.normal, &point.normal, h * slope);
-            if !point.rough {
-                continue;
-            }
-            let slip = [dot(&point.tangents[0], v, n), dot(&point.tangents[1], v, n)];
-            let speed = slip[0].hypot(slip[1]);
-            let secant = point.law.friction_per_speed(speed) * normal.force;
-            for k in 0..2 {
-                force[k + 1] = -secant * slip[k];
-                self.add(&point.tangents[k], h * force[k + 1]);
-            }
-            // d(mu v/|v|)/dv = secant (I - t t^T) + mu' t t^T, with mu' not below zero.
-            let along = point.law.friction(speed).slope.max(0.0) * normal.force - secant;
-            let direction = if speed > 0.0 { [slip[0] / speed, slip[1] / speed] } else { [0.0, 0.0] };
-            for a in 0..2 {
-                for b in 0..2 {
-                    let unit = if a == b { secant } else { 0.0 };
-                    let k = unit + along * direction[a] * direction[b];
-                    self.add_outer(&point.tangents[a], &point.tangents[b], h * k);
-                }
+        }
+        for ((point, before), force) in points.iter().zip(&self.before).zip(forces.iter_mut()) {
+            *force = point.force(h, *before, &point.speeds(v));
+            // Also for what is not a number.
+            if force.x != 0.0 {
+                point.pull(&(*force * h), residual);
             }
         }
         // Not a number must not pass for solved.
-        self.residual[..n].iter().fold(0.0, |worst: f64, r| if r.is_nan() { f64::INFINITY } else { worst.max(r.abs()) })
+        residual[..n].iter().fold(0.0, |worst: f64, r| if r.is_nan() { f64::INFINITY } else { worst.max(r.abs()) })
     }
 
-    /// residual -= impulse along a row.
-    fn add(&mut self, row: &Row, impulse: f64) {
-        for i in 0..self.n {
-            self.residual[i] -= impulse * row[i];
+    /// Fills the lower triangle of the matrix at velocities `v`.
+    fn assemble(&mut self, h: f64, points: &[Point], v: &Row) {
+        let n = self.n();
+        let matrix = &mut self.matrix;
+        for (i, row) in matrix[..n].iter_mut().enumerate() {
+            row[..=i].fill(0.0);
         }
-    }
-
-    fn add_outer(&mut self, a: &Row, b: &Row, weight: f64) {
-        for i in 0..self.n {
-            let scaled = weight * a[i];
-            if scaled != 0.0 {
-                for j in 0..self.n {
-                    self.hessian[i][j] += scaled * b[j];
+        for (i, row) in matrix[..self.leg].iter_mut().enumerate() {
+            for (j, value) in row[..=i].iter_mut().enumerate() {
+                *value = self.mass[(i, j)];
+            }
+        }
+        for (index, (mass, inertia)) in self.bodies[..self.count].iter().enumerate() {
+            let at = self.leg + 6 * index;
+            for k in 0..3 {
+                matrix[at + k][at + k] = *mass;
+                for l in 0..=k {
+                    matrix[at + 3 + k][at + 3 + l] = inertia[(k, l)];
                 }
             }
         }
-    }
-}
-
-/// Cholesky factor of a symmetric positive definite matrix, in its lower triangle. `false` if it is not.
-pub(crate) fn factor(m: &mut [Row; MAX_SPEEDS], n: usize) -> bool {
-    for j in 0..n {
-        for i in j..n {
-            let mut sum = m[i][j];
-            for k in 0..j {
-                sum -= m[i][k] * m[j][k];
-            }
-            if i == j {
-                if sum <= 0.0 || !sum.is_finite() {
-                    return false;
-                }
-                m[j][j] = sum.sqrt();
-            } else {
-                m[i][j] = sum / m[j][j];
+        for (point, before) in points.iter().zip(&self.before) {
+            if let Some(slope) = point.slope(h, *before, &point.speeds(v)) {
+                point.stiffen(&(slope * h), matrix);
             }
         }
-    }
-    true
-}
-
-/// Solves with a factor from [`factor`]; `x` holds the right side before and the solution after.
-pub(crate) fn substitute(m: &[Row; MAX_SPEEDS], x: &mut Row, n: usize) {
-    for i in 0..n {
-        let mut sum = x[i];
-        for k in 0..i {
-            sum -= m[i][k] * x[k];
-        }
-        x[i] = sum / m[i][i];
-    }
-    for i in (0..n).rev() {
-        let mut sum = x[i];
-        for k in i + 1..n {
-            sum -= m[k][i] * x[k];
-        }
-        x[i] = sum / m[i][i];
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::contact_law::ContactLaw;
 
     fn block(mass: f64) -> Newton {
         let mut newton = Newton::new(3);
         for i in 0..3 {
-            newton.matrix[i][i] = mass;
+            newton.mass[(i, i)] = mass;
         }
         newton
     }
 
-    fn unit(i: usize) -> Row {
-        let mut row = [0.0; MAX_SPEEDS];
-        row[i] = 1.0;
-        row
-    }
-
     fn floor_point(depth: f64) -> Point {
-        Point {
-            normal: unit(2),
-            tangents: [unit(0), unit(1)],
-            rough: true,
-            depth,
-            law: ContactLaw {
-                stiffness: 1e6,
-                damping: 1e4,
-                transition_width: 1e-3,
-                friction_static: 0.5,
-                friction_dynamic: 0.3,
-                critical_speed: 1e-3,
-            },
+        let law = ContactLaw {
+            stiffness: 1e6,
+            damping: 1e4,
+            transition_width: 1e-3,
+            friction_static: 0.5,
+            friction_dynamic: 0.3,
+            critical_speed: 1e-3,
+        };
+        let mut point = Point::new(depth, law);
+        for (index, by) in [Vector3::y(), Vector3::z(), Vector3::x()].into_iter().enumerate() {
+            point.depends_on(index, by);
         }
+        point
     }
 
     /// A block on the floor under a side force, from rest: where it creeps, the friction carries the load; above mu_s it slides
@@ -268,15 +254,15 @@ mod tests {
         let mut point = floor_point(0.0);
         point.depth = point.law.depth_at(weight);
         let (mut v, mut unconverged) = ([0.0; MAX_SPEEDS], 0);
-        let mut forces = [[0.0; 3]];
+        let mut forces = [Vector3::zeros()];
         for _ in 0..(time / h).round() as usize {
             newton.v0 = v;
-            for i in 0..3 {
-                newton.impulse[i] = mass * v[i];
+            for (impulse, v) in newton.impulse.iter_mut().zip(&v).take(3) {
+                *impulse = mass * v;
             }
             newton.impulse[0] += h * share * weight;
             newton.impulse[2] -= h * weight;
-            let solved = newton.solve(h, &[point], &mut v, &mut forces);
+            let solved = newton.solve(h, std::slice::from_ref(&point), &mut v, &mut forces);
             unconverged += u32::from(!solved.converged);
             point.depth -= h * 0.5 * (newton.v0[2] + v[2]);
         }

@@ -4,7 +4,8 @@ use crate::account::Advance;
 use crate::drive::DriveState;
 use crate::error::PlantError;
 use crate::object::FreeBody;
-use crate::scene::{Carrier, Scene, Side};
+use crate::placed::{Carrier, Side};
+use crate::scene::Scene;
 use crate::world::{Substeps, World};
 use hapfic_config::Settings;
 use hapfic_ipc::message::{Command, Drive, MAX_JOINTS, State};
@@ -190,7 +191,8 @@ impl Plant {
 fn refuse_inside(scene: &mut Scene, q: &[f64], objects: &[FreeBody], gravity: &Vector3<f64>) -> Result<(), PlantError> {
     let kin = scene.chain.kinematics(q);
     let mut found = Vec::new();
-    scene.find(&kin, objects, |_, _| Some(0.0), &mut found);
+    scene.place(&kin, &[0.0; MAX_JOINTS], objects);
+    scene.find(objects, |_, _| Some(0.0), &mut found);
     for (index, touch) in found {
         let pair = &scene.pairs[index];
         let weight = |carrier| match carrier {

@@ -1,13 +1,15 @@
 //! One implicit sub-step of everything that may be in contact.
 
 use crate::contact_law::ContactLaw;
-use crate::newton::{MAX_POINTS, MAX_SPEEDS, Point, Row};
+use crate::newton::{MAX_POINTS, MAX_SPEEDS, Row};
 use crate::object::FreeBody;
-use crate::scene::{Carrier, Pair, Side};
+use crate::placed::{Carrier, Side};
+use crate::point::Point;
+use crate::scene::Pair;
 use crate::touch::Touch;
 use crate::world::{CLEARANCE, World};
 use hapfic_robot::{JointVector, Kinematics};
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 
 /// What takes part in a sub-step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,7 +35,7 @@ impl Taking {
 /// Whose a point is: a pair with its place and directions, or a joint's stop.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Owner {
-    Pair { index: usize, touch: Touch, tangents: [Vector3<f64>; 2] },
+    Pair { index: usize, touch: Touch, axes: Matrix3<f64> },
     Stop,
 }
 
@@ -52,11 +54,11 @@ fn stop(effort: f64) -> ContactLaw {
     }
 }
 
-/// Two unit vectors across a normal.
-fn tangents(normal: &Vector3<f64>) -> [Vector3<f64>; 2] {
+/// A normal and two unit vectors across it, as columns.
+fn axes(normal: &Vector3<f64>) -> Matrix3<f64> {
     let least = if normal.x.abs() < 0.6 { Vector3::x() } else { Vector3::y() };
     let first = (least - normal * normal.dot(&least)).normalize();
-    [first, normal.cross(&first)]
+    Matrix3::from_columns(&[*normal, first, normal.cross(&first)])
 }
 
 /// Where the speeds of leg and objects stand in a row.
@@ -73,29 +75,41 @@ impl Layout<'_> {
         self.leg + 6 * index
     }
 
-    /// The row that maps speeds to how fast `body` moves along a direction, seen from `against`, at a point.
-    fn row(&self, pair: (&Side, &Side), point: &Vector3<f64>, direction: &Vector3<f64>) -> Row {
-        let mut row = [0.0; MAX_SPEEDS];
-        for (side, sign) in [(pair.0, 1.0), (pair.1, -1.0)] {
+    /// Says which speeds the motion of `body` seen from `against` depends on at a point, along three directions.
+    fn couple(&self, pair: &Pair, at: &Vector3<f64>, axes: &Matrix3<f64>, point: &mut Point) {
+        let mut sides = [(&pair.body, 1.0), (&pair.against, -1.0)];
+        // In the order of the speeds.
+        if let [(Side { carrier: Carrier::Object(i), .. }, _), (Side { carrier: Carrier::Object(j), .. }, _)] = sides
+            && i > j
+        {
+            sides.swap(0, 1);
+        }
+        for (side, sign) in sides {
             match side.carrier {
                 Carrier::World => {}
+                Carrier::Link(_) if self.leg == 0 => {}
                 Carrier::Link(i) => {
-                    let jacobian = self.kin.point_jacobian(i, point);
-                    for (value, column) in row.iter_mut().zip(&jacobian.linear).take(self.leg) {
-                        *value += sign * column.dot(direction);
+                    let jacobian = self.kin.point_jacobian(i, at);
+                    for (index, column) in jacobian.linear[..=i].iter().enumerate() {
+                        point.depends_on(index, axes.tr_mul(&(column * sign)));
                     }
                 }
                 Carrier::Object(i) => {
-                    let lever = (point - self.objects[i].position).cross(direction);
-                    let at = self.object(i);
+                    let (first, arm) = (self.object(i), at - self.objects[i].position);
+                    let along = axes.transpose() * sign;
                     for k in 0..3 {
-                        row[at + k] += sign * direction[k];
-                        row[at + 3 + k] += sign * lever[k];
+                        point.depends_on(first + k, along.column(k).into_owned());
+                    }
+                    // In its rows: the moment of a unit force along each direction.
+                    let moments = Matrix3::from_rows(
+                        &[0, 1, 2].map(|row| along.row(row)).map(|axis| arm.cross(&axis.transpose()).transpose()),
+                    );
+                    for k in 0..3 {
+                        point.depends_on(first + 3 + k, moments.column(k).into_owned());
                     }
                 }
             }
         }
-        row
     }
 }
 
@@ -104,8 +118,8 @@ impl World {
     pub(crate) fn press(&mut self, taking: Taking, kin: &Kinematics, torque: &JointVector, damping: &JointVector, h: f64) {
         let leg = if taking == Taking::All { self.n() } else { 0 };
         let left_out = self.gather(taking, kin, h);
-        self.newton.n = leg + 6 * self.objects.len();
-        self.newton.clear();
+        self.newton.leg = leg;
+        self.newton.count = self.objects.len();
         if leg > 0 {
             self.set_up_leg(kin, torque, damping, h);
         }
@@ -133,13 +147,10 @@ impl World {
         let bias = self.scene.chain.bias(kin, &self.qd[..n], &self.gravity);
         let newton = &mut self.newton;
         newton.v0[..n].copy_from_slice(&self.qd[..n]);
+        newton.mass = mass;
         for i in 0..n {
-            let mut momentum = 0.0;
-            for j in 0..n {
-                newton.matrix[i][j] = mass[(i, j)];
-                momentum += mass[(i, j)] * self.qd[j];
-            }
-            newton.matrix[i][i] += h * damping[i];
+            let momentum: f64 = (0..n).map(|j| mass[(i, j)] * self.qd[j]).sum();
+            newton.mass[(i, i)] += h * damping[i];
             newton.impulse[i] = momentum + h * (torque[i] - bias[i]);
         }
     }
@@ -148,15 +159,12 @@ impl World {
         let newton = &mut self.newton;
         for (index, body) in self.objects.iter().enumerate() {
             let at = leg + 6 * index;
-            let (inertia, momentum) = (body.world_inertia(), body.angular_momentum());
+            let momentum = body.angular_momentum();
+            newton.bodies[index] = (body.mass, body.world_inertia());
             for k in 0..3 {
                 newton.v0[at + k] = body.velocity[k];
                 newton.v0[at + 3 + k] = body.angular_velocity[k];
-                newton.matrix[at + k][at + k] = body.mass;
                 newton.impulse[at + k] = body.mass * (body.velocity[k] + h * self.gravity[k]);
-                for l in 0..3 {
-                    newton.matrix[at + 3 + k][at + 3 + l] = inertia[(k, l)];
-                }
                 newton.impulse[at + 3 + k] = momentum[k];
             }
         }
@@ -171,61 +179,52 @@ impl World {
             let way = CLEARANCE + 2.0 * h * self.qd[i].abs();
             for (depth, sign) in [(joint.lower - self.q[i], 1.0), (self.q[i] - joint.upper, -1.0)] {
                 if depth > -way && self.points.len() < MAX_POINTS {
-                    let mut normal = [0.0; MAX_SPEEDS];
-                    normal[i] = sign;
-                    let zero = [0.0; MAX_SPEEDS];
-                    self.points.push(Point { normal, tangents: [zero; 2], rough: false, depth, law: stop(self.effort[i]) });
+                    let mut point = Point::new(depth, stop(self.effort[i]));
+                    point.depends_on(i, Vector3::new(sign, 0.0, 0.0));
+                    self.points.push(point);
                     self.owners.push(Owner::Stop);
                 }
             }
         }
-        let (qd, objects, n) = (&self.qd, &self.objects, self.scene.chain.dof());
-        let reach = |scene: &crate::scene::Scene, pair: &Pair| {
-            taking.pair(pair).then(|| CLEARANCE + 2.0 * h * scene.closing_speed(pair, kin, &qd[..n], objects))
+        let reach = |scene: &crate::scene::Scene, index: usize| {
+            taking.pair(&scene.pairs[index]).then(|| CLEARANCE + 2.0 * h * scene.closing_speed(index))
         };
-        self.scene.find(kin, objects, reach, &mut self.found);
+        self.scene.find(&self.objects, reach, &mut self.found);
         let layout = Layout { kin, objects: &self.objects, leg };
         let room = MAX_POINTS - self.points.len();
         for (index, touch) in self.found.iter().take(room) {
             let pair = &self.scene.pairs[*index];
-            let tangents = tangents(&touch.normal);
-            let row = |direction: &Vector3<f64>| layout.row((&pair.body, &pair.against), &touch.point, direction);
-            self.points.push(Point {
-                normal: row(&touch.normal),
-                tangents: [row(&tangents[0]), row(&tangents[1])],
-                rough: pair.law.friction_static > 0.0,
-                depth: touch.depth,
-                law: pair.law,
-            });
-            self.owners.push(Owner::Pair { index: *index, touch: *touch, tangents });
+            let axes = axes(&touch.normal);
+            let mut point = Point::new(touch.depth, pair.law);
+            layout.couple(pair, &touch.point, &axes, &mut point);
+            self.points.push(point);
+            self.owners.push(Owner::Pair { index: *index, touch: *touch, axes });
         }
         self.found.len().saturating_sub(room)
     }
 
     /// Adds the forces of a sub-step to the tick's sums.
     fn tally(&mut self, h: f64, v: &Row) {
-        let n = self.newton.n;
+        let mut middle = [0.0; MAX_SPEEDS];
+        for ((middle, before), after) in middle.iter_mut().zip(&self.newton.v0).zip(v).take(self.newton.n()) {
+            *middle = 0.5 * (before + after);
+        }
         for ((point, force), owner) in self.points.iter().zip(&self.forces).zip(&self.owners) {
-            let Owner::Pair { index, touch, tangents } = owner else { continue };
-            if force[0] <= 0.0 {
+            let Owner::Pair { index, touch, axes } = owner else { continue };
+            if force.x <= 0.0 {
                 continue;
             }
-            let middle = |row: &Row| (0..n).map(|i| 0.5 * row[i] * (self.newton.v0[i] + v[i])).sum::<f64>();
-            self.contact_work += h
-                * (force[0] * middle(&point.normal)
-                    + force[1] * middle(&point.tangents[0])
-                    + force[2] * middle(&point.tangents[1]));
+            self.contact_work += h * force.dot(&point.speeds(&middle));
             let sensed = self.scene.pairs[*index].sensed;
-            let total = touch.normal * force[0] + tangents[0] * force[1] + tangents[1] * force[2];
-            self.account.add(*index, sensed, touch, total, h);
-            self.account.peak_normal = self.account.peak_normal.max(force[0]);
+            self.account.add(*index, sensed, touch, axes * force, h);
+            self.account.peak_normal = self.account.peak_normal.max(force.x);
         }
     }
 
     /// What a held leg's contacts with the world carry: without motion only the springs count.
-    pub(crate) fn read_held_contact(&mut self, kin: &Kinematics, duration: f64) {
-        let wanted = |_: &crate::scene::Scene, pair: &Pair| (!pair.has_object()).then_some(CLEARANCE);
-        self.scene.find(kin, &self.objects, wanted, &mut self.found);
+    pub(crate) fn read_held_contact(&mut self, duration: f64) {
+        let wanted = |scene: &crate::scene::Scene, index: usize| (!scene.pairs[index].has_object()).then_some(CLEARANCE);
+        self.scene.find(&self.objects, wanted, &mut self.found);
         for (index, touch) in &self.found {
             let pair = &self.scene.pairs[*index];
             let force = pair.law.normal(touch.depth, 0.0).force;
@@ -237,7 +236,8 @@ impl World {
     #[must_use]
     pub fn contact_stored(&mut self) -> f64 {
         let kin = self.kinematics();
-        self.scene.find(&kin, &self.objects, |_, _| Some(0.0), &mut self.found);
+        self.place(&kin);
+        self.scene.find(&self.objects, |_, _| Some(0.0), &mut self.found);
         self.found.iter().map(|(index, touch)| self.scene.pairs[*index].law.stored(touch.depth)).sum()
     }
 }

@@ -3,11 +3,13 @@
 use crate::contact_law::ContactLaw;
 use crate::error::PlantError;
 use crate::object::FreeBody;
-use crate::touch::{Finder, Form, Touch, Touches, pose};
+use crate::placed::{Carrier, Places, Side};
+use crate::touch::{Finder, Form, Touch};
+use crate::watch::Watch;
 use hapfic_config::{Object, ObjectShape, Settings, Surface};
 use hapfic_robot::{Chain, Collision, Kinematics, Shape};
-use nalgebra::{Isometry3, Vector3};
-use parry3d_f64::math::{Pose, Vector};
+use nalgebra::Isometry3;
+use parry3d_f64::math::Vector;
 use parry3d_f64::shape::{Ball, Cuboid, HalfSpace};
 
 /// Contacts softer than this, N/m, let a body sink in so far that the lower leg touches with foot and shank at once: it is one
@@ -15,27 +17,6 @@ use parry3d_f64::shape::{Ball, Cuboid, HalfSpace};
 const SOFT: f64 = 1e5;
 /// Depths this near are the same, m: the end of the shank lies in the foot.
 const SAME: f64 = 1e-9;
-
-/// What a shape is fixed to.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Carrier {
-    /// The world.
-    World,
-    /// A moving body of the chain.
-    Link(usize),
-    /// A free body.
-    Object(usize),
-}
-
-/// A shape with its carrier and its name's place in [`Scene::names`].
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Side {
-    pub(crate) carrier: Carrier,
-    pub(crate) form: Form,
-    /// In the frame of the carrier.
-    local: Pose,
-    pub(crate) name: usize,
-}
 
 /// Two shapes that may touch. The force on `body` is the normal force along the normal; `against` feels the opposite.
 #[derive(Clone, Copy, Debug)]
@@ -67,8 +48,10 @@ pub(crate) struct Scene {
     pub(crate) chain: Chain,
     pub(crate) names: Vec<String>,
     pub(crate) pairs: Vec<Pair>,
+    sides: Vec<Side>,
+    places: Places,
+    watches: Vec<Watch>,
     finder: Finder,
-    touches: Touches,
 }
 
 /// A contact point with its pair.
@@ -130,11 +113,19 @@ struct Thing<'a> {
 impl Scene {
     /// Builds the world of a scenario.
     pub(crate) fn new(settings: &Settings, chain: Chain) -> Result<Self, PlantError> {
-        let mut scene = Self { chain, names: Vec::new(), pairs: Vec::new(), finder: Finder::default(), touches: Touches::new() };
+        let mut scene = Self {
+            chain,
+            names: Vec::new(),
+            pairs: Vec::new(),
+            sides: Vec::new(),
+            places: Places::new(0),
+            watches: Vec::new(),
+            finder: Finder::default(),
+        };
         let limbs = scene.limbs()?;
         let mut things = Vec::new();
         if let Some(floor) = &settings.world.floor {
-            let local = pose(&Isometry3::translation(0.0, 0.0, floor.height_m));
+            let local = Isometry3::translation(0.0, 0.0, floor.height_m);
             let form = Form::HalfSpace(HalfSpace::new(Vector::Z));
             things.push(Thing { side: scene.side(Carrier::World, form, local, "floor")?, surface: &floor.surface });
         }
@@ -153,6 +144,8 @@ impl Scene {
                 scene.pairs.push(Pair { body: body.side, against: against.side, law, sensed: false, rival: None });
             }
         }
+        scene.places = Places::new(scene.sides.len());
+        scene.watches = vec![Watch::new(); scene.pairs.len()];
         Ok(scene)
     }
 
@@ -160,7 +153,7 @@ impl Scene {
         collision.link == self.chain.tip_link()
     }
 
-    fn side(&mut self, carrier: Carrier, form: Form, local: Pose, name: &str) -> Result<Side, PlantError> {
+    fn side(&mut self, carrier: Carrier, form: Form, local: Isometry3<f64>, name: &str) -> Result<Side, PlantError> {
         if !matches!(carrier, Carrier::Link(_)) && self.names.iter().any(|n| n == name) {
             return Err(PlantError::Name { name: name.to_owned() });
         }
@@ -169,7 +162,12 @@ impl Scene {
             self.names.push(name.to_owned());
             self.names.len() - 1
         });
-        Ok(Side { carrier, form, local, name: index })
+        Ok(self.keep(Side::new(carrier, form, local, index, self.sides.len())))
+    }
+
+    fn keep(&mut self, side: Side) -> Side {
+        self.sides.push(side);
+        side
     }
 
     /// The moving shapes of the robot, feet first.
@@ -183,7 +181,7 @@ impl Scene {
             if self.is_foot(&collision) && !matches!(collision.shape, Shape::Sphere { .. }) {
                 return Err(PlantError::FootShape { link: collision.link.clone(), shape: collision.shape });
             }
-            let side = self.side(Carrier::Link(body), form(&collision.shape), pose(&collision.origin), &collision.link)?;
+            let side = self.side(Carrier::Link(body), form(&collision.shape), collision.origin, &collision.link)?;
             limbs.push((side, collision));
         }
         Ok(limbs)
@@ -194,7 +192,7 @@ impl Scene {
             ObjectShape::Box { size_m } => form(&Shape::Box { size: size_m }),
             ObjectShape::Ball { radius_m } => Form::Ball(Ball::new(radius_m)),
         };
-        let side = self.side(Carrier::Object(index), form, Pose::identity(), &object.name)?;
+        let side = self.side(Carrier::Object(index), form, Isometry3::identity(), &object.name)?;
         Ok(Thing { side, surface: &object.surface })
     }
 
@@ -209,7 +207,7 @@ impl Scene {
                 // Only the link that carries the foot reaches into it.
                 rival = foot.filter(|(_, carrier)| *carrier == side.carrier).map(|(pair, _)| pair);
                 if rival.is_some() {
-                    body.form = form_on_soft(&collision.shape);
+                    body = self.keep(side.with(form_on_soft(&collision.shape), self.sides.len()));
                 }
             }
             if sensed {
@@ -219,36 +217,34 @@ impl Scene {
         }
     }
 
-    fn pose_of(side: &Side, kin: &Kinematics, objects: &[FreeBody]) -> Pose {
-        match side.carrier {
-            Carrier::World => side.local,
-            Carrier::Link(i) => pose(&kin.body_pose(i)) * side.local,
-            Carrier::Object(i) => pose(&objects[i].pose()) * side.local,
-        }
+    /// Says where everything is: what is asked for after this is asked for there.
+    pub(crate) fn place(&mut self, kin: &Kinematics, qd: &[f64], objects: &[FreeBody]) {
+        self.places.update(&self.sides, &self.chain, kin, qd, objects);
     }
 
-    /// Where the sides of a pair touch, if their gap is below `reach`, m: nowhere, or at some points.
-    pub(crate) fn touch(&mut self, index: usize, kin: &Kinematics, objects: &[FreeBody], reach: f64) -> &[Touch] {
+    /// An upper bound of how fast the two sides of a pair can come closer, m/s.
+    pub(crate) fn closing_speed(&self, index: usize) -> f64 {
         let pair = &self.pairs[index];
-        let (body, against) = (Self::pose_of(&pair.body, kin, objects), Self::pose_of(&pair.against, kin, objects));
-        self.finder.touches((&pair.body.form, &body), (&pair.against.form, &against), reach, &mut self.touches);
-        &self.touches
+        self.places.of(&pair.body).speed + self.places.of(&pair.against).speed
+    }
+
+    /// Where the sides of a pair touch, as far as their gap is below `reach`, m.
+    pub(crate) fn touch(&mut self, index: usize, objects: &[FreeBody], reach: f64) -> impl Iterator<Item = &Touch> {
+        let Pair { body, against, .. } = &self.pairs[index];
+        let (at, to) = (self.places.of(body), self.places.of(against));
+        let watch = &mut self.watches[index];
+        let touches = watch.look(self.places.instant, (body, at), (against, to), objects, reach, &mut self.finder);
+        touches.iter().filter(move |touch| -touch.depth < reach)
     }
 
     /// All contact points of the pairs that `choose` wants, as far as their gap is below what it returns, m.
-    pub(crate) fn find(
-        &mut self,
-        kin: &Kinematics,
-        objects: &[FreeBody],
-        choose: impl Fn(&Self, &Pair) -> Option<f64>,
-        found: &mut Found,
-    ) {
+    pub(crate) fn find(&mut self, objects: &[FreeBody], choose: impl Fn(&Self, usize) -> Option<f64>, found: &mut Found) {
         found.clear();
         for index in 0..self.pairs.len() {
-            let Some(reach) = choose(self, &self.pairs[index]) else { continue };
+            let Some(reach) = choose(self, index) else { continue };
             let rival = self.pairs[index].rival;
-            for touch in self.touch(index, kin, objects, reach) {
-                let standing = found.iter().position(|(pair, _)| Some(*pair) == rival);
+            for touch in self.touch(index, objects, reach) {
+                let standing = rival.and_then(|rival| found.iter().position(|(pair, _)| *pair == rival));
                 match standing {
                     Some(place) if touch.depth > found[place].1.depth + SAME => found[place] = (index, *touch),
                     Some(_) => {}
@@ -256,25 +252,6 @@ impl Scene {
                 }
             }
         }
-    }
-
-    /// An upper bound of how fast the two sides can come closer, m/s, at joint velocities `qd`.
-    pub(crate) fn closing_speed(&self, pair: &Pair, kin: &Kinematics, qd: &[f64], objects: &[FreeBody]) -> f64 {
-        [&pair.body, &pair.against]
-            .into_iter()
-            .map(|side| {
-                let reach = side.form.reach().unwrap_or(0.0);
-                match side.carrier {
-                    Carrier::World => 0.0,
-                    Carrier::Link(i) => {
-                        let center = Self::pose_of(side, kin, objects).translation;
-                        let jacobian = kin.point_jacobian(i, &Vector3::new(center.x, center.y, center.z));
-                        jacobian.linear_mul(qd).norm() + jacobian.angular_mul(qd).norm() * reach
-                    }
-                    Carrier::Object(i) => objects[i].velocity.norm() + objects[i].angular_velocity.norm() * reach,
-                }
-            })
-            .sum()
     }
 }
 

@@ -5,8 +5,9 @@
 //! (`press.rs`, [`crate::newton`]). A leg in the air keeps its long sub-steps while an object lies on the floor.
 
 use crate::account::{Account, Advance};
-use crate::newton::{MAX_POINTS, Newton, Point, PointForce};
+use crate::newton::{MAX_POINTS, Newton, PointForce};
 use crate::object::FreeBody;
+use crate::point::Point;
 use crate::press::{Owner, Taking};
 use crate::scene::{Found, Scene};
 use hapfic_robot::{JointVector, Kinematics, MAX_JOINTS};
@@ -83,7 +84,7 @@ impl World {
             effort,
             substeps,
             points: Vec::with_capacity(MAX_POINTS),
-            forces: vec![[0.0; 3]; MAX_POINTS],
+            forces: vec![PointForce::zeros(); MAX_POINTS],
             owners: Vec::with_capacity(MAX_POINTS),
             contact_work: 0.0,
         }
@@ -91,6 +92,11 @@ impl World {
 
     pub(crate) fn n(&self) -> usize {
         self.scene.chain.dof()
+    }
+
+    /// Says where everything is, before it is asked what touches.
+    pub(crate) fn place(&mut self, kin: &Kinematics) {
+        self.scene.place(kin, &self.qd, &self.objects);
     }
 
     /// Forward kinematics at the present position.
@@ -127,6 +133,8 @@ impl World {
     /// Advances by a whole number of microseconds, at least one, under one action.
     pub fn advance(&mut self, action: Action, duration_us: u32) -> Advance {
         self.account.clear();
+        // The world has no memory beyond its state, so that it can go on from there.
+        self.newton.forget();
         let (mut torque, extra) = match action {
             Action::Held => return self.hold(duration_us),
             Action::Torque(torque) => (torque, 0.0),
@@ -142,8 +150,9 @@ impl World {
         let mut left = duration_us;
         while left > 0 {
             let kin = self.kinematics();
+            self.place(&kin);
             let flight = left.min(self.substeps.flight_us);
-            if self.leg_is_clear(&kin, seconds(flight)) && self.is_slow(&kin, &damping, seconds(flight)) {
+            if self.leg_is_clear(seconds(flight)) && self.is_slow(&kin, &damping, seconds(flight)) {
                 self.account.physics.substeps += 1;
                 self.move_objects(Taking::Objects, &kin, flight);
                 self.fly(&kin, &torque, &damping, seconds(flight));
@@ -168,7 +177,8 @@ impl World {
         let kin = self.kinematics();
         self.account.physics.substeps = 1;
         self.move_objects(Taking::ObjectsAndHeldLeg, &kin, duration_us);
-        self.read_held_contact(&kin, seconds(duration_us));
+        self.place(&kin);
+        self.read_held_contact(seconds(duration_us));
         self.account.finish(&self.scene.pairs, seconds(duration_us))
     }
 
@@ -181,8 +191,9 @@ impl World {
         let mut left = duration_us;
         while left > 0 {
             let flight = left.min(self.substeps.flight_us);
-            let clear = self.objects_are_clear(kin, seconds(flight))
-                && (taking == Taking::Objects || self.leg_is_clear(kin, seconds(flight)));
+            self.place(kin);
+            let clear =
+                self.objects_are_clear(seconds(flight)) && (taking == Taking::Objects || self.leg_is_clear(seconds(flight)));
             if clear {
                 for body in &mut self.objects {
                     body.fly(&self.gravity, seconds(flight));
