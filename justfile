@@ -49,6 +49,30 @@ soak MINUTES="10":
     cargo build --release --workspace
     cargo run --release -q -p hapfic-tests --bin faults -- docs/faults.md --only soak --minutes {{MINUTES}}
 
+# Is this machine good enough for 1 kHz?
+doctor *ARGS:
+    cargo run --release -q -- doctor {{ARGS}}
+
+# The stack's chain hop by hop, beside the machine's floor and its peers (zenoh, ZeroMQ, iceoryx2's own events).
+latency *ARGS:
+    cargo build --release
+    cd bench && cargo build --release -p hapfic-peers
+    cargo run --release -q -- bench latency --peers bench/target/release/hapfic-peers {{ARGS}}
+
+# The benchmarks of bench/ (some minutes); what each shows is in bench/README.md.
+bench *ARGS:
+    cd bench && cargo bench -p hapfic-bench-micro -p hapfic-bench-control -- {{ARGS}}
+
+# How many legs this machine carries, and how fast it simulates, into docs/performance.md (some minutes).
+scale *ARGS:
+    cargo build --release --workspace
+    cargo run --release -q -p hapfic-tests --bin scale -- docs/performance.md {{ARGS}}
+
+# The plant's sub-step beside MuJoCo's (needs a Python with bench/mujoco/requirements.txt).
+mujoco *ARGS:
+    cd bench && cargo build --release -p hapfic-bench-substep
+    python3 bench/mujoco/compare.py {{ARGS}}
+
 # The JSON Schema of scenario files.
 schema:
     cargo run --release -q -- schema

@@ -20,6 +20,7 @@ mod tracking;
 mod window;
 
 pub use label::{Label, List};
+pub use latency::Latencies;
 pub use moments::{AirSummary, IntegrationSummary, JointSummary, MAX_PAIRS, MomentsSummary, ObjectSummary, PairSummary};
 pub use objects::angle_between;
 pub use summary::{
@@ -31,7 +32,6 @@ use crate::proto;
 use crate::reader::Record;
 use account::Account;
 use hapfic_ipc::message::Process;
-use latency::Latencies;
 use sample::{CommandSample, ParameterSample, ReferenceSample, StateSample};
 use window::Window;
 

@@ -11,7 +11,7 @@ const NS_PER_US: f64 = 1e3;
 
 /// A distribution of durations, to three digits, in a fixed 200 kB.
 #[derive(Clone, Debug)]
-pub(super) struct Latencies {
+pub struct Latencies {
     histogram: Histogram<u64>,
     largest_ns: u64,
 }
@@ -25,13 +25,15 @@ impl Default for Latencies {
 }
 
 impl Latencies {
-    pub(super) fn record(&mut self, duration_ns: u64) {
+    /// Counts one.
+    pub fn record(&mut self, duration_ns: u64) {
         self.histogram.saturating_record(duration_ns);
         self.largest_ns = self.largest_ns.max(duration_ns);
     }
 
     /// In microseconds; `None` if nothing was recorded.
-    pub(super) fn quantiles_us(&self) -> Option<Quantiles> {
+    #[must_use]
+    pub fn quantiles_us(&self) -> Option<Quantiles> {
         let quantile = |q| self.histogram.value_at_quantile(q).min(self.largest_ns) as f64 / NS_PER_US;
         (!self.histogram.is_empty()).then(|| Quantiles {
             p50: quantile(0.5),
@@ -39,5 +41,26 @@ impl Latencies {
             p999: quantile(0.999),
             max: self.largest_ns as f64 / NS_PER_US,
         })
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quantiles_are_in_order_and_the_largest_is_exact() {
+        assert_eq!(Latencies::default().quantiles_us(), None);
+        let mut all = Latencies::default();
+        (1..=10_000_u64).for_each(|us| all.record(us * 1000));
+        let q = all.quantiles_us().unwrap();
+        for (found, expected) in [(q.p50, 5000.0), (q.p99, 9900.0), (q.p999, 9990.0)] {
+            assert!((found / expected - 1.0_f64).abs() < 2e-3, "{found} for {expected}");
+        }
+        assert_eq!(q.max, 10_000.0);
+        // Beyond what the histogram holds.
+        all.record(100 * LONGEST_NS);
+        assert_eq!(all.quantiles_us().unwrap().max, 100.0 * LONGEST_NS as f64 / 1e3);
     }
 }

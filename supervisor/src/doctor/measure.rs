@@ -100,7 +100,7 @@ pub fn measure(seconds: u32, priority: u32, core: Option<usize>, other: Option<u
         near.close();
         far.close();
         let (pings, (granted, tally, page_faults), before, after) = done?;
-        let mut pings = pings.iter().map(super::tally::Distribution::quantiles_us);
+        let mut pings = pings.iter().map(hapfic_log::metrics::Latencies::quantiles_us);
         let between = |a: Option<u64>, b: Option<u64>| Some(b?.saturating_sub(a?));
         Ok(Measured {
             seconds: f64::from(seconds),
@@ -131,8 +131,8 @@ fn join<T>(thread: ScopedJoinHandle<'_, Result<T>>) -> Result<T> {
 
 /// Waits for an absolute timer as the plant does, and counts how late it comes.
 fn timer(wish: Wish, start: u64, from: u64, to: u64) -> Result<(Granted, Tally, u64)> {
-    let mut tally = Tally::new()?;
-    let mut warming = Tally::new()?;
+    let mut tally = Tally::default();
+    let mut warming = Tally::default();
     let granted = enter(wish);
     let mut faults = page_faults();
     let mut due = start;

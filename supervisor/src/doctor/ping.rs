@@ -1,9 +1,10 @@
 //! How long a thread takes to run once another one has woken it, with nothing but a futex between them.
 
-use super::tally::{Distribution, PERIOD_NS};
+use super::tally::PERIOD_NS;
 use anyhow::{Result, bail};
 use hapfic_ipc::clock;
 use hapfic_ipc::realtime::{Wish, enter};
+use hapfic_log::metrics::Latencies;
 use rustix::thread::futex::{self, Flags};
 use rustix::time::Timespec;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
@@ -76,8 +77,8 @@ pub(super) struct Turn<'a> {
 }
 
 /// Uses each line once a period from one instant to another; what comes late is left out, not caught up.
-pub(super) fn ask_all(turns: &[Turn<'_>], from_ns: u64, to_ns: u64) -> Result<Vec<Distribution>> {
-    let mut all = turns.iter().map(|_| Distribution::new()).collect::<Result<Vec<_>>>()?;
+pub(super) fn ask_all(turns: &[Turn<'_>], from_ns: u64, to_ns: u64) -> Result<Vec<Latencies>> {
+    let mut all = vec![Latencies::default(); turns.len()];
     let mut period = from_ns;
     while period < to_ns {
         for (turn, distribution) in turns.iter().zip(&mut all) {
