@@ -77,7 +77,7 @@ impl Domain {
 /// Whether an input can be waited for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Wait {
-    /// It takes part in [`wait`].
+    /// It takes part in [`wait`](crate::wait).
     Yes,
     /// It is only looked at.
     No,
