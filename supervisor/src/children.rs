@@ -14,7 +14,7 @@ use std::process::{Child as Spawned, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
 /// How long a process may take to end after being asked to.
-const GRACE: Duration = Duration::from_millis(500);
+const GRACE: Duration = Duration::from_secs(2);
 
 /// A process of the stack.
 #[derive(Debug)]

@@ -65,8 +65,9 @@ fn without_controllers_the_drive_brakes_and_the_torque_ramps_in_again() {
     for process in ["controller", "standby"] {
         expect_replaced(&trace, process, "exit");
     }
-    let fault = trace.events("injected", "supervisor")[0].tick;
-    let after = trace.commands.iter().filter(|c| c.tick >= fault);
+    assert_eq!(trace.events("injected", "supervisor").len(), 1);
+    // The event is written some time after the signal; on a busy machine a tick may have gone by.
+    let after = trace.commands.iter().filter(|c| c.tick >= 3300);
     let sources: Vec<_> =
         after.clone().skip_while(|c| c.source == "fresh").take(2).map(|c| (&c.source[..], &c.mode[..])).collect();
     assert_eq!(sources, [("repeated", "active"), ("none", "brake")], "once more, then brake:\n{}", trace.text());
