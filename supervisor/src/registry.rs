@@ -13,11 +13,15 @@ use std::fs::{self, DirBuilder, File, OpenOptions};
 use std::io::Write;
 use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 
 /// How long a killed process may take to end.
 const END_PATIENCE_NS: u64 = 1_000_000_000;
 /// Where POSIX shared memory is.
 const SHM: &str = "/dev/shm";
+/// How long a lock may outlive its supervisor, and how often it is looked at.
+const LOCK_PATIENCE: Duration = Duration::from_secs(1);
+const LOOK_EVERY: Duration = Duration::from_millis(1);
 
 /// What others may know of a run.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -298,8 +302,7 @@ fn sweep(folder: &Path) -> (usize, Vec<PathBuf>) {
     let (mut alive, mut logs) = (0, Vec::new());
     for path in entries.flatten().map(|e| e.path()) {
         let Ok(file) = File::open(&path) else { continue };
-        // Whoever holds the lock is alive.
-        if flock(&file, FlockOperation::NonBlockingLockExclusive).is_err() {
+        if is_held(&file, &path) {
             alive += 1;
             continue;
         }
@@ -313,6 +316,26 @@ fn sweep(folder: &Path) -> (usize, Vec<PathBuf>) {
         }
     }
     (alive, logs)
+}
+
+/// Whether somebody alive holds the lock of a registration. A supervisor that was killed in the middle of starting a process leaves the lock to that
+/// process until it becomes another program or ends, which is soon.
+fn is_held(file: &File, path: &Path) -> bool {
+    let begun = Instant::now();
+    while flock(file, FlockOperation::NonBlockingLockExclusive).is_err() {
+        let registered = fs::read(path).ok().and_then(|text| serde_json::from_slice::<Registration>(&text).ok());
+        if registered.is_some_and(|registration| lives(registration.pid)) || begun.elapsed() > LOCK_PATIENCE {
+            return true;
+        }
+        std::thread::sleep(LOOK_EVERY);
+    }
+    false
+}
+
+/// Whether there is such a process, and not only what is left of it for its parent.
+fn lives(pid: u32) -> bool {
+    let stat = fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
+    stat.rsplit_once(") ").is_some_and(|(_, rest)| !rest.starts_with(['Z', 'X']))
 }
 
 fn remove_remains(run: &str) {
@@ -390,6 +413,33 @@ mod tests {
         assert!(!Path::new(&format!("{SHM}/{run}")).exists());
         assert!(!Path::new(&format!("{SHM}/{run}_segment")).exists());
         drop(place);
+    }
+
+    #[test]
+    fn a_lock_that_outlives_its_supervisor_is_waited_for_and_that_of_the_living_is_not() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("hfx.json");
+        let register = |pid: u32| {
+            let content = Registration { run: "hfx".to_owned(), pid, scenario: "floor".to_owned(), log: PathBuf::from("a") };
+            fs::write(&path, serde_json::to_string(&content).unwrap()).unwrap();
+        };
+        let mut dead = std::process::Command::new("true").spawn().unwrap();
+        let pid = dead.id();
+        dead.wait().unwrap();
+        register(pid);
+        let held = File::open(&path).unwrap();
+        flock(&held, FlockOperation::NonBlockingLockExclusive).unwrap();
+        std::thread::scope(|scope| {
+            scope.spawn(move || {
+                std::thread::sleep(Duration::from_millis(30));
+                drop(held);
+            });
+            assert!(!is_held(&File::open(&path).unwrap(), &path));
+        });
+        register(std::process::id());
+        let held = File::open(&path).unwrap();
+        flock(&held, FlockOperation::NonBlockingLockExclusive).unwrap();
+        assert!(is_held(&File::open(&path).unwrap(), &path));
     }
 
     #[test]
