@@ -18,7 +18,7 @@
 //! # }
 //! ```
 //!
-//! This is the only crate with `unsafe` code.
+//! This is the stack's only crate with `unsafe` code (`latency`, which measures beside it, has some of its own).
 #![allow(unsafe_code)]
 
 pub mod alarm;

@@ -245,9 +245,10 @@ impl Gateway {
         let tick = self.gate.tick();
         let deadline = self.start.deadline.as_nanos() as u64;
         loop {
+            // Receiving counts, too.
+            let before = allocations::count();
             self.read_answer(tick)?;
             let now = clock::now_ns();
-            let before = allocations::count();
             let overdue = self.newest.is_some_and(|(newest, stamp)| newest > tick || (newest == tick && now >= stamp + deadline));
             if let Some(command) = self.decide(overdue, Patience::Deadline) {
                 return self.publish(&command, now, before);
