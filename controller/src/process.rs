@@ -9,7 +9,7 @@ use hapfic_config::Settings;
 use hapfic_ipc::inject::Injector;
 use hapfic_ipc::message::{Command, Operator, Process, Reference, Request, State};
 use hapfic_ipc::realtime::Wish;
-use hapfic_ipc::{Clock, Context, Input, IpcError, Listener, Output, Recent, Tick, Wait, Wakes, clock, topic};
+use hapfic_ipc::{Clock, Context, Gaps, Input, IpcError, Listener, Output, Recent, Tick, Wait, Wakes, clock, topic};
 use hapfic_robot::Chain;
 use nalgebra::Vector3;
 
@@ -117,7 +117,7 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), ControllerE
     loop {
         let in_reserve = context.clock == Clock::Realtime && inbox.answers_come_from_elsewhere(context.process);
         let instead = in_reserve.then_some(&ports.answered as &dyn Wakes);
-        let Some(state) = context.next_state(&mut ports.state, seen, instead, || {
+        let Some(state) = context.next_state(&mut ports.state, seen, Gaps::Allowed, instead, || {
             ports.request.prepare();
             ports.reference.prepare();
             ports.command.prepare();

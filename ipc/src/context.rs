@@ -8,6 +8,7 @@ use crate::child::{Ending, supervisor_gone, tie_to_supervisor};
 use crate::error::IpcError;
 use crate::message::{Phase, Process, State, Timing};
 use crate::realtime::{self, BringIn, Granted, Wish};
+use crate::recent::Recent;
 use crate::run::{Clock, RealtimeMode, RunFile};
 use crate::{allocations, topic};
 use core::time::Duration;
@@ -65,6 +66,15 @@ fn number<T: core::str::FromStr>(variable: &'static str) -> Result<Option<T>, Ip
     })
 }
 
+/// Whether a process may pass over states in lockstep.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Gaps {
+    /// It answers each state by itself: one of two controllers, that may find ticks done by the other.
+    Allowed,
+    /// What it makes of a state needs the one before; it waits for a state that is missing, until the supervisor sees it hang.
+    Never,
+}
+
 /// What every process loop has at hand.
 #[derive(Debug)]
 pub struct Context {
@@ -92,6 +102,8 @@ pub struct Context {
     /// First tick at which they are counted again.
     faults_due: i64,
     allocations_at_wake: u64,
+    /// In lockstep: states that have come.
+    states: Recent<State>,
 }
 
 impl Context {
@@ -138,6 +150,7 @@ impl Context {
             faults: 0,
             faults_due: 0,
             allocations_at_wake: 0,
+            states: Recent::default(),
         })
     }
 
@@ -220,7 +233,7 @@ impl Context {
         Ok(())
     }
 
-    /// The state to work on after tick `seen`: the next one in lockstep, the newest in realtime. `None` when the process should
+    /// The state to work on after tick `seen`: in lockstep the next one, in realtime the newest. `None` when the process should
     /// end. `slack` is called before each wait, which is for the states themselves or for something `instead`.
     ///
     /// # Errors
@@ -229,27 +242,15 @@ impl Context {
         &mut self,
         input: &mut Input<State>,
         seen: i64,
+        gaps: Gaps,
         instead: Option<&dyn Wakes>,
         mut slack: impl FnMut(),
     ) -> Result<Option<State>, IpcError> {
         loop {
-            let mut found = None;
-            while let Some(state) = input.next()? {
-                if state.check().is_err() || state.tick < seen {
-                    self.refuse();
-                    continue;
-                }
-                if state.tick == seen {
-                    // A successor of the plant says once more what its forerunner said last.
-                    continue;
-                }
-                // In realtime the newest: one that is not a period old.
-                let newest = self.clock == Clock::Lockstep || crate::clock::now_ns().saturating_sub(state.stamp_ns) < PERIOD_NS;
-                found = Some(state);
-                if newest {
-                    break;
-                }
-            }
+            let found = match self.clock {
+                Clock::Lockstep => self.state_after(input, seen, gaps)?,
+                Clock::Realtime => self.newest_state(input, seen)?,
+            };
             if found.is_some() {
                 return Ok(found);
             }
@@ -262,6 +263,41 @@ impl Context {
                 return Ok(None);
             }
         }
+    }
+
+    fn newest_state(&mut self, input: &mut Input<State>, seen: i64) -> Result<Option<State>, IpcError> {
+        let mut found = None;
+        while let Some(state) = input.next()? {
+            if self.is_news(&state, seen) {
+                found = Some(state);
+                // One that is not a period old is the newest.
+                if crate::clock::now_ns().saturating_sub(state.stamp_ns) < PERIOD_NS {
+                    break;
+                }
+            }
+        }
+        Ok(found)
+    }
+
+    /// States come from the plant and, after its death, from the supervisor as well, in no order between the two.
+    fn state_after(&mut self, input: &mut Input<State>, seen: i64, gaps: Gaps) -> Result<Option<State>, IpcError> {
+        while let Some(state) = input.next()? {
+            if self.is_news(&state, seen) {
+                self.states.keep(state);
+            }
+        }
+        let next = self.states.after(seen).filter(|state| gaps == Gaps::Allowed || state.tick == seen + 1);
+        Ok(next.copied())
+    }
+
+    /// Counts what is damaged or older than what has been seen. The same once more is neither: a successor of the plant says again
+    /// what its forerunner said last.
+    fn is_news(&mut self, state: &State, seen: i64) -> bool {
+        let bad = state.check().is_err() || state.tick < seen;
+        if bad {
+            self.refuse();
+        }
+        !bad && state.tick > seen
     }
 
     /// Waits for the message that the supervisor hands over from a forerunner. `None` when the process should end.

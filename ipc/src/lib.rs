@@ -46,7 +46,7 @@ pub use bell::{Bell, Listener, Wakes, wait};
 pub use bus::{Bus, Domain, Input, Output, Wait};
 pub use check::{Check, Defect};
 pub use child::{Ending, tie_to_supervisor};
-pub use context::{Context, Start, Tick};
+pub use context::{Context, Gaps, Start, Tick};
 pub use error::IpcError;
 pub use iceoryx2::prelude::ZeroCopySend;
 pub use recent::{Recent, Ticked};

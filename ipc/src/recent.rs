@@ -75,6 +75,13 @@ impl<T: Ticked> Recent<T> {
         self.last(|t| t < tick)
     }
 
+    /// The oldest message of a tick after this one.
+    #[must_use]
+    pub fn after(&self, tick: i64) -> Option<&T> {
+        let place = (0..KEPT).filter(|&i| self.ticks[i] > tick).min_by_key(|&i| self.ticks[i])?;
+        self.kept[place].as_ref()
+    }
+
     fn last(&self, wanted: impl Fn(i64) -> bool) -> Option<&T> {
         let place = (0..KEPT).filter(|&i| wanted(self.ticks[i])).max_by_key(|&i| self.ticks[i])?;
         self.kept[place].as_ref()
@@ -96,6 +103,10 @@ mod tests {
         assert_eq!(recent.at(5).unwrap().tick, 5);
         assert!(recent.at(1).is_none(), "only eight are kept");
         assert!(recent.before(2).is_none());
+        assert_eq!(recent.after(5).unwrap().tick, 6);
+        assert_eq!(recent.after(-5).unwrap().tick, 2);
+        assert!(recent.after(9).is_none());
+        assert!(Recent::<Command>::default().after(i64::MIN).is_none());
     }
 
     #[test]

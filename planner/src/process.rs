@@ -7,7 +7,7 @@ use hapfic_config::Settings;
 use hapfic_ipc::inject::Injector;
 use hapfic_ipc::message::{Command, Mode, Operator, Reference, State};
 use hapfic_ipc::realtime::Wish;
-use hapfic_ipc::{Clock, Context, Input, IpcError, Output, Recent, Tick, Wait, Wakes, clock, topic};
+use hapfic_ipc::{Clock, Context, Gaps, Input, IpcError, Output, Recent, Tick, Wait, Wakes, clock, topic};
 
 struct Ports {
     state: Input<State>,
@@ -48,7 +48,7 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), IpcError> {
 
     let answered = (context.clock == Clock::Realtime).then(|| context.bus.listener(topic::ANSWERED));
     let instead = answered.as_ref().map(|a| a as &dyn Wakes);
-    while let Some(state) = context.next_state(&mut ports.state, seen, instead, || {
+    while let Some(state) = context.next_state(&mut ports.state, seen, Gaps::Never, instead, || {
         ports.reference.prepare();
         ports.command.prepare();
         ports.operator.prepare();

@@ -8,6 +8,7 @@ use hapfic_ipc::inject::Tamper;
 use hapfic_ipc::message::{Process, Reference, State};
 use hapfic_ipc::topic::{self, Topic};
 use hapfic_ipc::{Bus, Check, Input, IpcError, Output, Recent, Ticked, Wait, ZeroCopySend};
+use std::sync::atomic::{AtomicI64, Ordering};
 
 /// How far ahead of the last command a message may be: the planner is one tick ahead, its state another.
 const AHEAD: i64 = 3;
@@ -25,10 +26,10 @@ impl<T: Check + Tamper + Ticked + std::fmt::Debug + ZeroCopySend + 'static> Kept
     }
 
     /// Takes in what has been said.
-    fn listen(&mut self, gated: i64) -> Result<(), IpcError> {
+    fn listen(&mut self, gated: &AtomicI64) -> Result<(), IpcError> {
         while let Some(message) = self.input.next()? {
             // Its own words come back as well; and what is damaged is no start for anybody.
-            if message.check().is_ok() && (0..=gated + AHEAD).contains(&message.tick()) {
+            if message.check().is_ok() && is_near(message.tick(), gated) {
                 self.recent.keep(message);
             }
         }
@@ -37,16 +38,25 @@ impl<T: Check + Tamper + Ticked + std::fmt::Debug + ZeroCopySend + 'static> Kept
 
     /// Says once more what was said last, oldest first. Returns the tick of the newest before which nothing is missing that is still
     /// needed; `None` if nothing was ever said.
-    fn hand_over(&mut self, gated: i64) -> Result<Option<i64>, IpcError> {
+    fn hand_over(&mut self, gated: &AtomicI64) -> Result<Option<i64>, IpcError> {
         self.listen(gated)?;
+        let done = gated.load(Ordering::Acquire);
         let mut last: Vec<T> = self.recent.iter().copied().collect();
         last.sort_by_key(Ticked::tick);
         for message in &last {
             self.output.send(message)?;
             self.output.prepare();
         }
-        Ok(without_gap(last.iter().map(Ticked::tick), gated))
+        Ok(without_gap(last.iter().map(Ticked::tick), done))
     }
+}
+
+/// Whether a message that has been received can be one of the last: a tick that lies further ahead is nobody's.
+///
+/// The last command's tick is looked up here, behind the message: looked up before, it may be some ticks old when the thread has not
+/// been running in between, and what has been said meanwhile would be taken for nonsense, and lost.
+fn is_near(tick: i64, gated: &AtomicI64) -> bool {
+    (0..=gated.load(Ordering::Acquire) + AHEAD).contains(&tick)
 }
 
 /// The newest of some ticks, in ascending order, with no gap between it and the last tick that is done.
@@ -81,7 +91,7 @@ impl Keeper {
     ///
     /// # Errors
     /// [`IpcError`] if messaging fails.
-    pub fn hand_over(&mut self, process: Process, gated: i64) -> Result<Option<i64>, IpcError> {
+    pub fn hand_over(&mut self, process: Process, gated: &AtomicI64) -> Result<Option<i64>, IpcError> {
         match process {
             Process::Plant => self.states.hand_over(gated),
             Process::Planner => self.references.hand_over(gated),
@@ -94,7 +104,7 @@ impl Keeper {
     ///
     /// # Errors
     /// [`IpcError`] if messaging fails.
-    pub fn listen(&mut self, gated: i64) -> Result<(), IpcError> {
+    pub fn listen(&mut self, gated: &AtomicI64) -> Result<(), IpcError> {
         self.states.listen(gated)?;
         self.references.listen(gated)
     }
@@ -109,6 +119,14 @@ impl Keeper {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_message_is_judged_by_what_is_done_when_it_is_read() {
+        let gated = AtomicI64::new(-1);
+        assert!(is_near(0, &gated) && is_near(2, &gated) && !is_near(-1, &gated) && !is_near(3, &gated));
+        gated.store(5, Ordering::Release);
+        assert!(is_near(8, &gated) && !is_near(9, &gated));
+    }
 
     #[test]
     fn a_successor_starts_before_a_gap_that_somebody_waits_for() {

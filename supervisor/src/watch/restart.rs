@@ -52,7 +52,7 @@ impl Watch<'_> {
                 }
             }
         }
-        self.keeper.listen(self.live.gated.load(Ordering::Acquire))?;
+        self.keeper.listen(&self.live.gated)?;
         let rearms = self.live.rearms.load(Ordering::Acquire);
         if rearms != std::mem::replace(&mut self.rearms, rearms) {
             self.stopped_by_budget = false;
@@ -114,7 +114,7 @@ impl Watch<'_> {
     /// Removes what the dead have left; what they said last is taken in before.
     fn sweep(&mut self) -> Result<()> {
         self.unswept = 0;
-        self.keeper.listen(self.live.gated.load(Ordering::Acquire))?;
+        self.keeper.listen(&self.live.gated)?;
         self.bus.sweep_dead();
         Ok(())
     }
@@ -188,8 +188,7 @@ impl Watch<'_> {
 
     fn start_again(&mut self, index: usize) -> Result<()> {
         let process = self.slots[index].process;
-        let gated = self.live.gated.load(Ordering::Acquire);
-        let resume = self.keeper.hand_over(process, gated)?;
+        let resume = self.keeper.hand_over(process, &self.live.gated)?;
         let slot = &mut self.slots[index];
         slot.generation += 1;
         slot.started = Instant::now();
