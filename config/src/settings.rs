@@ -320,6 +320,8 @@ pub struct Realtime {
     pub priority_planner: u32,
     /// Where threads without a core run.
     pub placement: Placement,
+    /// How long before a state is due those who answer it are awake, us; 0: they sleep until it comes.
+    pub look_out_us: u32,
     /// Of the plant.
     pub core_plant: Option<u32>,
     /// Of the gate.

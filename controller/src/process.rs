@@ -9,7 +9,7 @@ use hapfic_config::Settings;
 use hapfic_ipc::inject::Injector;
 use hapfic_ipc::message::{Command, Operator, Process, Reference, Request, State};
 use hapfic_ipc::realtime::Wish;
-use hapfic_ipc::{Clock, Context, Gaps, Input, IpcError, Listener, Output, Recent, Tick, Wait, Wakes, clock, topic};
+use hapfic_ipc::{Bell, Clock, Context, Gaps, Input, IpcError, Listener, Output, Recent, Tick, Wait, Wakes, clock, topic};
 use hapfic_robot::Chain;
 use nalgebra::Vector3;
 
@@ -23,6 +23,8 @@ struct Ports {
     operator: Input<Operator>,
     answered: Listener,
     request: Output<Request>,
+    /// Of the gate, and of the plant.
+    bells: (Bell, Bell),
     injector: Injector<Request>,
 }
 
@@ -99,6 +101,7 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), ControllerE
         operator: context.bus.input(&topic::OPERATOR, Wait::No)?,
         answered: context.bus.listener(topic::ANSWERED),
         request: context.bus.output(&topic::REQUEST)?,
+        bells: (context.bus.bell(topic::REQUEST_BELL), context.bus.bell(topic::COMMAND_BELL)),
         injector: Injector::open(context)?,
     };
     let chain = Chain::from_settings(&settings.robot)?;
@@ -110,6 +113,7 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), ControllerE
         _ => Wish::new(realtime.priority_controller, realtime.core_controller),
     };
     context.ready(wish)?;
+    context.look_out(realtime.look_out_us);
 
     let last_tick = settings.duration_ticks as i64 - 1;
     let mut inbox = Inbox::default();
@@ -140,7 +144,12 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), ControllerE
             Some(request) => {
                 inbox.joined = true;
                 let request = Request { stamp_ns: context.stamp(), ..request };
+                // A gate that is awake answers at once, on another core: the plant may as well wake up meanwhile.
+                let at_once = !in_reserve && ports.bells.0.is_watched();
                 published = ports.injector.send(&mut ports.request, &request, state.tick)?;
+                if at_once {
+                    ports.bells.1.ring();
+                }
             }
             None if matches!(filled, Filled::TooLate) => {}
             None => context.refuse(),

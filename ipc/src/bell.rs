@@ -2,8 +2,9 @@
 //!
 //! iceoryx2 carries the messages; its own events would do the waking, through Unix datagram sockets: two to three system calls a
 //! hop, and a socket for each pair of processes. Here whoever has sent something adds one to the topic's counter and wakes all who
-//! sleep on it (one system call); whoever waits sleeps as long as the counter is what it was when he last looked (one system call,
-//! none if it is not). A process that dies leaves no lock behind, only a number.
+//! sleep on it (one system call; none if nobody does); whoever waits sleeps as long as the counter is what it was when he last looked
+//! (one system call, none if it is not), or [looks at it](watch) for some microseconds. A process that dies leaves no lock behind, only
+//! numbers: if it slept, the count of sleepers stays too high, and each ring makes its system call.
 
 use crate::clock;
 use crate::error::IpcError;
@@ -33,9 +34,17 @@ const FAR: Timespec = Timespec { tv_sec: i64::MAX, tv_nsec: 0 };
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Place(pub(crate) usize);
 
+/// A bell's place in the page.
 #[derive(Debug)]
 #[repr(C, align(64))]
-struct Counter(AtomicU32);
+struct Counter {
+    /// How often it was rung.
+    rung: AtomicU32,
+    /// Threads that sleep on it, or are about to; more than that once one was killed while it slept.
+    sleepers: AtomicU32,
+    /// Whether somebody looks at it all the time.
+    watched: AtomicU32,
+}
 
 type Counters = [Counter; PLACES];
 
@@ -67,11 +76,11 @@ impl Bells {
         Ok(Arc::new(Self(page.map_err(system)?.cast())))
     }
 
-    fn counter(&self, place: Place) -> &AtomicU32 {
+    fn counter(&self, place: Place) -> &Counter {
         // SAFETY: the page is mapped as long as `self` lives, is as long as `Counters`, page-aligned, and holds atomics only, for
         // which every bit pattern is good.
         let counters = unsafe { &*self.0 };
-        &counters[place.0].0
+        &counters[place.0]
     }
 }
 
@@ -97,10 +106,19 @@ impl Bell {
     /// Wakes them all. They look around, and find what has changed.
     pub fn ring(&self) {
         let counter = self.bells.counter(self.place);
-        // What was sent before is seen by whoever sees this.
-        counter.fetch_add(1, Ordering::Release);
-        // Nothing can go wrong with a mapped word.
-        let _ = futex::wake(counter, futex::Flags::empty(), i32::MAX as u32);
+        // What was sent before is seen by whoever sees this. One order for all of this and for falling asleep: either the sleeper is
+        // seen here, or the ring there.
+        counter.rung.fetch_add(1, Ordering::SeqCst);
+        if counter.sleepers.load(Ordering::SeqCst) != 0 {
+            // Nothing can go wrong with a mapped word.
+            let _ = futex::wake(&counter.rung, futex::Flags::empty(), i32::MAX as u32);
+        }
+    }
+
+    /// Whether somebody [watches](watch) it: he need not be woken.
+    #[must_use]
+    pub fn is_watched(&self) -> bool {
+        self.bells.counter(self.place).watched.load(Ordering::Relaxed) != 0
     }
 }
 
@@ -114,17 +132,22 @@ pub struct Listener {
 impl Listener {
     pub(crate) fn new(bells: &Arc<Bells>, place: Place) -> Self {
         let bell = Bell::new(bells, place);
-        let heard = Cell::new(bell.bells.counter(place).load(Ordering::Acquire));
+        let heard = Cell::new(bell.bells.counter(place).rung.load(Ordering::Acquire));
         Self { bell, heard }
     }
 
-    fn counter(&self) -> &AtomicU32 {
+    fn place(&self) -> &Counter {
         self.bell.bells.counter(self.bell.place)
+    }
+
+    /// Has the next wait not end by what was sent before now.
+    pub fn forget(&self) {
+        let _ = self.rung();
     }
 
     /// Whether it was rung since this was last asked.
     fn rung(&self) -> bool {
-        let now = self.counter().load(Ordering::Acquire);
+        let now = self.place().rung.load(Ordering::SeqCst);
         self.heard.replace(now) != now
     }
 }
@@ -176,17 +199,54 @@ pub fn wait(inputs: &[&dyn Wakes], timeout: Duration) -> Result<bool, IpcError> 
     }
 }
 
+/// Waits for some microseconds without sleeping, until something was sent to one of the inputs or the monotonic clock reads `until_ns`;
+/// at once if something was sent since the last wait. For a thread that keeps nobody from the processor who is waited for. Says whether
+/// anything was sent.
+pub fn watch(inputs: &[&dyn Wakes], until_ns: u64) -> bool {
+    let listeners = || inputs.iter().filter_map(|i| i.listener());
+    let mark = |watched| listeners().for_each(|l| l.place().watched.store(watched, Ordering::Relaxed));
+    let rung = || listeners().fold(false, |any, l| l.rung() | any);
+    mark(1);
+    let mut heard = rung();
+    while !heard && clock::now_ns() < until_ns {
+        core::hint::spin_loop();
+        heard = rung();
+    }
+    mark(0);
+    heard
+}
+
+/// One who sleeps, or is about to.
+struct Asleep<'a>(&'a Counter);
+
+impl<'a> Asleep<'a> {
+    fn on(counter: &'a Counter) -> Self {
+        counter.sleepers.fetch_add(1, Ordering::SeqCst);
+        Self(counter)
+    }
+}
+
+impl Drop for Asleep<'_> {
+    fn drop(&mut self) {
+        self.0.sleepers.fetch_sub(1, Ordering::SeqCst);
+    }
+}
+
 fn sleep_on(listener: &Listener, until: Option<&Timespec>) -> Result<(), Errno> {
     let all = core::num::NonZeroU32::MAX;
-    futex::wait_bitset(listener.counter(), futex::Flags::empty(), listener.heard.get(), until, all)
+    let counter = listener.place();
+    let _asleep = Asleep::on(counter);
+    futex::wait_bitset(&counter.rung, futex::Flags::empty(), listener.heard.get(), until, all)
 }
 
 fn sleep_on_any(places: &[Option<&Listener>], until: Option<&Timespec>) -> Result<(), Errno> {
+    let asleep = |i: usize| places.get(i).copied().flatten().map(|listener| Asleep::on(listener.place()));
+    let _asleep: [Option<Asleep<'_>>; MAX_WAITS] = core::array::from_fn(asleep);
     let mut waits = [futex::Wait::new(); MAX_WAITS];
     let mut count = 0;
     for (wait, listener) in waits.iter_mut().zip(places.iter().flatten()) {
         wait.val = listener.heard.get().into();
-        wait.uaddr = futex::WaitPtr::new(listener.counter().as_ptr().cast());
+        wait.uaddr = futex::WaitPtr::new(listener.place().rung.as_ptr().cast());
         wait.flags = futex::WaitFlags::SIZE_U32;
         count += 1;
     }

@@ -338,6 +338,13 @@ impl<T: Copy + core::fmt::Debug + ZeroCopySend + 'static> Input<T> {
         self.unmet += u32::from(self.subscriber.update_connections().is_err());
     }
 
+    /// Has the next wait not end by what was sent before now.
+    pub fn forget(&self) {
+        if let Some(listener) = &self.listener {
+            listener.forget();
+        }
+    }
+
     /// How often somebody who had joined could not be met.
     #[must_use]
     pub fn unmet(&self) -> u32 {

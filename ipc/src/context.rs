@@ -6,6 +6,7 @@ use crate::bus::{Bus, Domain, Input, Output};
 use crate::check::Check;
 use crate::child::{Ending, supervisor_gone, tie_to_supervisor};
 use crate::error::IpcError;
+use crate::foresight::Foresight;
 use crate::message::{Phase, Process, State, Timing};
 use crate::realtime::{self, BringIn, Granted, Wish};
 use crate::recent::Recent;
@@ -104,6 +105,8 @@ pub struct Context {
     allocations_at_wake: u64,
     /// In lockstep: states that have come.
     states: Recent<State>,
+    /// In realtime: when the next is due, if that is looked out for.
+    foresight: Option<Foresight>,
 }
 
 impl Context {
@@ -151,6 +154,7 @@ impl Context {
             faults_due: 0,
             allocations_at_wake: 0,
             states: Recent::default(),
+            foresight: None,
         })
     }
 
@@ -179,6 +183,15 @@ impl Context {
         }
         self.faults_at_start = realtime::page_faults();
         self.beat(Phase::Ready, -1)
+    }
+
+    /// Has [`next_state`](Self::next_state) look out for states from `before_us` before they are due, instead of sleeping until they
+    /// come. Only a real-time thread on a core of its choice does: another would keep the plant from the processor. To be called when
+    /// [ready](Self::ready).
+    pub fn look_out(&mut self, before_us: u32) {
+        if self.clock == Clock::Realtime && self.granted.has(Granted::FIFO) && self.granted.has(Granted::PINNED) {
+            self.foresight = Foresight::new(before_us);
+        }
     }
 
     /// Whether the loop should go on. Asks the system for the parent only in the slack, see [`idle`](Self::idle).
@@ -255,6 +268,12 @@ impl Context {
                 return Ok(found);
             }
             slack();
+            if instead.is_none()
+                && let Some(foresight) = &self.foresight
+                && foresight.watch(&[&*input], seen.saturating_add(1))
+            {
+                continue;
+            }
             let awaited: &dyn Wakes = match instead {
                 Some(other) => other,
                 None => &*input,
@@ -270,8 +289,12 @@ impl Context {
         while let Some(state) = input.next()? {
             if self.is_news(&state, seen) {
                 found = Some(state);
+                let now = crate::clock::now_ns();
+                if let Some(foresight) = &mut self.foresight {
+                    foresight.learn(&state, now);
+                }
                 // One that is not a period old is the newest.
-                if crate::clock::now_ns().saturating_sub(state.stamp_ns) < PERIOD_NS {
+                if now.saturating_sub(state.stamp_ns) < PERIOD_NS {
                     break;
                 }
             }

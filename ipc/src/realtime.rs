@@ -48,10 +48,16 @@ impl Wish {
 /// each one before it.
 #[must_use]
 pub fn shared_core(index: usize) -> Option<u32> {
-    let set = rustix::thread::sched_getaffinity(None).ok()?;
-    let allowed: Vec<usize> = (0..CpuSet::MAX_CPU).filter(|core| set.is_set(*core)).collect();
+    let allowed = usable_cores();
     let place = allowed.len().checked_sub(1 + index % allowed.len().max(1))?;
     allowed.get(place).map(|core| *core as u32)
+}
+
+/// Cores that this process may use, ascending; none if the system does not tell.
+#[must_use]
+pub fn usable_cores() -> Vec<usize> {
+    let Ok(set) = rustix::thread::sched_getaffinity(None) else { return Vec::new() };
+    (0..CpuSet::MAX_CPU).filter(|core| set.is_set(*core)).collect()
 }
 
 /// Bytes of stack touched beforehand, so that a deep call does not fault.
@@ -204,7 +210,9 @@ fn may_lock() -> bool {
     getrlimit(Resource::Memlock).current.is_none() || capable(CapabilitySet::IPC_LOCK)
 }
 
-fn may_fifo(priority: i32) -> bool {
+/// Whether this process may have `SCHED_FIFO` at a priority.
+#[must_use]
+pub fn may_fifo(priority: i32) -> bool {
     capable(CapabilitySet::SYS_NICE) || rtprio_limit() >= priority as u64
 }
 

@@ -56,6 +56,8 @@ pub struct RunFile {
     pub core: Option<u32>,
     /// Core of the standby, where the configuration gives it none; none: any.
     pub reserve_core: Option<u32>,
+    /// Core of the gate, for those who measure; none: any.
+    pub gate_core: Option<u32>,
     /// The effective configuration, TOML.
     pub settings: String,
     /// Where the URDF came from.

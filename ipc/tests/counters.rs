@@ -48,6 +48,7 @@ fn a_process_tells_of_what_it_allocated_in_a_tick_and_of_the_pages_it_touched() 
         realtime: RealtimeMode::Off,
         core: None,
         reserve_core: None,
+        gate_core: None,
         settings: String::new(),
         urdf_name: String::new(),
         urdf: String::new(),

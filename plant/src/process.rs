@@ -10,7 +10,7 @@ use hapfic_ipc::Tick;
 use hapfic_ipc::inject::Injector;
 use hapfic_ipc::message::{Command, Credit, State};
 use hapfic_ipc::realtime::Wish;
-use hapfic_ipc::{Alarm, Clock, Context, Input, IpcError, Output, Recent, Wait, clock, topic, wait};
+use hapfic_ipc::{Alarm, Clock, Context, Input, IpcError, Output, Recent, Wait, clock, topic, wait, watch};
 use std::time::Duration;
 
 /// The period in nanoseconds.
@@ -19,6 +19,9 @@ const PERIOD_NS: u64 = 1_000_000;
 /// How long the plant leaves the processor to those who answer its state before it simulates: on one core it would be in their
 /// way, its priority being the highest.
 const COURTESY: Duration = Duration::from_micros(300);
+
+/// How long it looks out for a command once the controller has woken it, ns: the gate has the request by then, and is awake.
+const ANY_MOMENT_NS: u64 = 30_000;
 
 struct Ports {
     state: Output<State>,
@@ -137,6 +140,8 @@ fn realtime(
         state.wake_lateness_ns = lateness;
         state.slipped = slipped;
         state.stamp_ns = clock::now_ns();
+        // What is rung from here on may be the answer.
+        ports.command.forget();
         let published = ports.injector.send(&mut ports.state, &state, tick)?;
         // Usually it is here already, having been awaited; whatever is read now costs those who wait for this state their processor.
         if ports.commands.at(tick - 1).is_none() {
@@ -161,9 +166,12 @@ fn await_answer(context: &mut Context, ports: &mut Ports, alarm: &Alarm, tick: i
     let end = sent + COURTESY.as_nanos() as u64;
     alarm.set(end);
     loop {
-        // Woken by a command, by the alarm, or by a signal.
+        // Woken by a command, by the controller that is about to get it, by the alarm, or by a signal.
         wait(&[&ports.command], Duration::MAX)?;
         ports.read_answer(context, tick)?;
+        if ports.commands.at(tick).is_none() && watch(&[&ports.command], clock::now_ns() + ANY_MOMENT_NS) {
+            ports.read_answer(context, tick)?;
+        }
         let now = clock::now_ns();
         if ports.commands.at(tick).is_some() {
             alarm.clear();

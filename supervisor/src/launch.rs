@@ -15,7 +15,7 @@ use crate::scene;
 use crate::summary::{Fault, Losses, Recorder as RecorderSummary, Run, Summary};
 use crate::watch::{self, Begin, Timed, Watch};
 use anyhow::{Context, Result};
-use hapfic_config::{PERIOD_S, Placement, Settings};
+use hapfic_config::{PERIOD_S, Settings};
 use hapfic_ipc::message::MAX_JOINTS;
 use hapfic_ipc::realtime::{BringIn, IdleHold, Wish};
 use hapfic_ipc::{Bus, Clock, Domain, IpcError, RealtimeMode, RunFile, topic};
@@ -100,13 +100,9 @@ impl Prepared {
         let settings = &request.settings;
         hapfic_ipc::service::quiet();
         let domain = Domain::new(&place.prefix(), &place.root())?.hasty(request.clock);
-        let cores = match settings.realtime.placement {
-            Placement::OneCore => Cores {
-                shared: hapfic_ipc::realtime::shared_core(place.others()),
-                reserve: hapfic_ipc::realtime::reserve_core(place.others()),
-            },
-            Placement::Free => Cores::default(),
-        };
+        let realtime = request.clock == Clock::Realtime && request.realtime != RealtimeMode::Off;
+        let fifo = realtime && hapfic_ipc::realtime::may_fifo(settings.realtime.priority_plant as i32);
+        let cores = Cores::new(&settings.realtime, place.others(), fifo);
         let run_file = Path::new(&place.root()).join("run.json");
         RunFile {
             prefix: place.prefix(),
@@ -116,12 +112,12 @@ impl Prepared {
             realtime: request.realtime,
             core: cores.shared,
             reserve_core: cores.reserve,
+            gate_core: cores.gate,
             settings: settings.effective_toml(),
             urdf_name: settings.robot.urdf.name.clone(),
             urdf: settings.robot.urdf.text.clone(),
         }
         .write(&run_file)?;
-        let realtime = request.clock == Clock::Realtime && request.realtime != RealtimeMode::Off;
         if realtime {
             hapfic_ipc::realtime::lock_memory(BringIn::All);
         }
@@ -174,8 +170,9 @@ impl Prepared {
             timeline: Timeline::new(settings, here),
             ticks: settings.duration_ticks as i64,
             deadline: Duration::from_micros(settings.supervisor.deadline_us.into()),
-            wish: realtime.then(|| GateStart::wish(settings, cores.shared)),
+            wish: realtime.then(|| Wish::new(settings.realtime.priority_gate, cores.gate)),
             alarm: realtime.then(|| Wish::new(settings.realtime.priority_gate, cores.reserve)),
+            look_out_us: if cores.gate_looks_out { settings.realtime.look_out_us } else { 0 },
             hatch,
             live: Arc::clone(&live),
         })?;

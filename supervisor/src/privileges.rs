@@ -2,9 +2,9 @@
 
 use crate::live::Live;
 use anyhow::{Result, bail};
-use hapfic_config::Settings;
+use hapfic_config::{Placement, Realtime, Settings};
 use hapfic_ipc::message::Process;
-use hapfic_ipc::realtime::{Granted, Privilege, privileges};
+use hapfic_ipc::realtime::{Granted, Privilege, privileges, reserve_core, shared_core};
 use hapfic_ipc::{Clock, RealtimeMode};
 use std::fmt::Write;
 
@@ -29,10 +29,35 @@ pub fn require(settings: &Settings, clock: Clock, mode: RealtimeMode) -> Result<
 /// The cores of threads that the settings give none; none: any.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Cores {
-    /// Of all but the controller in reserve.
+    /// Of all but the controller in reserve, and the gate.
     pub shared: Option<u32>,
     /// Of the controller in reserve.
     pub reserve: Option<u32>,
+    /// Of the gate.
+    pub gate: Option<u32>,
+    /// Whether the gate may look out for requests: it has a core on which it keeps neither plant nor controller from the processor.
+    pub gate_looks_out: bool,
+}
+
+impl Cores {
+    /// Of the `others + 1`-th run on this machine; `fifo`: whether its threads can be real-time ones.
+    ///
+    /// A gate that [looks out](hapfic_ipc::Foresight) for requests needs a core of its own, or nearly so: as long as there are two for each
+    /// run it has one. Otherwise it sleeps on the core of all, where it is woken soonest.
+    #[must_use]
+    pub fn new(wanted: &Realtime, others: usize, fifo: bool) -> Self {
+        let enough = hapfic_ipc::realtime::usable_cores().len() >= 2 * (others + 1);
+        let first = if enough { 2 * others } else { others };
+        let (shared, reserve) = match wanted.placement {
+            Placement::OneCore => (shared_core(first), reserve_core(first)),
+            Placement::Free => (None, None),
+        };
+        let looks_out = fifo && enough && wanted.look_out_us > 0;
+        let gate = wanted.core_gate.or(if looks_out { reserve } else { shared });
+        let waited_for = [wanted.core_plant, wanted.core_controller].map(|core| core.or(shared));
+        let apart = gate.is_some() && waited_for.iter().all(|core| core.is_some() && *core != gate);
+        Self { shared, reserve, gate, gate_looks_out: looks_out && apart }
+    }
 }
 
 /// A real-time thread and what it asks for.
@@ -47,7 +72,7 @@ fn rows(settings: &Settings, cores: Cores) -> Vec<Row> {
     let rt = &settings.realtime;
     [
         ("plant", Process::Plant, rt.priority_plant, rt.core_plant),
-        ("gate", Process::Supervisor, rt.priority_gate, rt.core_gate),
+        ("gate", Process::Supervisor, rt.priority_gate, cores.gate),
         ("controller", Process::Controller, rt.priority_controller, rt.core_controller),
         ("standby", Process::Standby, rt.priority_controller - 1, rt.core_standby.or(cores.reserve)),
         ("planner", Process::Planner, rt.priority_planner, rt.core_planner),

@@ -67,23 +67,34 @@ fn no_real_time_thread_allocates_or_faults() {
     }
 }
 
-/// System calls a tick, at most: docs/performance.md says what each is for. A thread that is late finds its bell rung, or its time past,
-/// and does not sleep; and being looked at makes it late.
-const EXPECTED: [(&str, [(Call, f64); 3]); 7] = [
-    ("hapfic-plant", [(Call::Wake, 1.0), (Call::Wait, 1.0), (Call::Sleep, 1.0)]),
-    ("hapfic-gate", [(Call::Wake, 2.0), (Call::Wait, 2.0), (Call::Sleep, 0.0)]),
-    ("hapfic-controll", [(Call::Wake, 1.0), (Call::Wait, 1.0), (Call::Sleep, 0.0)]),
-    ("hapfic-standby", [(Call::Wake, 1.0), (Call::Wait, 1.0), (Call::Sleep, 0.0)]),
-    ("hapfic-planner", [(Call::Wake, 1.0), (Call::Wait, 1.0), (Call::Sleep, 0.0)]),
-    ("hapfic-alarm", [(Call::Wake, 0.0), (Call::Wait, 0.0), (Call::Sleep, 1.0)]),
-    ("hapfic-plant-al", [(Call::Wake, 0.0), (Call::Wait, 0.0), (Call::Sleep, 1.0)]),
-];
+/// The gate's alarm: only where the gate sleeps until a request comes.
+const ALARM: &str = "hapfic-alarm";
+
+/// System calls a tick, at most, of each thread: waking others, waiting for them, sleeping until a time. docs/performance.md says what
+/// each is for. A thread that is late finds its bell rung, or its time past, and does not sleep; or finds the others asleep, and has to
+/// wake them. Being looked at makes it late.
+fn expected(gate_looks_out: bool) -> Vec<(&'static str, [(Call, f64); 3])> {
+    let calls = |wake, wait, sleep| [(Call::Wake, wake), (Call::Wait, wait), (Call::Sleep, sleep)];
+    let mut expected = vec![
+        ("hapfic-plant", calls(1.0, 1.0, 1.0)),
+        ("hapfic-controll", calls(2.0, 1.0, 1.0)),
+        ("hapfic-standby", calls(1.0, 1.0, 0.0)),
+        ("hapfic-planner", calls(1.0, 1.0, 0.0)),
+        ("hapfic-plant-al", calls(0.0, 0.0, 1.0)),
+    ];
+    expected.extend(if gate_looks_out {
+        vec![("hapfic-gate", calls(2.0, 1.0, 1.0))]
+    } else {
+        vec![("hapfic-gate", calls(2.0, 2.0, 0.0)), (ALARM, calls(0.0, 0.0, 1.0))]
+    });
+    expected
+}
 /// How far the average may be off: less than one call in four ticks.
 const TOLERANCE: f64 = 0.25;
 
 fn as_expected(calls: &Calls, expected: &[(Call, f64)]) -> bool {
     let at_most = expected.iter().all(|(call, times)| calls.in_a_tick(*call) < times + TOLERANCE);
-    let any = expected.iter().all(|(call, times)| *times == 0.0 || *call == Call::Wait || calls.in_a_tick(*call) > 0.0);
+    let any = expected.iter().map(|(call, _)| calls.in_a_tick(*call)).sum::<f64>() > 0.5;
     at_most && any
 }
 
@@ -129,7 +140,7 @@ fn a_tick_calls_the_system_to_wake_and_to_wait_and_for_nothing_else() {
     let _ = running::status_at(&stack, 500);
     let pids = children.iter().map(|(_, pid)| *pid).chain([run.pid()]);
     let threads: BTreeMap<String, String> = pids.flat_map(threads).collect();
-    for (name, expected) in EXPECTED {
+    for (name, expected) in expected(!threads.contains_key(ALARM)) {
         for attempt in 1.. {
             let Some(calls) = traced(&threads[name], &stack.path("calls.txt")) else { return skip() };
             // Of any call of any tick: the name.

@@ -101,6 +101,9 @@ pub(crate) struct RawRealtime {
     pub(crate) priority_planner: u32,
     /// `one_core`: threads without a core below share one; `free`: they run wherever the scheduler puts them.
     pub(crate) placement: Placement,
+    /// us, an integer in [0, 500]: how long before a state is due the controller, and the gate if it has another core, are awake and look
+    /// out for it instead of sleeping; 0: never.
+    pub(crate) look_out_us: u32,
     /// Processor core, an integer in [0, 1023]; without it as `placement` says.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) core_plant: Option<u32>,
@@ -127,6 +130,7 @@ impl Default for RawRealtime {
             priority_controller: 76,
             priority_planner: 72,
             placement: Placement::default(),
+            look_out_us: 50,
             core_plant: None,
             core_gate: None,
             core_controller: None,

@@ -48,6 +48,9 @@ impl Gateway {
                 // A stamp that cannot be right must not move the deadline.
                 let stamp = state.stamp_ns.clamp(now.saturating_sub(PERIOD_NS), now);
                 self.newest = Some((state.tick, stamp));
+                if let Some(foresight) = &mut self.foresight {
+                    foresight.learn(&state, now);
+                }
                 self.states.keep(state);
                 self.slip = self.slip.max((state.slipped, state.wake_lateness_ns));
             }

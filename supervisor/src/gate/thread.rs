@@ -6,11 +6,11 @@ use super::timeline::Timeline;
 use super::torque::TorqueCheck;
 use crate::live::Live;
 use crate::operator::exchange::Hatch;
-use hapfic_config::Settings;
 use hapfic_ipc::message::{Command, Event, Operator, Phase, Process, Request, State, Timing};
 use hapfic_ipc::realtime::{self, Granted, Wish};
 use hapfic_ipc::{
-    Alarm, Bell, Bus, Clock, Defect, Domain, Input, IpcError, Output, Recent, Wait, allocations, clock, topic, wait,
+    Alarm, Bell, Bus, Clock, Defect, Domain, Foresight, Input, IpcError, Output, Recent, Wait, Wakes, allocations, clock, topic,
+    wait,
 };
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -54,18 +54,13 @@ pub struct Start {
     pub wish: Option<Wish>,
     /// The same for its alarm.
     pub alarm: Option<Wish>,
+    /// How long before a state is due it begins to look out for it and the request, us; 0: it sleeps until they come. For a real-time
+    /// thread on a core where neither plant nor controllers are.
+    pub look_out_us: u32,
     /// Where changes of the operator come in while the stack runs.
     pub hatch: Hatch,
     /// Shared with the rest of the supervisor.
     pub live: Arc<Live>,
-}
-
-impl Start {
-    /// Priority and core of the gate; `shared_core` where the settings give it none.
-    #[must_use]
-    pub fn wish(settings: &Settings, shared_core: Option<u32>) -> Wish {
-        Wish::new(settings.realtime.priority_gate, settings.realtime.core_gate.or(shared_core))
-    }
 }
 
 /// The gate with its ports.
@@ -107,8 +102,10 @@ pub struct Gateway {
     pub(super) slip: (u64, u64),
     /// Time of the last heartbeat sent while waiting.
     beaten_ns: u64,
-    /// Rings when a request is overdue; in realtime only.
+    /// Rings when a request is overdue; in realtime, where the gate does not look out for it.
     alarm: Option<Alarm>,
+    /// When the next request can be looked out for, if it is.
+    pub(super) foresight: Option<Foresight>,
     /// Wakes those who need a state, but not at once.
     answered: Bell,
     /// Last tick for which they were woken before it was answered.
@@ -128,15 +125,16 @@ impl Gateway {
     pub fn open(start: Start) -> Result<Self, IpcError> {
         let bus = Bus::open(&start.domain, "gate")?;
         let alarm = match start.clock {
-            Clock::Lockstep => None,
-            Clock::Realtime => Some(
+            Clock::Realtime if start.look_out_us == 0 => Some(
                 Alarm::start("hapfic-alarm", bus.bell(topic::REQUEST_BELL), PERIOD_NS, start.alarm)
                     .map_err(|cause| IpcError::System { action: "start the gate's alarm", cause })?,
             ),
+            // A time-out is only set once it is late.
+            _ => None,
         };
         Ok(Self {
             gate: Gate::new(start.limits, start.torque.clone()),
-            state: bus.input(&topic::STATE, Wait::No)?,
+            state: bus.input(&topic::STATE, Wait::Yes)?,
             request: bus.input(&topic::REQUEST, Wait::Yes)?,
             command: bus.output(&topic::COMMAND)?,
             operator: bus.output(&topic::OPERATOR)?,
@@ -160,6 +158,7 @@ impl Gateway {
             slip: (0, 0),
             beaten_ns: 0,
             alarm,
+            foresight: None,
             answered: bus.bell(topic::ANSWERED),
             called: -1,
             granted: Granted::default(),
@@ -177,6 +176,9 @@ impl Gateway {
     pub fn run(&mut self) -> Result<(), IpcError> {
         if let Some(wish) = self.start.wish {
             self.granted = realtime::enter(wish);
+            if self.granted.has(Granted::FIFO) && self.granted.has(Granted::PINNED) {
+                self.foresight = Foresight::new(self.start.look_out_us);
+            }
         }
         self.beat(Phase::Ready)?;
         let mut beaten = clock::now_ns();
@@ -253,7 +255,7 @@ impl Gateway {
             if let Some(command) = self.decide(overdue, Patience::Deadline) {
                 return self.publish(&command, now, before);
             }
-            self.wait_for_request(tick, now, deadline)?;
+            self.wait_for_request(tick, deadline)?;
             if self.stopped() {
                 return Ok(());
             }
@@ -304,20 +306,31 @@ impl Gateway {
     }
 
     /// Waits for a request, at most until the deadline of `tick` as far as it can be foreseen.
-    fn wait_for_request(&mut self, tick: i64, now: u64, deadline: u64) -> Result<(), IpcError> {
+    fn wait_for_request(&mut self, tick: i64, deadline: u64) -> Result<(), IpcError> {
         let Some((newest, stamp)) = self.newest else {
             // Before the first state the plant has the word.
             wait(&[&self.request], PATIENCE)?;
             return self.beat(Phase::Waiting);
         };
+        if let Some(foresight) = &self.foresight
+            && foresight.watch(&[&self.request as &dyn Wakes, &self.state], tick)
+        {
+            return Ok(());
+        }
+        let now = clock::now_ns();
         // A state that is still to come is due a period after the last one.
         let expected = stamp + (tick - newest).max(0) as u64 * PERIOD_NS;
         let (call, due) = (expected + deadline / 2, expected + deadline);
-        if now < call
-            && let Some(alarm) = &self.alarm
-        {
-            alarm.set(call);
-            wait(&[&self.request], Duration::MAX)?;
+        if now < call {
+            match &self.alarm {
+                Some(alarm) => {
+                    alarm.set(call);
+                    wait(&[&self.request], Duration::MAX)?;
+                }
+                None => {
+                    wait(&[&self.request], Duration::from_nanos(call - now))?;
+                }
+            }
         } else if now < due {
             // It is late, if its state is not: those in reserve are to answer.
             if newest == tick && self.called < tick {

@@ -1,6 +1,6 @@
 //! The chains beside the stack's own, and the witnesses: started, heard, ended.
 
-use super::stack::PERIOD_NS;
+use super::stack::{Found, PERIOD_NS};
 use crate::children::this_program;
 use anyhow::{Context, Result, bail, ensure};
 use hapfic_config::{Placement, Settings};
@@ -34,18 +34,30 @@ const HAND_OVER: Duration = Duration::from_secs(30);
 #[derive(Clone, Debug)]
 pub(super) struct Where {
     pub(super) cores: [Option<u32>; 3],
+    /// Core of the stack's gate. The chains' third process is on that of the others unless the settings say where the gate is to be: who
+    /// sleeps is woken soonest there.
+    pub(super) gate: Option<u32>,
     pub(super) priorities: [u32; 3],
 }
 
 impl Where {
-    /// As the settings say; `shared` is the core of those that they give none.
-    pub(super) fn new(settings: &Settings, shared: Option<u32>) -> Self {
+    /// As the settings say, and as was found in the run where they say nothing.
+    pub(super) fn new(settings: &Settings, found: Found) -> Self {
         let rt = &settings.realtime;
-        let shared = shared.filter(|_| rt.placement == Placement::OneCore);
+        let shared = found.core.filter(|_| rt.placement == Placement::OneCore);
         Self {
             cores: [rt.core_plant, rt.core_controller, rt.core_gate].map(|core| core.or(shared)),
+            gate: found.gate_core,
             priorities: [rt.priority_plant, rt.priority_controller, rt.priority_gate],
         }
+    }
+
+    /// The stack's cores, each once; `None` alone where any will do.
+    pub(super) fn watched(&self) -> Vec<Option<u32>> {
+        let mut cores: Vec<_> = [self.cores[0], self.cores[1], self.gate].into_iter().flatten().map(Some).collect();
+        cores.sort_unstable();
+        cores.dedup();
+        if cores.is_empty() { vec![None] } else { cores }
     }
 }
 
@@ -80,6 +92,8 @@ pub(super) fn contenders(peers: &[PathBuf]) -> Result<Vec<Contender>> {
 /// Chains and witnesses at work; killed when dropped.
 pub(super) struct Chains {
     drivers: Vec<Driver>,
+    /// How many of them are chains; then come the timer and the witnesses.
+    chains: usize,
     heard: Receiver<(usize, Option<String>)>,
 }
 
@@ -97,16 +111,16 @@ pub(super) struct Heard {
     pub(super) chains: Vec<Measured>,
     /// At the plant's priority.
     pub(super) timer: Measured,
-    /// Just above it.
-    pub(super) witness: Measured,
+    /// Just above it, on each core of the stack.
+    pub(super) witnesses: Vec<Measured>,
 }
 
 /// When chain `i` of `n` sends: in tick k where k modulo n is i.
 fn plans(kinds: &[Contender], place: &Where, start_ns: u64, seconds: u64) -> Vec<Plan> {
     let n = kinds.len() as u64;
-    let plan = |kind: &str, start_ns: u64, period_ns: u64, priority: Vec<u32>, above_ns: u64| Plan {
+    let plan = |kind: &str, start_ns: u64, period_ns: u64, cores: &[Option<u32>], priority: Vec<u32>, above_ns: u64| Plan {
         kind: kind.to_owned(),
-        core: place.cores.iter().map(|core| Core(*core)).collect(),
+        core: cores.iter().map(|core| Core(*core)).collect(),
         priority,
         start_ns,
         period_ns,
@@ -117,12 +131,15 @@ fn plans(kinds: &[Contender], place: &Where, start_ns: u64, seconds: u64) -> Vec
     let priorities = place.priorities.to_vec();
     let mut plans: Vec<_> = (0..n)
         .zip(kinds)
-        .map(|(i, c)| plan(&c.kind, start_ns + i * PERIOD_NS + CHAIN_PHASE_NS, n * PERIOD_NS, priorities.clone(), 0))
+        .map(|(i, c)| {
+            plan(&c.kind, start_ns + i * PERIOD_NS + CHAIN_PHASE_NS, n * PERIOD_NS, &place.cores, priorities.clone(), 0)
+        })
         .collect();
-    plans.push(plan(TIMER, start_ns + TIMER_PHASE_NS, PERIOD_NS, priorities, 0));
+    plans.push(plan(TIMER, start_ns + TIMER_PHASE_NS, PERIOD_NS, &place.cores, priorities, 0));
     // Above the plant: whatever the stack does, only the machine can make it late.
     let above = vec![(place.priorities[0] + 1).min(98)];
-    plans.push(plan(TIMER, start_ns + WITNESS_PHASE_NS, WITNESS_EVERY_NS, above, WITNESS_ABOVE_NS));
+    let witness = |core| plan(TIMER, start_ns + WITNESS_PHASE_NS, WITNESS_EVERY_NS, &[core; 3], above.clone(), WITNESS_ABOVE_NS);
+    plans.extend(place.watched().into_iter().map(witness));
     plans
 }
 
@@ -130,7 +147,7 @@ impl Chains {
     /// Starts them all, to begin at `start_ns`. To be called on the main thread: they end with the thread that starts them.
     pub(super) fn start(kinds: &[Contender], place: &Where, start_ns: u64, seconds: u64) -> Result<Self> {
         let (tell, heard) = channel();
-        let mut chains = Self { drivers: Vec::new(), heard };
+        let mut chains = Self { drivers: Vec::new(), chains: kinds.len(), heard };
         for (i, plan) in plans(kinds, place, start_ns, seconds).iter().enumerate() {
             let mut command = match kinds.get(i).and_then(|c| c.program.as_ref()) {
                 Some(program) => Command::new(program),
@@ -208,10 +225,10 @@ impl Chains {
         }
         let lines = self.drivers.iter().filter_map(|d| d.line.as_deref());
         let mut all = lines.map(Measured::parse).collect::<Result<Vec<_>, _>>()?;
-        match (all.pop(), all.pop()) {
-            (Some(witness), Some(timer)) => Ok(Some(Heard { chains: all, timer, witness })),
-            _ => bail!("the witnesses have not said anything"),
-        }
+        ensure!(all.len() > self.chains, "the witnesses have not said anything");
+        let witnesses = all.split_off(self.chains + 1);
+        let timer = all.pop().context("the timer has not said anything")?;
+        Ok(Some(Heard { chains: all, timer, witnesses }))
     }
 }
 
@@ -254,7 +271,7 @@ mod tests {
     #[test]
     fn no_two_chains_send_in_the_same_tick_and_all_ticks_are_used() {
         let kinds: Vec<_> = ["a", "b", "c"].map(|kind| Contender { program: None, kind: kind.to_owned() }).into_iter().collect();
-        let place = Where { cores: [Some(1), None, Some(1)], priorities: [80, 76, 78] };
+        let place = Where { cores: [Some(1), None, Some(1)], gate: Some(0), priorities: [80, 76, 78] };
         let plans = plans(&kinds, &place, 7_000_000_000, 3);
         let mut ticks: Vec<u64> = Vec::new();
         for plan in &plans[..3] {
@@ -263,13 +280,14 @@ mod tests {
         }
         ticks.sort_unstable();
         assert_eq!(ticks, (7000..10_000).collect::<Vec<_>>());
-        assert_eq!((plans[3].count, plans[4].count), (3000, 12_000));
+        assert_eq!((plans[3].count, plans[4].count, plans[5].count, plans.len()), (3000, 12_000, 12_000, 6));
+        assert_eq!((plans[4].core[0], plans[5].core[0]), (Core(Some(0)), Core(Some(1))), "a witness on each core of the stack");
         assert!(plans[4].wishes().is_ok_and(|wishes| wishes[0].is_some_and(|w| w.priority == 81)));
     }
 
     #[test]
     fn what_was_not_granted_is_told_place_by_place() {
-        let place = Where { cores: [Some(1); 3], priorities: [80, 76, 78] };
+        let place = Where { cores: [Some(1); 3], gate: Some(1), priorities: [80, 76, 78] };
         let measured = Measured { kind: "x".to_owned(), hops: 3, count: 0, granted: vec![7, 3, 4], samples: Vec::new() };
         assert_eq!(lacks("x", &measured, &place), ["x, place 1: NOT on core 1", "x, place 2: not FIFO, memory not locked"]);
     }

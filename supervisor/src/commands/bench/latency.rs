@@ -81,9 +81,9 @@ fn measure(args: &LatencyArgs, settings: &Settings, kinds: &[Contender], stop: &
     let load = if args.load { Load::start(longest)? } else { Load::NONE };
     let mut stack = Stack::start(args, duration_s(args), &folder)?;
     let Some(found) = stack.find(stop)? else { return Ok(None) };
-    let place = Where::new(settings, found.core);
+    let place = Where::new(settings, found);
     let span = span(found, clock::now_ns(), warm_up_s(args), args.seconds);
-    let mut watch = Watch::new(place.cores[0]);
+    let mut watches: Vec<_> = place.watched().into_iter().map(Watch::new).collect();
     let mut chains = Chains::start(kinds, &place, span.from_ns, args.seconds)?;
     if chains.ready(span.from_ns, stop)? {
         return Ok(None);
@@ -92,11 +92,11 @@ fn measure(args: &LatencyArgs, settings: &Settings, kinds: &[Contender], stop: &
         if stop.load(Ordering::Relaxed) {
             return Ok(None);
         }
-        watch.look();
+        watches.iter_mut().for_each(Watch::look);
         stack.ensure_running()?;
         chains.hear(LOOK_EVERY)?;
     }
-    watch.look();
+    watches.iter_mut().for_each(Watch::look);
     let Some(heard) = chains.finish(stop)? else { return Ok(None) };
     let Some(summary) = stack.finish(stop)? else { return Ok(None) };
     let busy = load.len();
@@ -104,9 +104,10 @@ fn measure(args: &LatencyArgs, settings: &Settings, kinds: &[Contender], stop: &
     drop(load);
     let mut not_granted = stack.lacks();
     not_granted.extend(all_lacks(&heard, kinds, &place));
-    let stolen_ms = watch.stolen.iter().map(|(_, ms)| ms).sum();
+    let stolen: Vec<_> = watches.into_iter().flat_map(|watch| watch.stolen).collect();
+    let stolen_ms = stolen.iter().map(|(_, ms)| ms).sum();
     let ticks = Ticks::read(stack.log())?;
-    let figures = ticks.figures(span, &seen(&heard, watch.stolen));
+    let figures = ticks.figures(span, &seen(&heard, stolen));
     let names: Vec<_> = kinds.iter().map(|c| c.kind.clone()).collect();
     let results = Results::new(about(args, &place, busy), span, figures, &heard, &names);
     let completed = summary["completed"].as_bool().unwrap_or(false);
@@ -123,8 +124,8 @@ fn span(found: Found, now_ns: u64, warm_up_s: u64, seconds: u64) -> Span {
 
 fn all_lacks(heard: &Heard, kinds: &[Contender], place: &Where) -> Vec<String> {
     let chains = kinds.iter().map(|c| c.kind.as_str()).zip(&heard.chains);
-    let witnesses = [("timer", &heard.timer), ("witness", &heard.witness)];
-    chains.chain(witnesses).flat_map(|(name, measured)| lacks(name, measured, place)).collect()
+    let witnesses = heard.witnesses.iter().map(|witness| ("witness", witness));
+    chains.chain([("timer", &heard.timer)]).chain(witnesses).flat_map(|(name, measured)| lacks(name, measured, place)).collect()
 }
 
 fn about(args: &LatencyArgs, place: &Where, load: usize) -> About {
@@ -134,7 +135,8 @@ fn about(args: &LatencyArgs, place: &Where, load: usize) -> About {
         seconds: args.seconds,
         kernel: format!("{} {}", name("ostype").trim(), name("osrelease").trim()),
         cores: rustix::thread::sched_getaffinity(None).map_or(0, |set| set.count() as usize),
-        on_cores: place.cores,
+        on_cores: [place.cores[0], place.cores[1], place.gate],
+        chains_on_cores: place.cores,
         priorities: place.priorities,
         load,
         message_bytes: [size_of::<State>(), size_of::<Request>(), size_of::<Command>()],
@@ -148,7 +150,7 @@ mod tests {
 
     #[test]
     fn the_measurement_begins_when_the_plant_is_due() {
-        let found = Found { due_ns: 5_000_123, core: None };
+        let found = Found { due_ns: 5_000_123, core: None, gate_core: None };
         let span = span(found, 7_654_321, 2, 3);
         assert_eq!((span.from_ns - found.due_ns) % PERIOD_NS, 0);
         assert!(span.from_ns >= 2_007_654_321 && span.from_ns < 2_008_654_321);

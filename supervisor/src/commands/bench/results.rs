@@ -19,6 +19,8 @@ pub(super) struct About {
     pub(super) cores: usize,
     /// Cores of plant, controller and gate; none: any.
     pub(super) on_cores: [Option<u32>; 3],
+    /// Those of the chains' three processes.
+    pub(super) chains_on_cores: [Option<u32>; 3],
     /// Their priorities.
     pub(super) priorities: [u32; 3],
     /// Busy processes beside it.
@@ -98,7 +100,7 @@ pub(super) fn seen(heard: &Heard, stolen: Vec<(Span, u64)>) -> Seen {
     let late = |measured: &Measured| -> Vec<Span> {
         measured.samples.iter().map(|s| Span { from_ns: s.due_ns, to_ns: s.wake_ns }).collect()
     };
-    let mut all = late(&heard.witness);
+    let mut all: Vec<_> = heard.witnesses.iter().flat_map(late).collect();
     all.extend(late(&heard.timer));
     all.sort_unstable_by_key(|span| span.from_ns);
     // What is on time is of no use, and there is much of it.
@@ -215,7 +217,7 @@ pub(super) mod tests {
             samples: vec![Sample { due_ns: span.from_ns, wake_ns: span.from_ns + late_ns, ..Sample::default() }],
         };
         let futex = Measured { kind: "futex".to_owned(), hops: 3, count: 1000, granted: vec![7; 3], samples };
-        let heard = Heard { chains: vec![futex], timer: timer(4_000), witness: timer(900_000) };
+        let heard = Heard { chains: vec![futex], timer: timer(4_000), witnesses: vec![timer(900_000)] };
         let window = Span { from_ns: span.from_ns + 500_000, to_ns: span.from_ns + 1_500_000 };
         figures.missed.push(judge(0, Missed::Unanswered, window, &TickStamps::default(), &seen(&heard, Vec::new())));
         let about = About {
@@ -223,7 +225,8 @@ pub(super) mod tests {
             seconds: 1,
             kernel: "Linux 6.1".to_owned(),
             cores: 2,
-            on_cores: [Some(1); 3],
+            on_cores: [Some(1), Some(1), Some(0)],
+            chains_on_cores: [Some(1); 3],
             priorities: [80, 76, 78],
             load: 0,
             message_bytes: [8, 16, 24],

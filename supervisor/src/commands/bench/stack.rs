@@ -41,6 +41,8 @@ pub(super) struct Found {
     pub(super) due_ns: u64,
     /// Core of the threads that the settings give none.
     pub(super) core: Option<u32>,
+    /// Core of the gate.
+    pub(super) gate_core: Option<u32>,
 }
 
 impl Stack {
@@ -164,7 +166,7 @@ fn tick(connection: &Connection) -> Result<Option<i64>> {
 fn look(run: &Registration) -> Result<Found> {
     let domain = run.domain()?;
     let root = format!("/dev/shm/{}", run.run);
-    let core = RunFile::read(&Path::new(&root).join("run.json"))?.core;
+    let RunFile { core, gate_core, .. } = RunFile::read(&Path::new(&root).join("run.json"))?;
     let listen = || -> Result<Option<u64>, IpcError> {
         let bus = Bus::open(&domain, "bench")?;
         let mut input = bus.input(&topic::STATE, Wait::No)?;
@@ -178,7 +180,7 @@ fn look(run: &Registration) -> Result<Found> {
         Ok(earliest(&list))
     };
     let due_ns = registry::while_alive(&run.run, listen)?.context("the run has ended before the measurement")??;
-    Ok(Found { due_ns: due_ns.context("the run publishes no states")?, core })
+    Ok(Found { due_ns: due_ns.context("the run publishes no states")?, core, gate_core })
 }
 
 /// The due time that was stamped soonest: stamps come a little after the timer, never before it.

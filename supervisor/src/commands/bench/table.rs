@@ -17,7 +17,7 @@ pub(super) fn text(results: &Results) -> String {
 
 fn write_all(out: &mut String, r: &Results) -> fmt::Result {
     let a = &r.about;
-    let cores = a.on_cores.map(|core| core.map_or("any".to_owned(), |core| core.to_string()));
+    let named = |cores: [Option<u32>; 3]| cores.map(|core| core.map_or("any".to_owned(), |core| core.to_string()));
     let list = |names: [String; 3]| {
         if names.iter().all(|name| *name == names[0]) { names[0].clone() } else { names.join("/") }
     };
@@ -28,11 +28,12 @@ fn write_all(out: &mut String, r: &Results) -> fmt::Result {
     )?;
     writeln!(
         out,
-        "plant/controller/gate, and the chains' three processes: FIFO {}/{}/{} on core {}, messages of {}/{}/{} bytes; {}",
+        "plant/controller/gate: FIFO {}/{}/{} on core {}; the chains' three processes likewise on core {}; messages of {}/{}/{} bytes; {}",
         a.priorities[0],
         a.priorities[1],
         a.priorities[2],
-        list(cores),
+        list(named(a.on_cores)),
+        list(named(a.chains_on_cores)),
         a.message_bytes[0],
         a.message_bytes[1],
         a.message_bytes[2],
@@ -127,7 +128,7 @@ mod tests {
         ] {
             assert!(text.lines().any(|l| l == line), "'{line}' is not in\n{text}");
         }
-        assert!(text.contains("FIFO 80/76/78 on core 1, messages of 8/16/24 bytes; no load beside it"));
+        assert!(text.contains("FIFO 80/76/78 on core 1/1/0; the chains' three processes likewise on core 1; messages of 8/16/24 bytes"));
         assert!(
             text.lines().any(|l| l.starts_with("the stack over futex") && l.contains("p50 1.20 x (1.20 to 1.20 in ten parts)"))
         );

@@ -20,6 +20,7 @@ fn seeds() -> Vec<Vec<u8>> {
         realtime,
         core,
         reserve_core: core,
+        gate_core: Some(1),
         settings: settings.effective_toml(),
         urdf_name: settings.robot.urdf.name.clone(),
         urdf: settings.robot.urdf.text.clone(),
