@@ -305,6 +305,11 @@ impl Gateway {
         wishes
     }
 
+    fn any_controller(&self) -> bool {
+        let present = self.start.live.present.load(Ordering::Acquire);
+        Place::BOTH.iter().any(|place| present & (1 << place.process().code()) != 0)
+    }
+
     /// Waits for a request, at most until the deadline of `tick` as far as it can be foreseen.
     fn wait_for_request(&mut self, tick: i64, deadline: u64) -> Result<(), IpcError> {
         let Some((newest, stamp)) = self.newest else {
@@ -312,7 +317,9 @@ impl Gateway {
             wait(&[&self.request], PATIENCE)?;
             return self.beat(Phase::Waiting);
         };
+        // Without a controller nothing is to be foreseen, and those who start one need the processor.
         if let Some(foresight) = &self.foresight
+            && self.any_controller()
             && foresight.watch(&[&self.request as &dyn Wakes, &self.state], tick)
         {
             return Ok(());

@@ -128,7 +128,11 @@ mod tests {
         ] {
             assert!(text.lines().any(|l| l == line), "'{line}' is not in\n{text}");
         }
-        assert!(text.contains("FIFO 80/76/78 on core 1/1/0; the chains' three processes likewise on core 1; messages of 8/16/24 bytes"));
+        assert!(
+            text.contains(
+                "FIFO 80/76/78 on core 1/1/0; the chains' three processes likewise on core 1; messages of 8/16/24 bytes"
+            )
+        );
         assert!(
             text.lines().any(|l| l.starts_with("the stack over futex") && l.contains("p50 1.20 x (1.20 to 1.20 in ten parts)"))
         );
