@@ -6,11 +6,17 @@ use hapfic_ipc::message::{Command, Credit, Event, Operator, Process, Reference, 
 use hapfic_ipc::{Bus, Check, Clock, Domain, Input, IpcError, Output, topic};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
-use std::sync::mpsc::SyncSender;
+use std::sync::mpsc::{Receiver, SyncSender};
 use std::time::Duration;
 
-/// How often shared memory is drained.
-const DRAIN_EVERY: Duration = Duration::from_millis(1);
+/// How often shared memory is drained. In lockstep the plant may wait for it; in realtime nobody does, and each time costs a wake-up and
+/// a look at all ports.
+const fn drain_every(clock: Clock) -> Duration {
+    Duration::from_millis(match clock {
+        Clock::Lockstep => 1,
+        Clock::Realtime => 10,
+    })
+}
 
 /// How far ahead of the last command a message's tick may be.
 const AHEAD: i64 = 3;
@@ -21,6 +27,11 @@ pub(super) struct Drain {
     window: i64,
     live: Arc<Live>,
     sender: SyncSender<Vec<Record>>,
+    /// What the writer has done with, to be filled again: fresh memory for each batch would be most of the work.
+    empties: Receiver<Vec<Record>>,
+    /// What has come, topic by topic, and its places in the order of ticks.
+    come: Vec<Option<Record>>,
+    order: Vec<(i64, usize)>,
     state: Input<State>,
     reference: Input<Reference>,
     request: Input<Request>,
@@ -41,6 +52,7 @@ impl Drain {
         credit_ticks: u32,
         live: Arc<Live>,
         sender: SyncSender<Vec<Record>>,
+        empties: Receiver<Vec<Record>>,
     ) -> Result<Self, IpcError> {
         let bus = Bus::open(domain, "recorder")?;
         Ok(Self {
@@ -49,6 +61,9 @@ impl Drain {
             window: i64::from(credit_ticks).min(topic::RECORDER_DEPTH as i64 / 4),
             live,
             sender,
+            empties,
+            come: Vec::new(),
+            order: Vec::new(),
             state: bus.recorder_input(&topic::STATE)?,
             reference: bus.recorder_input(&topic::REFERENCE)?,
             request: bus.recorder_input(&topic::REQUEST)?,
@@ -67,19 +82,7 @@ impl Drain {
         loop {
             // Read before draining: what was sent before the flag was set is then taken in.
             let last = self.live.drain.load(Ordering::Acquire);
-            let mut batch = Vec::new();
-            // Effects before their causes: whatever a command in this batch came from is then in it too, or was before.
-            take(&mut self.timing, &mut batch, Record::Timing)?;
-            take(&mut self.event, &mut batch, Record::Event)?;
-            take(&mut self.command, &mut batch, Record::Command)?;
-            take(&mut self.request, &mut batch, Record::Request)?;
-            take(&mut self.reference, &mut batch, Record::Reference)?;
-            take(&mut self.state, &mut batch, Record::State)?;
-            take(&mut self.operator, &mut batch, Record::Operator)?;
-            batch.reverse();
-            // Tick by tick, causes first.
-            batch.sort_by_key(Record::tick);
-            batch.retain(|record| self.is_new(record));
+            let batch = self.take_all()?;
             for record in &batch {
                 match record {
                     Record::Timing(timing) => self.live.hear(timing),
@@ -110,13 +113,45 @@ impl Drain {
             }
             if !last {
                 // Nobody wakes the recorder: that would cost every sender a system call a message.
-                std::thread::sleep(DRAIN_EVERY);
+                std::thread::sleep(drain_every(self.clock));
             }
         }
     }
 }
 
 impl Drain {
+    /// Everything that has come, tick by tick, causes first.
+    fn take_all(&mut self) -> Result<Vec<Record>, IpcError> {
+        let come = &mut self.come;
+        come.clear();
+        // Effects before their causes: whatever a command in this batch came from is then in it too, or was before.
+        let mut ends = [0; 7];
+        ends[0] = take(&mut self.timing, come, Record::Timing)?;
+        ends[1] = take(&mut self.event, come, Record::Event)?;
+        ends[2] = take(&mut self.command, come, Record::Command)?;
+        ends[3] = take(&mut self.request, come, Record::Request)?;
+        ends[4] = take(&mut self.reference, come, Record::Reference)?;
+        ends[5] = take(&mut self.state, come, Record::State)?;
+        ends[6] = take(&mut self.operator, come, Record::Operator)?;
+        self.order.clear();
+        for topic in (0..ends.len()).rev() {
+            let begin = if topic == 0 { 0 } else { ends[topic - 1] };
+            let ticked = |place: usize| come[place].as_ref().map(|record| (record.tick(), place));
+            self.order.extend((begin..ends[topic]).filter_map(ticked));
+        }
+        // Stable: within a tick as they are.
+        self.order.sort_by_key(|(tick, _)| *tick);
+        let mut batch = self.empties.try_recv().unwrap_or_default();
+        for i in 0..self.order.len() {
+            if let Some(record) = self.come[self.order[i].1].take()
+                && self.is_new(&record)
+            {
+                batch.push(record);
+            }
+        }
+        Ok(batch)
+    }
+
     /// Whether a message has not been recorded yet: a successor says once more what its forerunner said last.
     fn is_new(&mut self, record: &Record) -> bool {
         let (last, tick) = match record {
@@ -135,17 +170,15 @@ impl Drain {
     }
 }
 
-fn take<T>(input: &mut Input<T>, batch: &mut Vec<Record>, wrap: fn(T) -> Record) -> Result<(), IpcError>
+/// Takes what has come of a topic; returns how many there are in all.
+fn take<T>(input: &mut Input<T>, come: &mut Vec<Option<Record>>, wrap: fn(T) -> Record) -> Result<usize, IpcError>
 where
     T: Check + Copy + std::fmt::Debug + hapfic_ipc::ZeroCopySend + 'static,
 {
-    let first = batch.len();
     while let Some(message) = input.next()? {
         if message.check().is_ok() {
-            batch.push(wrap(message));
+            come.push(Some(wrap(message)));
         }
     }
-    // The whole batch is turned round before it is passed on: causes first, each topic in its order.
-    batch[first..].reverse();
-    Ok(())
+    Ok(come.len())
 }

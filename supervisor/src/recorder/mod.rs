@@ -40,6 +40,8 @@ enum Record {
 /// lockstep the plant then waits for its credit, in realtime ticks are lost, and counted.
 const QUEUE_REALTIME: usize = 4096;
 const QUEUE_LOCKSTEP: usize = 64;
+/// Empty batches kept to be filled again.
+const EMPTIES: usize = 4;
 
 impl Record {
     /// The tick it belongs to; parameters come before everything they may govern.
@@ -109,13 +111,14 @@ impl Recorder {
     /// If threads or ports cannot be had.
     pub fn start(start: Start) -> Result<Self> {
         let (sender, receiver) = sync_channel(if start.clock == Clock::Lockstep { QUEUE_LOCKSTEP } else { QUEUE_REALTIME });
+        let (done_with, empties) = sync_channel(EMPTIES);
         let (ready, connected) = channel();
         let Start { domain, clock, credit_ticks, writer, viewer, chain, flush_every, log, live } = start;
         let drain_live = Arc::clone(&live);
         let drain = std::thread::Builder::new()
             .name("hapfic-recorder".to_owned())
             .spawn(move || {
-                let opened = Drain::open(&domain, clock, credit_ticks, drain_live, sender);
+                let opened = Drain::open(&domain, clock, credit_ticks, drain_live, sender, empties);
                 match opened {
                     Ok(mut drain) => {
                         let _ = ready.send(Ok(()));
@@ -144,7 +147,7 @@ impl Recorder {
                     timing_at: 0,
                     incidents: Incidents::new(&log, clock),
                 }
-                .run(&receiver, flush_every)
+                .run(&receiver, &done_with, flush_every)
             })
             .context("cannot start the recorder")?;
         connected.recv().context("the recorder ended at once")??;

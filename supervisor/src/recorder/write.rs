@@ -10,7 +10,7 @@ use hapfic_log::{LogError, Metrics, Topic, Viewer, Writer};
 use hapfic_robot::Chain;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
-use std::sync::mpsc::{Receiver, RecvTimeoutError};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender};
 use std::time::{Duration, Instant};
 
 /// The log, and what is made of it on the way.
@@ -29,13 +29,18 @@ pub(super) struct Write {
 }
 
 impl Write {
-    pub(super) fn run(mut self, receiver: &Receiver<Vec<Record>>, flush_every: Duration) -> Written {
+    pub(super) fn run(
+        mut self,
+        receiver: &Receiver<Vec<Record>>,
+        done_with: &SyncSender<Vec<Record>>,
+        flush_every: Duration,
+    ) -> Written {
         let mut failed = None;
         let mut flushed = Instant::now();
         loop {
             match receiver.recv_timeout(flush_every) {
                 // After an error the figures go on; only the file does not.
-                Ok(batch) => {
+                Ok(mut batch) => {
                     let mut sync = false;
                     for record in &batch {
                         let written = self.record(record, failed.is_none());
@@ -48,6 +53,9 @@ impl Write {
                         flushed = Instant::now();
                     }
                     self.incidents.settle();
+                    batch.clear();
+                    // More than are needed are given back to the system.
+                    let _ = done_with.try_send(batch);
                 }
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => break,
