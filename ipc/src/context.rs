@@ -270,7 +270,8 @@ impl Context {
             slack();
             if instead.is_none()
                 && let Some(foresight) = &self.foresight
-                && foresight.watch(&[&*input], seen.saturating_add(1))
+                && foresight.watch(&[&*input], seen.saturating_add(1), u64::MAX)
+                && self.running()
             {
                 continue;
             }

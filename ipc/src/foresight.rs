@@ -58,16 +58,20 @@ impl Foresight {
         Some((due.saturating_sub(self.before_ns), due.saturating_add(STATE_NS)))
     }
 
-    /// Waits for what a tick brings: asleep until shortly before, and then looking at the inputs. Says whether anything was sent to one of
-    /// them; `false` at once if that time is over, and if nothing is foreseen.
-    pub fn watch(&self, inputs: &[&dyn Wakes], tick: i64) -> bool {
+    /// Waits for what a tick brings: asleep until shortly before, and then looking at the inputs, not beyond `limit_ns`. Says whether
+    /// anything was sent to one of them; `false` at once if that time is over, and if nothing is foreseen.
+    pub fn watch(&self, inputs: &[&dyn Wakes], tick: i64, limit_ns: u64) -> bool {
         let Some((begin, end)) = self.window(tick) else { return false };
+        let end = end.min(limit_ns);
         let now = clock::now_ns();
+        if now >= end || begin >= end {
+            return false;
+        }
         if now < begin {
             clock::sleep_until(begin);
         }
         // Not if a signal ended the sleep.
-        now < end && clock::now_ns() >= begin && watch(inputs, end)
+        clock::now_ns() >= begin && watch(inputs, end)
     }
 }
 
@@ -120,18 +124,20 @@ mod tests {
         let listener = Listener::new(&bells, Place(0));
         let bell = Bell::new(&bells, Place(0));
         let mut foresight = Foresight::new(50).unwrap();
-        assert!(!foresight.watch(&[&listener], 0), "nothing is foreseen");
+        assert!(!foresight.watch(&[&listener], 0, u64::MAX), "nothing is foreseen");
         let now = clock::now_ns();
         foresight.learn(&state(0, now, 0), now);
-        assert!(!foresight.watch(&[&listener], 2), "nothing was sent");
+        assert!(!foresight.watch(&[&listener], 2, now), "the limit is over");
+        assert!(clock::now_ns() < now + PERIOD_NS, "and not waited for");
+        assert!(!foresight.watch(&[&listener], 2, u64::MAX), "nothing was sent");
         assert!(clock::now_ns() >= now + 2 * PERIOD_NS + STATE_NS);
         bell.ring();
-        assert!(!foresight.watch(&[&listener], 1), "its time is over");
+        assert!(!foresight.watch(&[&listener], 1, u64::MAX), "its time is over");
         assert!(crate::wait(&[&listener], core::time::Duration::ZERO).unwrap(), "and what was sent can still be waited for");
         bell.ring();
         let now = clock::now_ns();
         foresight.learn(&state(3, now, 0), now);
-        assert!(foresight.watch(&[&listener], 3) || clock::now_ns() >= now + ANSWER_NS);
+        assert!(foresight.watch(&[&listener], 3, u64::MAX) || clock::now_ns() >= now + ANSWER_NS);
         assert!(!bell.is_watched());
     }
 }

@@ -44,8 +44,8 @@ impl Wish {
     }
 }
 
-/// A core for all real-time threads of the `index`-th run on this machine: the last one this process may use, and further runs
-/// each one before it.
+/// A core for the real-time threads of a run: the last one this process may use, for the next `index` the one before it, and so on, round
+/// and round.
 #[must_use]
 pub fn shared_core(index: usize) -> Option<u32> {
     let allowed = usable_cores();

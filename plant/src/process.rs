@@ -168,8 +168,9 @@ fn await_answer(context: &mut Context, ports: &mut Ports, alarm: &Alarm, tick: i
     loop {
         // Woken by a command, by the controller that is about to get it, by the alarm, or by a signal.
         wait(&[&ports.command], Duration::MAX)?;
+        let woken = clock::now_ns();
         ports.read_answer(context, tick)?;
-        if ports.commands.at(tick).is_none() && watch(&[&ports.command], clock::now_ns() + ANY_MOMENT_NS) {
+        if ports.commands.at(tick).is_none() && woken < end && watch(&[&ports.command], woken + ANY_MOMENT_NS) {
             ports.read_answer(context, tick)?;
         }
         let now = clock::now_ns();

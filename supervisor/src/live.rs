@@ -5,7 +5,7 @@ use hapfic_ipc::message::{Detector, Phase, Process, Timing};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU32, AtomicU64, Ordering};
 
-/// The recorder listens every millisecond; a gap longer than this, ns, counts as no more than it.
+/// The recorder listens every ten milliseconds; a gap longer than this, ns, counts as no more than it.
 const ATTENTION_NS: u64 = 20_000_000;
 
 /// Signs of life of one process.

@@ -42,22 +42,36 @@ pub struct Cores {
 impl Cores {
     /// Of the `others + 1`-th run on this machine; `fifo`: whether its threads can be real-time ones.
     ///
-    /// A gate that [looks out](hapfic_ipc::Foresight) for requests needs a core of its own, or nearly so: as long as there are two for each
-    /// run it has one. Otherwise it sleeps on the core of all, where it is woken soonest.
+    /// A gate that [looks out](hapfic_ipc::Foresight) for requests needs a core where neither plant nor controller are. So the first
+    /// runs have two cores each; a gate of a further one sleeps on the core of all, where it is woken soonest.
     #[must_use]
     pub fn new(wanted: &Realtime, others: usize, fifo: bool) -> Self {
-        let enough = hapfic_ipc::realtime::usable_cores().len() >= 2 * (others + 1);
-        let first = if enough { 2 * others } else { others };
+        let (first, paired) = place(others, hapfic_ipc::realtime::usable_cores().len());
         let (shared, reserve) = match wanted.placement {
             Placement::OneCore => (shared_core(first), reserve_core(first)),
             Placement::Free => (None, None),
         };
-        let looks_out = fifo && enough && wanted.look_out_us > 0;
-        let gate = wanted.core_gate.or(if looks_out { reserve } else { shared });
         let waited_for = [wanted.core_plant, wanted.core_controller].map(|core| core.or(shared));
-        let apart = gate.is_some() && waited_for.iter().all(|core| core.is_some() && *core != gate);
-        Self { shared, reserve, gate, gate_looks_out: looks_out && apart }
+        let apart = |gate: Option<u32>| gate.is_some() && waited_for.iter().all(|core| core.is_some() && *core != gate);
+        let may = fifo && wanted.look_out_us > 0;
+        let looks_out_there = may && paired && apart(reserve);
+        let gate = wanted.core_gate.or(if looks_out_there { reserve } else { shared });
+        Self { shared, reserve, gate, gate_looks_out: may && paired && apart(gate) }
     }
+}
+
+/// Where the `others + 1`-th run on so many cores is, counted from the last core down, and whether the core after that is its own, too:
+/// two for each as long as there are two. Then first a core that is left over, then those of gates, which need little, then those of plants.
+fn place(others: usize, cores: usize) -> (usize, bool) {
+    let pairs = cores / 2;
+    if others < pairs {
+        return (2 * others, true);
+    }
+    let left_over = 2 * pairs..cores;
+    let gates = (0..pairs).map(|pair| 2 * pair + 1);
+    let plants = (0..pairs).map(|pair| 2 * pair);
+    let all: Vec<usize> = left_over.chain(gates).chain(plants).collect();
+    (all.get((others - pairs) % cores.max(1)).copied().unwrap_or(others), false)
 }
 
 /// A real-time thread and what it asks for.
@@ -131,4 +145,35 @@ pub fn report(settings: &Settings, mode: RealtimeMode, cores: Cores, live: &Live
         }
     }
     crate::say(out.trim_end());
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn runs_have_two_cores_each_as_long_as_there_are_two() {
+        let places = |cores| (0..6).map(|others| place(others, cores)).collect::<Vec<_>>();
+        assert_eq!(places(1), [(0, false); 6]);
+        assert_eq!(places(2), [(0, true), (1, false), (0, false), (1, false), (0, false), (1, false)]);
+        assert_eq!(places(3), [(0, true), (2, false), (1, false), (0, false), (2, false), (1, false)]);
+        assert_eq!(places(4), [(0, true), (2, true), (1, false), (3, false), (0, false), (2, false)]);
+        assert_eq!(place(3, 0), (3, false), "where the system does not tell");
+    }
+
+    #[test]
+    fn a_gate_that_is_not_apart_is_on_the_core_of_all() {
+        let wanted = Settings::load("floor", &[]).map(|settings| settings.realtime);
+        let Ok(wanted) = wanted else { panic!("floor is a scenario") };
+        let sleeping = Cores::new(&Realtime { look_out_us: 0, ..wanted }, 0, true);
+        assert_eq!((sleeping.gate, sleeping.gate_looks_out), (sleeping.shared, false));
+        assert_eq!(Cores::new(&wanted, 0, false).gate, sleeping.shared, "without privileges");
+        let there = Cores::new(&Realtime { core_controller: sleeping.reserve, ..wanted }, 0, true);
+        assert_eq!((there.gate, there.gate_looks_out), (sleeping.shared, false));
+        let default = Cores::new(&wanted, 0, true);
+        assert_eq!(default.gate_looks_out, default.reserve != default.shared);
+        assert_eq!(default.gate, if default.gate_looks_out { default.reserve } else { default.shared });
+        let free = Cores::new(&Realtime { placement: Placement::Free, ..wanted }, 0, true);
+        assert_eq!(free, Cores::default());
+    }
 }

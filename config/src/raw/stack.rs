@@ -107,7 +107,8 @@ pub(crate) struct RawRealtime {
     /// Processor core, an integer in [0, 1023]; without it as `placement` says.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) core_plant: Option<u32>,
-    /// Processor core, an integer in [0, 1023]; without it as `placement` says.
+    /// Processor core, an integer in [0, 1023]; without it as `placement` says: with `one_core` another core than plant and controller, if
+    /// there is one and it looks out for requests.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) core_gate: Option<u32>,
     /// Processor core, an integer in [0, 1023]; without it as `placement` says.

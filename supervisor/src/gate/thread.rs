@@ -317,17 +317,18 @@ impl Gateway {
             wait(&[&self.request], PATIENCE)?;
             return self.beat(Phase::Waiting);
         };
+        // A state that is still to come is due a period after the last one.
+        let expected = stamp + (tick - newest).max(0) as u64 * PERIOD_NS;
+        let (call, due) = (expected + deadline / 2, expected + deadline);
+        let limit = if newest == tick { call } else { u64::MAX };
         // Without a controller nothing is to be foreseen, and those who start one need the processor.
         if let Some(foresight) = &self.foresight
             && self.any_controller()
-            && foresight.watch(&[&self.request as &dyn Wakes, &self.state], tick)
+            && foresight.watch(&[&self.request as &dyn Wakes, &self.state], tick, limit)
         {
             return Ok(());
         }
         let now = clock::now_ns();
-        // A state that is still to come is due a period after the last one.
-        let expected = stamp + (tick - newest).max(0) as u64 * PERIOD_NS;
-        let (call, due) = (expected + deadline / 2, expected + deadline);
         if now < call {
             match &self.alarm {
                 Some(alarm) => {

@@ -1,7 +1,7 @@
 //! The recorder: takes in every message of every tick, and writes them.
 //!
-//! Two threads, so that a disk that stalls does not stall the taking in: one drains shared memory every millisecond
-//! (`drain.rs`) and passes what it found on; the other encodes, sums up and writes (`write.rs`). Neither is a real-time thread.
+//! Two threads, so that a disk that stalls does not stall the taking in: one drains shared memory every ten milliseconds, in
+//! lockstep every millisecond (`drain.rs`), and passes what it found on; the other encodes, sums up and writes (`write.rs`). Neither is a real-time thread.
 
 mod drain;
 mod incident;
@@ -25,7 +25,7 @@ use std::time::Duration;
 use write::Write;
 
 /// A message on its way to the file.
-#[allow(clippy::large_enum_variant)] // A batch lives for a millisecond; a box for each message would cost more than the room.
+#[allow(clippy::large_enum_variant)] // A batch lives for milliseconds; a box for each message would cost more than the room.
 enum Record {
     State(State),
     Reference(Reference),
@@ -36,9 +36,9 @@ enum Record {
     Timing(Timing),
 }
 
-/// Batches that may wait for the writer, in realtime a millisecond each, in lockstep up to a hundred ticks. A disk that stalls for longer stalls the draining too; in
-/// lockstep the plant then waits for its credit, in realtime ticks are lost, and counted.
-const QUEUE_REALTIME: usize = 4096;
+/// Batches that may wait for the writer, in realtime ten milliseconds each, in lockstep up to a hundred ticks. A disk that stalls for longer
+/// stalls the draining too; in lockstep the plant then waits for its credit, in realtime ticks are lost, and counted.
+const QUEUE_REALTIME: usize = 512;
 const QUEUE_LOCKSTEP: usize = 64;
 /// Empty batches kept to be filled again.
 const EMPTIES: usize = 4;

@@ -96,6 +96,8 @@ pub struct Watch<'a> {
     stop: Arc<AtomicBool>,
     run_file: &'a Path,
     cores: Cores,
+    /// Code of the primary controller whose place was given last.
+    primary: u32,
     notify: &'a Notify,
     bus: &'a Bus,
     keeper: Keeper,
@@ -138,6 +140,7 @@ impl<'a> Watch<'a> {
             stop,
             run_file,
             cores,
+            primary: Process::Controller.code(),
             notify,
             bus,
             keeper: Keeper::open(bus)?,

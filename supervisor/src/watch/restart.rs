@@ -52,6 +52,7 @@ impl Watch<'_> {
                 }
             }
         }
+        self.follow_primary();
         self.keeper.listen(&self.live.gated)?;
         let rearms = self.live.rearms.load(Ordering::Acquire);
         if rearms != std::mem::replace(&mut self.rearms, rearms) {
@@ -225,7 +226,7 @@ impl Watch<'_> {
         self.live.present.fetch_or(bit(process), Ordering::AcqRel);
         self.live.missing.fetch_and(!bit(process), Ordering::AcqRel);
         if generation > 0 {
-            self.give_way(process);
+            self.give_way();
             let text = format!("{process} does ticks again, {:.1} ms after it was found lost", out.as_secs_f64() * 1e3);
             self.note(process, EventKind::Joined, Detector::None, &text);
             self.injections.tell_again(process, self.live.gated.load(Ordering::Acquire))?;
@@ -233,13 +234,24 @@ impl Watch<'_> {
         Ok(())
     }
 
-    /// The primary controller runs before the other one and on the core of all, whichever place it is in.
-    fn give_way(&mut self, joined: Process) {
-        if self.clock == Clock::Lockstep || !matches!(joined, Process::Controller | Process::Standby) {
+    /// Gives controllers that have changed roles each other's place.
+    pub(super) fn follow_primary(&mut self) {
+        let primary = self.live.primary.load(Ordering::Relaxed);
+        if std::mem::replace(&mut self.primary, primary) != primary {
+            self.give_way();
+        }
+    }
+
+    /// The primary controller runs before the other one and on the core of all, whichever place it is in. One that joins is left alone
+    /// until it is there.
+    fn give_way(&mut self) {
+        if self.clock == Clock::Lockstep {
             return;
         }
         let primary = self.live.primary.load(Ordering::Relaxed);
-        for slot in self.slots.iter().filter(|s| matches!(s.process, Process::Controller | Process::Standby)) {
+        let present = self.live.present.load(Ordering::Acquire);
+        let controllers = self.slots.iter().filter(|s| matches!(s.process, Process::Controller | Process::Standby));
+        for slot in controllers.filter(|s| present & bit(s.process) != 0) {
             let first = slot.process.code() == primary;
             let realtime = &self.settings.realtime;
             let priority = realtime.priority_controller - u32::from(!first);
