@@ -30,7 +30,8 @@ impl Color {
     /// Colours for what has none of its own, one after the other.
     #[must_use]
     pub const fn cycle(index: usize) -> Self {
-        const CYCLE: [Color; 6] = [Color::BLUE, Color::ORANGE, Color::GREEN, Color::VERMILLION, Color::PURPLE, Color::SKY];
+        const CYCLE: [Color; 7] =
+            [Color::BLUE, Color::ORANGE, Color::GREEN, Color::VERMILLION, Color::PURPLE, Color::SKY, Color::GREY];
         CYCLE[index % CYCLE.len()]
     }
 }
