@@ -23,8 +23,10 @@ struct Ports {
     operator: Input<Operator>,
     answered: Listener,
     request: Output<Request>,
-    /// Of the gate, and of the plant.
-    bells: (Bell, Bell),
+    /// Rung for the gate with each request.
+    request_bell: Bell,
+    /// Rung for the plant with each command.
+    command_bell: Bell,
     injector: Injector<Request>,
 }
 
@@ -101,7 +103,8 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), ControllerE
         operator: context.bus.input(&topic::OPERATOR, Wait::No)?,
         answered: context.bus.listener(topic::ANSWERED),
         request: context.bus.output(&topic::REQUEST)?,
-        bells: (context.bus.bell(topic::REQUEST_BELL), context.bus.bell(topic::COMMAND_BELL)),
+        request_bell: context.bus.bell(topic::REQUEST_BELL),
+        command_bell: context.bus.bell(topic::COMMAND_BELL),
         injector: Injector::open(context)?,
     };
     let chain = Chain::from_settings(&settings.robot)?;
@@ -145,10 +148,10 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), ControllerE
                 inbox.joined = true;
                 let request = Request { stamp_ns: context.stamp(), ..request };
                 // A gate that is awake answers at once, on another core: the plant may as well wake up meanwhile.
-                let at_once = !in_reserve && ports.bells.0.is_watched();
+                let at_once = !in_reserve && ports.request_bell.is_watched();
                 published = ports.injector.send(&mut ports.request, &request, state.tick)?;
                 if at_once {
-                    ports.bells.1.ring();
+                    ports.command_bell.ring();
                 }
             }
             None if matches!(filled, Filled::TooLate) => {}

@@ -1,5 +1,9 @@
 //! A child process of the stack: its bus, its clock, its end.
 
+mod states;
+
+pub use states::Gaps;
+
 use crate::alarm::Alarm;
 use crate::bell::{Bell, Wakes, wait};
 use crate::bus::{Bus, Domain, Input, Output};
@@ -20,9 +24,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 const PATIENCE: Duration = Duration::from_millis(50);
 /// How often page faults are counted, in ticks: a system call.
 const FAULTS_EVERY: i64 = 1000;
-
-/// The period in nanoseconds.
-const PERIOD_NS: u64 = 1_000_000;
 
 /// When a tick's work was done, by the monotonic clock.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -65,15 +66,6 @@ fn number<T: core::str::FromStr>(variable: &'static str) -> Result<Option<T>, Ip
         action: "join the run",
         cause: std::io::Error::other(format!("{variable} is {}, expected a whole number", text.display())),
     })
-}
-
-/// Whether a process may pass over states in lockstep.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Gaps {
-    /// It answers each state by itself: one of two controllers, that may find ticks done by the other.
-    Allowed,
-    /// What it makes of a state needs the one before; it waits for a state that is missing, until the supervisor sees it hang.
-    Never,
 }
 
 /// What every process loop has at hand.
@@ -185,15 +177,6 @@ impl Context {
         self.beat(Phase::Ready, -1)
     }
 
-    /// Has [`next_state`](Self::next_state) look out for states from `before_us` before they are due, instead of sleeping until they
-    /// come. Only a real-time thread on a core of its choice does: another would keep the plant from the processor. To be called when
-    /// [ready](Self::ready).
-    pub fn look_out(&mut self, before_us: u32) {
-        if self.clock == Clock::Realtime && self.granted.has(Granted::FIFO) && self.granted.has(Granted::PINNED) {
-            self.foresight = Foresight::new(before_us);
-        }
-    }
-
     /// Whether the loop should go on. Asks the system for the parent only in the slack, see [`idle`](Self::idle).
     #[must_use]
     pub fn running(&self) -> bool {
@@ -244,84 +227,6 @@ impl Context {
             }
         }
         Ok(())
-    }
-
-    /// The state to work on after tick `seen`: in lockstep the next one, in realtime the newest. `None` when the process should
-    /// end. `slack` is called before each wait, which is for the states themselves or for something `instead`.
-    ///
-    /// # Errors
-    /// [`IpcError`] if waiting or receiving fails.
-    pub fn next_state(
-        &mut self,
-        input: &mut Input<State>,
-        seen: i64,
-        gaps: Gaps,
-        instead: Option<&dyn Wakes>,
-        mut slack: impl FnMut(),
-    ) -> Result<Option<State>, IpcError> {
-        loop {
-            let found = match self.clock {
-                Clock::Lockstep => self.state_after(input, seen, gaps)?,
-                Clock::Realtime => self.newest_state(input, seen)?,
-            };
-            if found.is_some() {
-                return Ok(found);
-            }
-            slack();
-            if instead.is_none()
-                && let Some(foresight) = &self.foresight
-                && foresight.watch(&[&*input], seen.saturating_add(1), u64::MAX)
-                && self.running()
-            {
-                continue;
-            }
-            let awaited: &dyn Wakes = match instead {
-                Some(other) => other,
-                None => &*input,
-            };
-            if !self.wait(&[awaited], seen)? {
-                return Ok(None);
-            }
-        }
-    }
-
-    fn newest_state(&mut self, input: &mut Input<State>, seen: i64) -> Result<Option<State>, IpcError> {
-        let mut found = None;
-        while let Some(state) = input.next()? {
-            if self.is_news(&state, seen) {
-                found = Some(state);
-                let now = crate::clock::now_ns();
-                if let Some(foresight) = &mut self.foresight {
-                    foresight.learn(&state, now);
-                }
-                // One that is not a period old is the newest.
-                if now.saturating_sub(state.stamp_ns) < PERIOD_NS {
-                    break;
-                }
-            }
-        }
-        Ok(found)
-    }
-
-    /// States come from the plant and, after its death, from the supervisor as well, in no order between the two.
-    fn state_after(&mut self, input: &mut Input<State>, seen: i64, gaps: Gaps) -> Result<Option<State>, IpcError> {
-        while let Some(state) = input.next()? {
-            if self.is_news(&state, seen) {
-                self.states.keep(state);
-            }
-        }
-        let next = self.states.after(seen).filter(|state| gaps == Gaps::Allowed || state.tick == seen + 1);
-        Ok(next.copied())
-    }
-
-    /// Counts what is damaged or older than what has been seen. The same once more is neither: a successor of the plant says again
-    /// what its forerunner said last.
-    fn is_news(&mut self, state: &State, seen: i64) -> bool {
-        let bad = state.check().is_err() || state.tick < seen;
-        if bad {
-            self.refuse();
-        }
-        !bad && state.tick > seen
     }
 
     /// Waits for the message that the supervisor hands over from a forerunner. `None` when the process should end.

@@ -7,14 +7,12 @@ use crate::error::PlantError;
 use crate::plant::Plant;
 use hapfic_config::Settings;
 use hapfic_ipc::Tick;
+use hapfic_ipc::clock::PERIOD_NS;
 use hapfic_ipc::inject::Injector;
 use hapfic_ipc::message::{Command, Credit, State};
 use hapfic_ipc::realtime::Wish;
 use hapfic_ipc::{Alarm, Clock, Context, Input, IpcError, Output, Recent, Wait, clock, topic, wait, watch};
 use std::time::Duration;
-
-/// The period in nanoseconds.
-const PERIOD_NS: u64 = 1_000_000;
 
 /// How long the plant leaves the processor to those who answer its state before it simulates: on one core it would be in their
 /// way, its priority being the highest.

@@ -2,9 +2,10 @@
 
 use super::ping::{Line, Turn, ask_all};
 use super::root::Root;
-use super::tally::{PERIOD_NS, Tally};
+use super::tally::Tally;
 use anyhow::{Context, Result, anyhow};
 use hapfic_ipc::clock;
+use hapfic_ipc::clock::PERIOD_NS;
 use hapfic_ipc::realtime::{BringIn, Granted, IdleHold, Wish, enter, lock_memory, page_faults};
 use hapfic_log::metrics::Quantiles;
 use serde::Serialize;

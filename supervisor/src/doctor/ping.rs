@@ -1,8 +1,8 @@
 //! How long a thread takes to run once another one has woken it, with nothing but a futex between them.
 
-use super::tally::PERIOD_NS;
 use anyhow::{Result, bail};
 use hapfic_ipc::clock;
+use hapfic_ipc::clock::PERIOD_NS;
 use hapfic_ipc::realtime::{Wish, enter};
 use hapfic_log::metrics::Latencies;
 use rustix::thread::futex::{self, Flags};

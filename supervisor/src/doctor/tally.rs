@@ -1,9 +1,8 @@
 //! Counting how late a timer was.
 
+use hapfic_ipc::clock::PERIOD_NS;
 use hapfic_log::metrics::Latencies;
 
-/// The stack's period, ns.
-pub(super) const PERIOD_NS: u64 = 1_000_000;
 /// Periods without a command after which a drive brakes by itself.
 const BRAKES_AFTER: u64 = 3;
 

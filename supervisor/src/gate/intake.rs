@@ -1,7 +1,8 @@
 //! What the gate takes in: states for their time and for the check of torques, requests of both controllers.
 
 use super::protocol::{Observed, Place};
-use super::thread::{CONTROLLERS, Gateway, PERIOD_NS};
+use super::thread::{CONTROLLERS, Gateway};
+use hapfic_ipc::clock::PERIOD_NS;
 use hapfic_ipc::message::{Process, Request, State};
 use hapfic_ipc::{Check, Clock, Defect, IpcError, clock};
 use std::sync::atomic::Ordering;

@@ -6,6 +6,7 @@ use super::timeline::Timeline;
 use super::torque::TorqueCheck;
 use crate::live::Live;
 use crate::operator::exchange::Hatch;
+use hapfic_ipc::clock::PERIOD_NS;
 use hapfic_ipc::message::{Command, Event, Operator, Phase, Process, Request, State, Timing};
 use hapfic_ipc::realtime::{self, Granted, Wish};
 use hapfic_ipc::{
@@ -24,8 +25,6 @@ const GO_EVERY: Duration = Duration::from_millis(1);
 const LOOK_AGAIN: Duration = Duration::from_micros(500);
 /// How often page faults are counted, in ticks: a system call.
 const FAULTS_EVERY: i64 = 1000;
-/// The period in nanoseconds.
-pub(super) const PERIOD_NS: u64 = 1_000_000;
 /// Controllers: the primary and its standby.
 pub(super) const CONTROLLERS: usize = 2;
 /// In lockstep: how long one controller's request waits for the other's, which lives and should answer.

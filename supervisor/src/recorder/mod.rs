@@ -1,7 +1,8 @@
 //! The recorder: takes in every message of every tick, and writes them.
 //!
 //! Two threads, so that a disk that stalls does not stall the taking in: one drains shared memory every ten milliseconds, in
-//! lockstep every millisecond (`drain.rs`), and passes what it found on; the other encodes, sums up and writes (`write.rs`). Neither is a real-time thread.
+//! lockstep every millisecond (`drain.rs`), and passes what it found on; the other encodes, sums up and writes (`write.rs`). Neither is a
+//! real-time thread.
 
 mod drain;
 mod incident;

@@ -1,9 +1,10 @@
 //! The chains beside the stack's own, and the witnesses: started, heard, ended.
 
-use super::stack::{Found, PERIOD_NS};
+use super::stack::Found;
 use crate::children::this_program;
 use anyhow::{Context, Result, bail, ensure};
 use hapfic_config::{Placement, Settings};
+use hapfic_ipc::clock::PERIOD_NS;
 use hapfic_ipc::message::{Command as CommandMessage, Request, State};
 use hapfic_ipc::realtime::Granted;
 use hapfic_latency::{Core, Measured, Plan, TIMER};

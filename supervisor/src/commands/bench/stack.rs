@@ -7,6 +7,7 @@ use crate::operator::client::Connection;
 use crate::operator::status::Status;
 use crate::registry::{self, Registration};
 use anyhow::{Context, Result, bail, ensure};
+use hapfic_ipc::clock::PERIOD_NS;
 use hapfic_ipc::service::{OperatorKind, ReplyCode};
 use hapfic_ipc::{Bus, IpcError, RunFile, Wait, topic};
 use rustix::process::{Pid, Signal, kill_process};
@@ -22,9 +23,6 @@ const END: Duration = Duration::from_secs(30);
 const LOOK_EVERY: Duration = Duration::from_millis(20);
 /// States from which the phase is taken.
 const STATES: usize = 20;
-/// The period, ns.
-pub(super) const PERIOD_NS: u64 = 1_000_000;
-
 /// A run; ended when dropped.
 #[derive(Debug)]
 pub(super) struct Stack {

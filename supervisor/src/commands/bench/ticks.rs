@@ -1,7 +1,7 @@
 //! What a log says of each tick.
 
-use super::stack::PERIOD_NS;
 use anyhow::Result;
+use hapfic_ipc::clock::PERIOD_NS;
 use hapfic_ipc::message::{Mode, Phase, Process, Source};
 use hapfic_latency::cause::{Missed, Seen, Span, Verdict, judge};
 use hapfic_latency::hops::{Hops, Stamps, TickStamps};
