@@ -115,6 +115,33 @@ impl Bell {
         }
     }
 
+    /// How often it has been rung.
+    #[must_use]
+    pub fn count(&self) -> u32 {
+        self.bells.counter(self.place).rung.load(Ordering::SeqCst)
+    }
+
+    /// Whether somebody sleeps on it, whom a ring would wake.
+    #[must_use]
+    pub fn is_slept_on(&self) -> bool {
+        self.bells.counter(self.place).sleepers.load(Ordering::SeqCst) != 0
+    }
+
+    /// Looks, without sleeping, until it has been rung more often than `count` times or the monotonic clock reads `until_ns`. Says
+    /// whether it was.
+    #[must_use]
+    pub fn rings_after(&self, count: u32, until_ns: u64) -> bool {
+        loop {
+            if self.count() != count {
+                return true;
+            }
+            if clock::now_ns() >= until_ns {
+                return false;
+            }
+            core::hint::spin_loop();
+        }
+    }
+
     /// Whether somebody [watches](watch) it: he need not be woken.
     #[must_use]
     pub fn is_watched(&self) -> bool {

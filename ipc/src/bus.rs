@@ -248,6 +248,10 @@ pub struct Output<T: Copy + core::fmt::Debug + ZeroCopySend + 'static> {
     unmet: u32,
 }
 
+// SAFETY: what keeps a port of iceoryx2's on one thread is a reference count that is not atomic (`SingleThreaded`), of a state that may
+// itself be sent. All that count are the publisher and the loan in here, so they go from one thread to the next together.
+unsafe impl<T: Copy + core::fmt::Debug + ZeroCopySend + Send + 'static> Send for Output<T> {}
+
 impl<T: Copy + core::fmt::Debug + ZeroCopySend + 'static> core::fmt::Debug for Output<T> {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.debug_struct("Output").field("topic", &self.topic).field("loan", &self.loan.is_some()).finish()
@@ -263,6 +267,16 @@ impl<T: Copy + core::fmt::Debug + ZeroCopySend + 'static> Output<T> {
         if self.loan.is_none() {
             self.loan = self.publisher.loan_uninit().ok();
         }
+    }
+
+    /// Writes a message where the next one will be written, and sends nothing: so that it is in the caches then.
+    pub fn rehearse(&mut self, message: &T) {
+        self.prepare();
+        if let Some(loan) = &mut self.loan {
+            loan.payload_mut().write(*message);
+        }
+        // Another loan looks for what the receivers have given back, as sending will.
+        drop(self.publisher.loan_uninit());
     }
 
     fn meet(&mut self) {
@@ -305,6 +319,9 @@ pub struct Input<T: Copy + core::fmt::Debug + ZeroCopySend + 'static> {
     unmet: u32,
     senders: Senders,
 }
+
+// SAFETY: as with outputs; samples do not outlive the call that takes them.
+unsafe impl<T: Copy + core::fmt::Debug + ZeroCopySend + Send + 'static> Send for Input<T> {}
 
 impl<T: Copy + core::fmt::Debug + ZeroCopySend + 'static> Input<T> {
     /// The oldest message not taken yet, copied out of shared memory so that no sender can change it afterwards.

@@ -31,6 +31,9 @@ pub struct Foresight {
 }
 
 impl Foresight {
+    /// What is done meanwhile, so that it is in the caches when it counts, should take no longer, ns.
+    const REHEARSAL_NS: u64 = 25_000;
+
     /// Looks out from `before_us` before a state is due; `None` if that is zero: then everything is waited for asleep.
     #[must_use]
     pub fn new(before_us: u32) -> Option<Self> {
@@ -54,6 +57,18 @@ impl Foresight {
         }
         let due = last.due.saturating_add(ahead as u64 * PERIOD_NS);
         Some((due.saturating_sub(self.before_ns), due.saturating_add(STATE_NS)))
+    }
+
+    /// Sleeps until shortly before what a tick brings is due. Says whether there is time left until then to
+    /// [rehearse](Self::REHEARSAL_NS); `false` at once if nothing is foreseen or it is late already.
+    pub fn approach(&self, tick: i64) -> bool {
+        let Some((begin, _)) = self.window(tick) else { return false };
+        if clock::now_ns() < begin {
+            clock::sleep_until(begin);
+        }
+        let now = clock::now_ns();
+        // Not if a signal ended the sleep.
+        now >= begin && now.saturating_add(Self::REHEARSAL_NS) < begin.saturating_add(self.before_ns)
     }
 
     /// Waits for what a tick brings: asleep until shortly before, and then looking at the inputs, not beyond `limit_ns`. Says whether

@@ -32,13 +32,15 @@ impl<T> Topic<T> {
     }
 }
 
+/// Rung with each [`STATE`].
+pub const STATE_BELL: Place = Place(0);
 /// Rung with each [`REQUEST`].
 pub const REQUEST_BELL: Place = Place(2);
 /// Rung with each [`COMMAND`].
 pub const COMMAND_BELL: Place = Place(3);
 
 /// plant -> all. The supervisor hands the last ones on when the plant is started again.
-pub const STATE: Topic<State> = Topic::new("state", 4, HANDED_OVER, Some(Place(0)));
+pub const STATE: Topic<State> = Topic::new("state", 4, HANDED_OVER, Some(STATE_BELL));
 /// planner -> controllers. The supervisor hands the last ones on when the planner is started again.
 pub const REFERENCE: Topic<Reference> = Topic::new("reference", 4, HANDED_OVER, Some(Place(1)));
 /// controllers -> gate.
@@ -62,5 +64,7 @@ pub const CREDIT: Topic<Credit> = Topic::new("credit", 2, 1, Some(Place(4)));
 pub const ANSWERED: Place = Place(5);
 /// callers -> supervisor: an [operator's request](crate::service) waits.
 pub const ASKED: Place = Place(6);
+/// controller -> the gate's understudy: no command follows the request. A bell alone.
+pub const UNDERSTUDY: Place = Place(7);
 /// supervisor -> processes: faults to be made on purpose.
 pub const INJECTION: Topic<Injection> = Topic::new("injection", 2, 0, None);

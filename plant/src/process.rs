@@ -141,12 +141,13 @@ fn realtime(
         // What is rung from here on may be the answer.
         ports.command.forget();
         let published = ports.injector.send(&mut ports.state, &state, tick)?;
-        // Usually it is here already, having been awaited; whatever is read now costs those who wait for this state their processor.
+        // Before anything else: those who answer this state wait for the processor.
+        let answered = await_answer(context, ports, &alarm, tick, published)?;
+        // Usually it has been here since the last tick, having been awaited.
         if ports.commands.at(tick - 1).is_none() {
             ports.read(context)?;
         }
         ports.pass(plant, tick);
-        let answered = await_answer(context, ports, &alarm, tick, published)?;
         plant.advance()?;
         context.account(Tick { tick, due_ns: due, wake_ns: wake, publish_ns: published, latency_ns: answered })?;
         ports.slack(context)?;

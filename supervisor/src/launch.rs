@@ -173,6 +173,7 @@ impl Prepared {
             wish: realtime.then(|| Wish::new(settings.realtime.priority_gate, cores.gate)),
             alarm: realtime.then(|| Wish::new(settings.realtime.priority_gate, cores.reserve)),
             look_out_us: if cores.gate_looks_out { settings.realtime.look_out_us } else { 0 },
+            understudy: cores.gate_looks_out.then(|| Wish::new(settings.realtime.priority_gate, cores.shared)),
             hatch,
             live: Arc::clone(&live),
         })?;
@@ -233,7 +234,7 @@ fn recover_orphan(log: &Path) {
 fn start_gate(start: GateStart) -> Result<JoinHandle<Result<(), IpcError>>> {
     std::thread::Builder::new()
         .name("hapfic-gate".to_owned())
-        .spawn(move || Gateway::open(start)?.run())
+        .spawn(move || Gateway::run(start))
         .context("cannot start the gate")
 }
 
@@ -339,6 +340,7 @@ fn summarise(request: &Request, timed: Timed, mut faults: Vec<Fault>, losses: Lo
         launch_s: timed.launch_s,
         completed,
         steal_ms: timed.steal_ms,
+        stood_in: timed.stood_in,
         losses,
         incidents,
         faults,

@@ -149,6 +149,8 @@ pub struct Live {
     pub log_failed: AtomicBool,
     /// Last tick whose command went out; -1 before the first.
     pub gated: AtomicI64,
+    /// Ticks that the gate's understudy has done.
+    pub stood_in: AtomicU64,
     /// Code of the severity.
     pub severity: AtomicU32,
     /// Processes that live and do ticks: a bit for each, by its code.

@@ -69,6 +69,8 @@ pub struct Timing {
     pub wake_lateness_us: Option<Quantiles>,
     /// Time the machine took away from all processors together, ms.
     pub steal_ms: u64,
+    /// Ticks that the gate's understudy has done.
+    pub understudy_ticks: u64,
     /// Heap allocations between receiving and sending, in all processes.
     pub allocations: u64,
 }
@@ -156,6 +158,7 @@ impl Summary {
                 brake_ticks: metrics.timing.brake_ticks,
                 wake_lateness_us: metrics.timing.wake_lateness_us.filter(|_| realtime),
                 steal_ms: run.steal_ms,
+                understudy_ticks: run.stood_in,
                 allocations: metrics.timing.allocations,
             },
             recorder,
@@ -223,6 +226,9 @@ impl Summary {
             "  ticks              {} late, {} missed, {} braked; {} ms stolen by the host; {} allocations in real-time code",
             timing.late_ticks, timing.missed_ticks, timing.brake_ticks, timing.steal_ms, timing.allocations
         )?;
+        if timing.understudy_ticks > 0 {
+            writeln!(out, "  gate               {} ticks by its understudy, its own core being taken away", timing.understudy_ticks)?;
+        }
         writeln!(
             out,
             "  log                {} messages, {:.1} MB, {} ticks lost: {}",
@@ -315,6 +321,8 @@ pub struct Run {
     pub completed: bool,
     /// Stolen time, ms.
     pub steal_ms: u64,
+    /// Ticks that the gate's understudy has done.
+    pub stood_in: u64,
     /// What it got over.
     pub losses: Losses,
     /// Brakes and stops.

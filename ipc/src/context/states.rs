@@ -30,6 +30,12 @@ impl Context {
         }
     }
 
+    /// Sleeps until shortly before the state of a tick is due, where it is looked out for. Says whether there is time for a rehearsal.
+    #[must_use]
+    pub fn approach(&self, tick: i64) -> bool {
+        self.foresight.as_ref().is_some_and(|foresight| foresight.approach(tick))
+    }
+
     /// The state to work on after tick `seen`: in lockstep the next one, in realtime the newest. `None` when the process should
     /// end. `slack` is called before each wait, which is for the states themselves or for something `instead`. States are
     /// [looked out](Self::look_out) for where that is wished, but not `instead` of something else.

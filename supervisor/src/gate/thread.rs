@@ -1,28 +1,27 @@
 //! The gate's thread.
 
 use super::core::{Gate, Limits};
+use super::lookout::{Lookout, Outlook, PATIENCE, Woken};
 use super::protocol::{Choice, Patience, Place, Wishes};
 use super::timeline::Timeline;
 use super::torque::TorqueCheck;
+use super::understudy::{Baton, Understudy};
 use crate::live::Live;
 use crate::operator::exchange::Hatch;
 use hapfic_ipc::clock::PERIOD_NS;
 use hapfic_ipc::message::{Command, Event, Operator, Phase, Process, Request, State, Timing};
 use hapfic_ipc::realtime::{self, Granted, Wish};
 use hapfic_ipc::{
-    Alarm, Bell, Bus, Clock, Defect, Domain, Foresight, Input, IpcError, Output, Recent, Wait, Wakes, allocations, clock, topic,
-    wait,
+    Alarm, Bell, Bus, Clock, Defect, Domain, Foresight, Input, IpcError, Output, Recent, Wait, allocations, clock, topic, wait,
 };
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-/// How long the gate waits at most before it looks at its flags.
-const PATIENCE: Duration = Duration::from_millis(20);
 /// How often it looks for the word to go.
 const GO_EVERY: Duration = Duration::from_millis(1);
-/// How often it looks for a state that is overdue.
-const LOOK_AGAIN: Duration = Duration::from_micros(500);
+/// How often it looks whether the understudy is done, ns.
+const NOT_MINE_NS: u64 = 50_000;
 /// How often page faults are counted, in ticks: a system call.
 const FAULTS_EVERY: i64 = 1000;
 /// Controllers: the primary and its standby.
@@ -56,6 +55,8 @@ pub struct Start {
     /// How long before a state is due it begins to look out for it and the request, us; 0: it sleeps until they come. For a real-time
     /// thread on a core where neither plant nor controllers are.
     pub look_out_us: u32,
+    /// Priority and core of who stands in while it looks out and does not come; `None`: nobody.
+    pub understudy: Option<Wish>,
     /// Where changes of the operator come in while the stack runs.
     pub hatch: Hatch,
     /// Shared with the rest of the supervisor.
@@ -101,8 +102,6 @@ pub struct Gateway {
     pub(super) slip: (u64, u64),
     /// Time of the last heartbeat sent while waiting.
     beaten_ns: u64,
-    /// Rings when a request is overdue; in realtime, where the gate does not look out for it.
-    alarm: Option<Alarm>,
     /// When the next request can be looked out for, if it is.
     pub(super) foresight: Option<Foresight>,
     /// Wakes those who need a state, but not at once.
@@ -110,31 +109,45 @@ pub struct Gateway {
     /// Last tick for which they were woken before it was answered.
     called: i64,
     granted: Granted,
-    faults_at_start: u64,
     faults: u32,
-    /// First tick at which they are counted again.
-    faults_due: i64,
+    /// What went wrong while the understudy stood in.
+    failed: Option<IpcError>,
+}
+
+/// What belongs to a thread that works as the gate.
+#[derive(Debug)]
+pub(super) struct Hand {
+    /// How often page faults are counted, in ticks, and the first tick at which they are again.
+    every: i64,
+    due: i64,
+    /// Those that have been counted.
+    faults: u64,
+}
+
+impl Hand {
+    /// Of the calling thread.
+    pub(super) fn new(every: i64) -> Self {
+        Self { every, due: 0, faults: realtime::page_faults() }
+    }
+
+    /// Page faults of the calling thread since it last asked, if it is time to ask.
+    fn new_faults(&mut self, tick: i64) -> u32 {
+        if tick < self.due {
+            return 0;
+        }
+        self.due = tick.saturating_add(self.every - tick % self.every);
+        let before = std::mem::replace(&mut self.faults, realtime::page_faults());
+        (self.faults - before) as u32
+    }
 }
 
 impl Gateway {
-    /// Opens the ports. To be called on the gate's own thread.
-    ///
-    /// # Errors
-    /// [`IpcError`] if they cannot be had.
-    pub fn open(start: Start) -> Result<Self, IpcError> {
-        let bus = Bus::open(&start.domain, "gate")?;
-        let alarm = match start.clock {
-            Clock::Realtime if start.look_out_us == 0 => Some(
-                Alarm::start("hapfic-alarm", bus.bell(topic::REQUEST_BELL), PERIOD_NS, start.alarm)
-                    .map_err(|cause| IpcError::System { action: "start the gate's alarm", cause })?,
-            ),
-            // A time-out is only set once it is late.
-            _ => None,
-        };
+    fn open(start: Start, bus: &Bus) -> Result<Self, IpcError> {
+        let in_step = if start.clock == Clock::Lockstep { Wait::Yes } else { Wait::No };
         Ok(Self {
             gate: Gate::new(start.limits, start.torque.clone()),
-            state: bus.input(&topic::STATE, Wait::Yes)?,
-            request: bus.input(&topic::REQUEST, Wait::Yes)?,
+            state: bus.input(&topic::STATE, Wait::No)?,
+            request: bus.input(&topic::REQUEST, in_step)?,
             command: bus.output(&topic::COMMAND)?,
             operator: bus.output(&topic::OPERATOR)?,
             event: bus.output(&topic::EVENT)?,
@@ -156,23 +169,35 @@ impl Gateway {
             limited: 0,
             slip: (0, 0),
             beaten_ns: 0,
-            alarm,
             foresight: None,
             answered: bus.bell(topic::ANSWERED),
             called: -1,
             granted: Granted::default(),
-            faults_at_start: 0,
             faults: 0,
-            faults_due: 0,
+            failed: None,
             start,
         })
     }
 
-    /// Waits for the word to go, then gates every tick of the run.
+    /// Waits for the word to go, then gates every tick of the run. To be called on the gate's own thread.
     ///
     /// # Errors
-    /// [`IpcError`] if messaging fails.
-    pub fn run(&mut self) -> Result<(), IpcError> {
+    /// [`IpcError`] if the ports cannot be had, or messaging fails.
+    pub fn run(start: Start) -> Result<(), IpcError> {
+        let bus = Bus::open(&start.domain, "gate")?;
+        let alarm = match start.clock {
+            Clock::Realtime if start.look_out_us == 0 => Some(
+                Alarm::start("hapfic-alarm", bus.bell(topic::REQUEST_BELL), PERIOD_NS, start.alarm)
+                    .map_err(|cause| IpcError::System { action: "start the gate's alarm", cause })?,
+            ),
+            // A time-out is only set once it is late.
+            _ => None,
+        };
+        let lookout = Lookout::new(bus.listener(topic::STATE_BELL), bus.listener(topic::REQUEST_BELL), alarm);
+        Box::new(Self::open(start, &bus)?).go(lookout, &bus)
+    }
+
+    fn go(mut self: Box<Self>, lookout: Lookout, bus: &Bus) -> Result<(), IpcError> {
         if let Some(wish) = self.start.wish {
             self.granted = realtime::enter(wish);
             if self.granted.has(Granted::FIFO) && self.granted.has(Granted::PINNED) {
@@ -191,7 +216,7 @@ impl Gateway {
             }
             wait(&[], GO_EVERY)?;
         }
-        self.faults_at_start = realtime::page_faults();
+        let mut hand = Hand::new(FAULTS_EVERY);
         self.operator.send(self.start.timeline.operator())?;
         self.start.live.announced.store(self.start.timeline.operator().next.version, Ordering::Relaxed);
         let announced = self.announce(-1)?;
@@ -200,13 +225,14 @@ impl Gateway {
             self.tell_parameters(version, from)?;
         }
         self.slack()?;
-        while self.gate.tick() < self.start.ticks && !self.stopped() {
-            match self.start.clock {
-                Clock::Realtime => self.realtime_tick()?,
-                Clock::Lockstep => self.lockstep_tick()?,
-            }
+        let lockstep = self.start.clock == Clock::Lockstep;
+        while lockstep && self.gate.tick() < self.start.ticks && !self.stopped() {
+            self.lockstep_tick(&mut hand)?;
         }
-        self.faults = (realtime::page_faults() - self.faults_at_start) as u32;
+        if !lockstep {
+            self = self.realtime(lookout, bus, &mut hand)?;
+        }
+        self.faults += hand.new_faults(i64::MAX);
         self.beat(Phase::Finished)?;
         // Its ports stay until all others have done their last tick: who meets a change is held up.
         while !self.stopped() {
@@ -220,7 +246,7 @@ impl Gateway {
     }
 
     /// Waits for a request of every controller that is there, and of one in any case, however long it takes.
-    fn lockstep_tick(&mut self) -> Result<(), IpcError> {
+    fn lockstep_tick(&mut self, hand: &mut Hand) -> Result<(), IpcError> {
         loop {
             self.read()?;
             let now = clock::now_ns();
@@ -229,7 +255,7 @@ impl Gateway {
             }
             let overdue = now - self.waiting_ns > LOCKSTEP_PATIENCE_NS;
             if let Some(command) = self.decide(overdue, Patience::Lockstep) {
-                return self.publish(&command, now, now);
+                return self.publish(&command, now, now, hand);
             }
             self.slack()?;
             if self.stopped() {
@@ -241,23 +267,106 @@ impl Gateway {
         }
     }
 
-    /// Waits for a request until the deadline, which counts from the state's publication.
-    fn realtime_tick(&mut self) -> Result<(), IpcError> {
+    /// Gates every tick of the run, and waits in between: for a request until the deadline, which counts from the state's publication.
+    /// While it waits, the [understudy](Understudy) may take its place.
+    fn realtime(self: Box<Self>, mut lookout: Lookout, bus: &Bus, hand: &mut Hand) -> Result<Box<Self>, IpcError> {
+        let baton = Arc::new(Baton::default());
+        let understudy = match self.start.understudy {
+            Some(wish) if self.foresight.is_some() => {
+                let place = topic::UNDERSTUDY;
+                Some(Understudy::start(&baton, bus.bell(place), bus.listener(place), wish)?)
+            }
+            _ => None,
+        };
+        let mut gate = self;
+        while gate.gate.tick() < gate.start.ticks && !gate.stopped() {
+            if gate.attempt(hand)? {
+                continue;
+            }
+            gate.tend()?;
+            let outlook = gate.outlook();
+            baton.store(Some(gate));
+            let woken = lookout.wait(&outlook)?;
+            gate = loop {
+                match baton.take() {
+                    Some(gate) => break gate,
+                    None => clock::sleep_until(clock::now_ns() + NOT_MINE_NS),
+                }
+            };
+            if let Some(error) = gate.failed.take() {
+                return Err(error);
+            }
+            if woken == Woken::Rehearse {
+                gate.rehearse(outlook.tick);
+            }
+        }
+        drop(understudy);
+        Ok(gate)
+    }
+
+    /// What there is to wait for.
+    fn outlook(&self) -> Outlook {
+        Outlook {
+            tick: self.gate.tick(),
+            newest: self.newest,
+            deadline_ns: self.start.deadline.as_nanos() as u64,
+            // Without a controller nothing is to be foreseen, and those who start one need the processor.
+            foresight: self.foresight.filter(|_| self.any_controller()),
+        }
+    }
+
+    /// Gates the tick that is due, if its request has come or is overdue. Says whether it is done.
+    fn attempt(&mut self, hand: &mut Hand) -> Result<bool, IpcError> {
+        // Receiving counts, too.
+        let before = allocations::count();
         let tick = self.gate.tick();
+        self.read_answer(tick)?;
+        let now = clock::now_ns();
         let deadline = self.start.deadline.as_nanos() as u64;
-        loop {
-            // Receiving counts, too.
-            let before = allocations::count();
-            self.read_answer(tick)?;
-            let now = clock::now_ns();
-            let overdue = self.newest.is_some_and(|(newest, stamp)| newest > tick || (newest == tick && now >= stamp + deadline));
-            if let Some(command) = self.decide(overdue, Patience::Deadline) {
-                return self.publish(&command, now, before);
+        let overdue = self.newest.is_some_and(|(newest, stamp)| newest > tick || (newest == tick && now >= stamp + deadline));
+        let Some(command) = self.decide(overdue, Patience::Deadline) else { return Ok(false) };
+        self.publish(&command, now, before, hand)?;
+        Ok(true)
+    }
+
+    /// The same in place of the gate's own thread, which hears of what went wrong.
+    pub(super) fn stand_in(&mut self, hand: &mut Hand) {
+        if self.failed.is_some() || self.gate.tick() >= self.start.ticks || self.stopped() {
+            return;
+        }
+        match self.attempt(hand) {
+            Ok(done) => {
+                self.start.live.stood_in.fetch_add(done.into(), Ordering::Relaxed);
             }
-            self.wait_for_request(tick, deadline)?;
-            if self.stopped() {
-                return Ok(());
+            Err(error) => self.failed = Some(error),
+        }
+    }
+
+    /// What is to be done about a request that is late.
+    fn tend(&mut self) -> Result<(), IpcError> {
+        let tick = self.gate.tick();
+        let Some((call, due)) = self.outlook().call_and_due() else { return self.beat(Phase::Waiting) };
+        let now = clock::now_ns();
+        if (call..due).contains(&now) {
+            // It is late, if its state is not: those in reserve are to answer.
+            if self.newest.is_some_and(|(newest, _)| newest == tick) && self.called < tick {
+                self.called = tick;
+                self.answered.ring();
             }
+        } else if now > due + PATIENCE.as_nanos() as u64 {
+            // The plant's timer is late, or the plant is gone; the watchdog knows which, and a successor needs the last command.
+            self.slack()?;
+            self.beat(Phase::Waiting)?;
+        }
+        Ok(())
+    }
+
+    /// Goes through what the next tick will need, so that it is in the caches then.
+    fn rehearse(&mut self, tick: i64) {
+        self.command.rehearse(self.gate.last());
+        let primary = self.gate.primary() as usize;
+        if let (Some(state), Some(request)) = (self.states.at(tick - 1), self.inbox[primary].at(tick - 1)) {
+            self.gate.rehearse(request, state, self.start.timeline.operator().at(tick));
         }
     }
 
@@ -309,55 +418,7 @@ impl Gateway {
         Place::BOTH.iter().any(|place| present & (1 << place.process().code()) != 0)
     }
 
-    /// Waits for a request, at most until the deadline of `tick` as far as it can be foreseen.
-    fn wait_for_request(&mut self, tick: i64, deadline: u64) -> Result<(), IpcError> {
-        let Some((newest, stamp)) = self.newest else {
-            // Before the first state the plant has the word.
-            wait(&[&self.request], PATIENCE)?;
-            return self.beat(Phase::Waiting);
-        };
-        // A state that is still to come is due a period after the last one.
-        let expected = stamp + (tick - newest).max(0) as u64 * PERIOD_NS;
-        let (call, due) = (expected + deadline / 2, expected + deadline);
-        let limit = if newest == tick { call } else { u64::MAX };
-        // Without a controller nothing is to be foreseen, and those who start one need the processor.
-        if let Some(foresight) = &self.foresight
-            && self.any_controller()
-            && foresight.watch(&[&self.request as &dyn Wakes, &self.state], tick, limit)
-        {
-            return Ok(());
-        }
-        let now = clock::now_ns();
-        if now < call {
-            match &self.alarm {
-                Some(alarm) => {
-                    alarm.set(call);
-                    wait(&[&self.request], Duration::MAX)?;
-                }
-                None => {
-                    wait(&[&self.request], Duration::from_nanos(call - now))?;
-                }
-            }
-        } else if now < due {
-            // It is late, if its state is not: those in reserve are to answer.
-            if newest == tick && self.called < tick {
-                self.called = tick;
-                self.answered.ring();
-            }
-            wait(&[&self.request], Duration::from_nanos(due - now))?;
-        } else {
-            wait(&[&self.request], LOOK_AGAIN)?;
-            if now - due <= PATIENCE.as_nanos() as u64 {
-                return Ok(());
-            }
-            // The plant's timer is late, or the plant is gone; the watchdog knows which, and a successor needs the last command.
-            self.slack()?;
-            self.beat(Phase::Waiting)?;
-        }
-        Ok(())
-    }
-
-    fn publish(&mut self, command: &Command, wake: u64, before: u64) -> Result<(), IpcError> {
+    fn publish(&mut self, command: &Command, wake: u64, before: u64, hand: &mut Hand) -> Result<(), IpcError> {
         let tick = command.tick;
         let severity_before = self.start.live.severity.load(Ordering::Relaxed);
         let announced = self.announce(tick)?;
@@ -374,10 +435,7 @@ impl Gateway {
             Some((newest, stamp)) if newest == tick && stamp > 0 => published.saturating_sub(stamp),
             _ => 0,
         };
-        if tick >= self.faults_due {
-            self.faults_due = tick - tick % FAULTS_EVERY + FAULTS_EVERY;
-            self.faults = (realtime::page_faults() - self.faults_at_start) as u32;
-        }
+        self.faults += hand.new_faults(tick);
         let timing = Timing {
             phase: Phase::Running.code(),
             tick,

@@ -58,6 +58,8 @@ pub struct Timed {
     pub wall_s: f64,
     /// Time the host took away meanwhile, ms.
     pub steal_ms: u64,
+    /// Ticks that the gate's understudy has done.
+    pub stood_in: u64,
     /// Whether the run reached its end.
     pub completed: bool,
 }
@@ -212,6 +214,7 @@ impl<'a> Watch<'a> {
             launch_s,
             wall_s: begun.elapsed().as_secs_f64(),
             steal_ms: summary::steal_ms().saturating_sub(stolen),
+            stood_in: self.live.stood_in.load(Ordering::Relaxed),
             completed,
         })
     }

@@ -1,0 +1,92 @@
+//! How the gate's thread waits in realtime: for what, and how long. Meanwhile it has not got the gate.
+
+use hapfic_ipc::clock::PERIOD_NS;
+use hapfic_ipc::{Alarm, Foresight, IpcError, Listener, Wakes, clock, wait};
+use std::time::Duration;
+
+/// How long the gate waits at most before it looks at its flags.
+pub(super) const PATIENCE: Duration = Duration::from_millis(20);
+/// How often it looks for a state that is overdue.
+const LOOK_AGAIN: Duration = Duration::from_micros(500);
+
+/// What the gate waits for.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Outlook {
+    /// The tick that is due.
+    pub(super) tick: i64,
+    /// The newest state's tick and time of publication; before the first the plant has the word.
+    pub(super) newest: Option<(i64, u64)>,
+    /// How long after its state a request may come, ns.
+    pub(super) deadline_ns: u64,
+    /// When the next can be looked out for, if it is.
+    pub(super) foresight: Option<Foresight>,
+}
+
+impl Outlook {
+    /// When those in reserve are called, and when the tick is missed, ns: as far as it can be foreseen.
+    pub(super) fn call_and_due(&self) -> Option<(u64, u64)> {
+        let (newest, stamp) = self.newest?;
+        // A state that is still to come is due a period after the last one.
+        let expected = stamp + (self.tick - newest).max(0) as u64 * PERIOD_NS;
+        Some((expected + self.deadline_ns / 2, expected + self.deadline_ns))
+    }
+}
+
+/// Why the wait is over.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Woken {
+    /// Something came, or it is time to look at the clock.
+    Look,
+    /// The state is due shortly: there is time to go through what will have to be done.
+    Rehearse,
+}
+
+/// The gate's eyes and ears.
+#[derive(Debug)]
+pub(super) struct Lookout {
+    state: Listener,
+    request: Listener,
+    /// Rings when a request is overdue; where the gate does not look out for it.
+    alarm: Option<Alarm>,
+    /// Last tick for which there was a rehearsal, or no time for it.
+    rehearsed: i64,
+}
+
+impl Lookout {
+    pub(super) fn new(state: Listener, request: Listener, alarm: Option<Alarm>) -> Self {
+        Self { state, request, alarm, rehearsed: -1 }
+    }
+
+    /// Waits for a request, at most until it is late.
+    pub(super) fn wait(&mut self, outlook: &Outlook) -> Result<Woken, IpcError> {
+        let Some((call, due)) = outlook.call_and_due() else {
+            wait(&[&self.request], PATIENCE)?;
+            return Ok(Woken::Look);
+        };
+        if let Some(foresight) = &outlook.foresight {
+            if self.rehearsed < outlook.tick {
+                self.rehearsed = outlook.tick;
+                if foresight.approach(outlook.tick) {
+                    return Ok(Woken::Rehearse);
+                }
+            }
+            let state_is_here = outlook.newest.is_some_and(|(newest, _)| newest == outlook.tick);
+            let limit = if state_is_here { call } else { u64::MAX };
+            if foresight.watch(&[&self.request as &dyn Wakes, &self.state], outlook.tick, limit) {
+                return Ok(Woken::Look);
+            }
+        }
+        let now = clock::now_ns();
+        let most = match &self.alarm {
+            Some(alarm) if now < call => {
+                alarm.set(call);
+                Duration::MAX
+            }
+            _ if now < call => Duration::from_nanos(call - now),
+            _ if now < due => Duration::from_nanos(due - now),
+            _ => LOOK_AGAIN,
+        };
+        wait(&[&self.request], most)?;
+        Ok(Woken::Look)
+    }
+}
