@@ -232,10 +232,7 @@ fn recover_orphan(log: &Path) {
 }
 
 fn start_gate(start: GateStart) -> Result<JoinHandle<Result<(), IpcError>>> {
-    std::thread::Builder::new()
-        .name("hapfic-gate".to_owned())
-        .spawn(move || Gateway::run(start))
-        .context("cannot start the gate")
+    std::thread::Builder::new().name("hapfic-gate".to_owned()).spawn(move || Gateway::run(start)).context("cannot start the gate")
 }
 
 fn hold_all(bus: &Bus) -> Result<Vec<Box<dyn std::any::Any>>> {

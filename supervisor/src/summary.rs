@@ -227,7 +227,11 @@ impl Summary {
             timing.late_ticks, timing.missed_ticks, timing.brake_ticks, timing.steal_ms, timing.allocations
         )?;
         if timing.understudy_ticks > 0 {
-            writeln!(out, "  gate               {} ticks by its understudy, its own core being taken away", timing.understudy_ticks)?;
+            writeln!(
+                out,
+                "  gate               {} ticks by its understudy, its own core being taken away",
+                timing.understudy_ticks
+            )?;
         }
         writeln!(
             out,

@@ -1,6 +1,8 @@
 //! Realtime: everything that must hold whatever the machine's timing is.
 
 use crate::log_file::expect_complete;
+use crate::running;
+use hapfic_ipc::{clock, realtime};
 use hapfic_tests::Stack;
 use rustix::fs::{FlockOperation, flock};
 
@@ -39,4 +41,54 @@ fn without_privileges_asked_for_it_runs_all_the_same() {
     let stack = Stack::new();
     stack.run(&["run", "floor", "--duration", "0.5", "--realtime", "off", "--log", "run.mcap"]).expect(0);
     assert_eq!(expect_complete(&stack.path("run.mcap")), 500);
+}
+
+/// Core of a thread that may run on one only, and `None` if there is no such thread.
+fn core_of(pid: u32, name: &str) -> Option<usize> {
+    let tasks = std::fs::read_dir(format!("/proc/{pid}/task")).unwrap().flatten();
+    let status = tasks.filter_map(|task| std::fs::read_to_string(task.path().join("status")).ok());
+    let field = |status: &str, field: &str| status.lines().find_map(|l| l.strip_prefix(field)).map(|l| l.trim().to_owned());
+    let thread = { status }.find(|status| field(status, "Name:").is_some_and(|found| found == name))?;
+    field(&thread, "Cpus_allowed_list:")?.parse().ok()
+}
+
+/// What only a host can do in earnest: the gate's core is gone for five ticks, again and again. A thread that goes before all of the stack's
+/// has it meanwhile.
+#[test]
+fn while_the_gate_s_core_is_taken_away_its_understudy_answers() {
+    const TIMES: u32 = 20;
+    const AWAY_NS: u64 = 5_000_000;
+    let _alone = alone();
+    let stack = Stack::new();
+    std::fs::write(stack.path("steady.toml"), running::unscripted(&stack)).unwrap();
+    let run = stack.start(&["run", "steady.toml", "--duration", "3600", "--log", "run.mcap", "--summary-json", "summary.json"]);
+    let _ = running::status_at(&stack, 500);
+    let understudy = core_of(run.pid(), "hapfic-gate-2");
+    let gate = core_of(run.pid(), "hapfic-gate");
+    let taken = match (gate, understudy) {
+        // Without privileges, or with one core, the gate sleeps where all are, and needs nobody.
+        (_, None) => None,
+        (gate, understudy) => {
+            assert_ne!(gate, understudy);
+            let hog = std::thread::spawn(move || {
+                realtime::pin(None, gate.unwrap()).unwrap();
+                realtime::put_before_others(98).unwrap();
+                for _ in 0..TIMES {
+                    let end = clock::now_ns() + AWAY_NS;
+                    while clock::now_ns() < end {
+                        std::hint::spin_loop();
+                    }
+                    clock::sleep_until(end + 4 * AWAY_NS);
+                }
+            });
+            hog.join().unwrap();
+            Some(TIMES)
+        }
+    };
+    run.signal(rustix::process::Signal::INT);
+    run.finish().expect_nothing_left();
+    let summary: serde_json::Value = serde_json::from_slice(&std::fs::read(stack.path("summary.json")).unwrap()).unwrap();
+    let stood_in = summary["timing"]["understudy_ticks"].as_u64().unwrap();
+    assert!(stood_in >= taken.unwrap_or(0).into(), "{stood_in} ticks, of five each in {taken:?} times");
+    assert_eq!(summary["recorder"]["lost"], 0);
 }
