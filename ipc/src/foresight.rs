@@ -31,7 +31,7 @@ pub struct Foresight {
 }
 
 impl Foresight {
-    /// What is done meanwhile, so that it is in the caches when it counts, should take no longer, ns.
+    /// How long a rehearsal may take, ns: going through a tick's work beforehand, so that it is in the caches when it counts.
     const REHEARSAL_NS: u64 = 25_000;
 
     /// Looks out from `before_us` before a state is due; `None` if that is zero: then everything is waited for asleep.
@@ -59,8 +59,8 @@ impl Foresight {
         Some((due.saturating_sub(self.before_ns), due.saturating_add(STATE_NS)))
     }
 
-    /// Sleeps until shortly before what a tick brings is due. Says whether there is time left until then to
-    /// [rehearse](Self::REHEARSAL_NS); `false` at once if nothing is foreseen or it is late already.
+    /// Sleeps until shortly before what a tick brings is due. Says whether there is time left until then for a rehearsal; `false` at
+    /// once if nothing is foreseen or it is late already.
     pub fn approach(&self, tick: i64) -> bool {
         let Some((begin, _)) = self.window(tick) else { return false };
         if clock::now_ns() < begin {
