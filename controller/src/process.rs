@@ -30,6 +30,8 @@ struct Ports {
     request_bell: Bell,
     /// Rung for the plant with each command.
     command_bell: Bell,
+    /// Rung by the gate after each command, and by nobody else.
+    gated: Bell,
     /// Rung for the gate's understudy.
     understudy: Bell,
     injector: Injector<Request>,
@@ -44,9 +46,9 @@ impl Ports {
         self.command.prepare();
     }
 
-    /// Calls the gate's understudy, if there is one, should no command follow what was published.
-    fn see_it_gated(&self, commands: u32, published_ns: u64) {
-        if self.understudy.is_slept_on() && !self.command_bell.rings_after(commands, published_ns + GATED_WITHIN_NS) {
+    /// Calls the gate's understudy, if there is one, should the gate not answer what was published.
+    fn see_it_gated(&self, gated: u32, published_ns: u64) {
+        if self.understudy.is_slept_on() && !self.gated.rings_after(gated, published_ns + GATED_WITHIN_NS) {
             self.understudy.ring();
         }
     }
@@ -117,6 +119,7 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), ControllerE
         request: context.bus.output(&topic::REQUEST)?,
         request_bell: context.bus.bell(topic::REQUEST_BELL),
         command_bell: context.bus.bell(topic::COMMAND_BELL),
+        gated: context.bus.bell(topic::ANSWERED),
         understudy: context.bus.bell(topic::UNDERSTUDY),
         injector: Injector::open(context)?,
     };
@@ -138,16 +141,11 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), ControllerE
     loop {
         let in_reserve = context.clock == Clock::Realtime && inbox.answers_come_from_elsewhere(context.process);
         if !in_reserve && context.approach(seen + 1) {
-            context.take_until(&mut ports.reference, |new| {
-                inbox.follow(new);
-                false
-            })?;
+            // It is one tick ahead.
+            follow(context, &mut ports.reference, &mut inbox, i64::MAX)?;
             read_ahead(context, &mut ports, &mut inbox)?;
-            ports.prepare();
-            if let Some(state) = &last
-                && core::hint::black_box(state).check().is_ok()
-                && let Some(request) = inbox.known(state).and_then(|known| answer(&chain, &gravity, &known, context.process))
-            {
+            let known = last.as_ref().filter(|state| state.check().is_ok()).and_then(|state| inbox.known(state));
+            if let Some(request) = known.and_then(|known| answer(&chain, &gravity, &known, context.process)) {
                 ports.request.rehearse(&request);
             }
         }
@@ -177,13 +175,13 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), ControllerE
                 let request = Request { stamp_ns: context.stamp(), ..request };
                 // A gate that is awake answers at once, on another core: the plant may as well wake up meanwhile.
                 let at_once = !in_reserve && ports.request_bell.is_watched();
-                let commands = ports.command_bell.count();
+                let gated = ports.gated.count();
                 published = ports.injector.send(&mut ports.request, &request, state.tick)?;
                 if at_once {
                     ports.command_bell.ring();
                 }
                 if !in_reserve && published > 0 {
-                    ports.see_it_gated(commands.wrapping_add(at_once.into()), published);
+                    ports.see_it_gated(gated, published);
                 }
             }
             None if matches!(filled, Filled::TooLate) => {}
@@ -226,19 +224,25 @@ fn read_ahead(context: &mut Context, ports: &mut Ports, inbox: &mut Inbox) -> Re
     context.drain(&mut ports.operator, |new| inbox.operator = Some(new))
 }
 
+/// Takes references up to that of a tick, and counts those that are too old.
+fn follow(context: &mut Context, references: &mut Input<Reference>, inbox: &mut Inbox, tick: i64) -> Result<(), IpcError> {
+    let mut late = 0;
+    context.take_until(references, |new| {
+        late += u32::from(!inbox.follow(new));
+        new.tick >= tick
+    })?;
+    // Who has just joined is handed over what was said long ago.
+    for _ in 0..if inbox.joined { late } else { 0 } {
+        context.refuse();
+    }
+    Ok(())
+}
+
 /// Takes what there is; in lockstep waits for reference(k) and command(k - 1), or for command(k): then tick k is done.
 fn fill(context: &mut Context, ports: &mut Ports, inbox: &mut Inbox, tick: i64) -> Result<Filled, IpcError> {
     loop {
-        let mut late = 0;
         if context.clock == Clock::Lockstep || inbox.references.at(tick).is_none() {
-            context.take_until(&mut ports.reference, |new| {
-                late += u32::from(!inbox.follow(new));
-                new.tick >= tick
-            })?;
-        }
-        // Who has just joined is handed over what was said long ago.
-        for _ in 0..if inbox.joined { late } else { 0 } {
-            context.refuse();
+            follow(context, &mut ports.reference, inbox, tick)?;
         }
         if context.clock == Clock::Lockstep || inbox.commands.at(tick - 1).is_none() || inbox.operator.is_none() {
             read_ahead(context, ports, inbox)?;

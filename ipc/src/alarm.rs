@@ -12,9 +12,6 @@ use core::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::Arc;
 use std::thread::JoinHandle;
 
-/// Stack of the thread, bytes: more than what is touched beforehand.
-const STACK: usize = 512 * 1024;
-
 #[derive(Debug, Default)]
 struct Shared {
     /// Twice the time to ring at, ns of the monotonic clock, plus 1 if it is to be rung then.
@@ -38,7 +35,7 @@ impl Alarm {
     pub fn start(name: &str, bell: Bell, period_ns: u64, wish: Option<Wish>) -> std::io::Result<Self> {
         let shared = Arc::new(Shared::default());
         let theirs = Arc::clone(&shared);
-        let thread = std::thread::Builder::new().name(name.to_owned()).stack_size(STACK).spawn(move || {
+        let thread = std::thread::Builder::new().name(name.to_owned()).stack_size(realtime::SMALL_STACK).spawn(move || {
             if let Some(wish) = wish {
                 // Without privileges it rings a little later.
                 let _ = realtime::enter_without_heap(wish);

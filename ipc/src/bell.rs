@@ -317,6 +317,26 @@ mod tests {
     }
 
     #[test]
+    fn rings_are_counted_and_sleepers_seen() {
+        let (_folder, bells) = bells();
+        let bell = Bell::new(&bells, Place(5));
+        let before = bell.count();
+        assert!(!bell.is_slept_on());
+        assert!(!bell.rings_after(before, clock::now_ns()), "not rung");
+        std::thread::scope(|scope| {
+            scope.spawn(|| wait(&[&Listener::new(&bells, Place(5))], LONG).unwrap());
+            let begun = Instant::now();
+            while !bell.is_slept_on() {
+                assert!(begun.elapsed() < LONG);
+            }
+            bell.ring();
+        });
+        assert!(!bell.is_slept_on());
+        assert!(bell.rings_after(before, u64::MAX));
+        assert_eq!(bell.count(), before.wrapping_add(1));
+    }
+
+    #[test]
     fn one_who_sleeps_is_woken_by_any_of_several() {
         let (_folder, bells) = bells();
         for rung in [1, 2] {

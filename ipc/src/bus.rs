@@ -248,8 +248,9 @@ pub struct Output<T: Copy + core::fmt::Debug + ZeroCopySend + 'static> {
     unmet: u32,
 }
 
-// SAFETY: what keeps a port of iceoryx2's on one thread is a reference count that is not atomic (`SingleThreaded`), of a state that may
-// itself be sent. All that count are the publisher and the loan in here, so they go from one thread to the next together.
+// SAFETY: what keeps a port of `ipc::Service` on one thread is a reference count that is not atomic (iceoryx2 0.10, to which this
+// workspace is pinned: `arc_sync_policy::SingleThreaded`, an `Rc` of a state that may itself be sent; nodes and services are counted by
+// `Arc`; no handler of ours is in it). All that count are the publisher and the loan in here, so they go from thread to thread together.
 unsafe impl<T: Copy + core::fmt::Debug + ZeroCopySend + Send + 'static> Send for Output<T> {}
 
 impl<T: Copy + core::fmt::Debug + ZeroCopySend + 'static> core::fmt::Debug for Output<T> {

@@ -62,7 +62,8 @@ impl Foresight {
     /// Sleeps until shortly before what a tick brings is due. Says whether there is time left until then for a rehearsal; `false` at
     /// once if nothing is foreseen or it is late already.
     pub fn approach(&self, tick: i64) -> bool {
-        let Some((begin, _)) = self.window(tick) else { return false };
+        // What answers a state that is here is due at once.
+        let Some((begin, _)) = self.window(tick).filter(|_| self.last.is_some_and(|last| last.tick < tick)) else { return false };
         if clock::now_ns() < begin {
             clock::sleep_until(begin);
         }
@@ -128,6 +129,26 @@ mod tests {
             let (begin, end) = foresight.window(2).unwrap();
             assert!(begin >= 17_000_000 && end <= 21_500_000, "{begin} {end}");
         }
+    }
+
+    #[test]
+    fn there_is_time_for_a_rehearsal_before_a_state_and_not_after() {
+        let mut foresight = Foresight::new(500).unwrap();
+        assert!(!foresight.approach(1), "nothing is foreseen");
+        let now = clock::now_ns();
+        foresight.learn(&state(0, now, 0), now);
+        assert!(!foresight.approach(0), "it is here");
+        assert!(!foresight.approach(FAR + 1), "too far");
+        // A machine that is busy may wake up too late.
+        let early = foresight.approach(1);
+        let woken = clock::now_ns();
+        assert!(woken >= now + PERIOD_NS - 500_000, "it slept until then");
+        assert!(early || woken >= now + PERIOD_NS - Foresight::REHEARSAL_NS - 200_000, "there was time");
+        clock::sleep_until(now + PERIOD_NS);
+        assert!(!foresight.approach(1), "it is due");
+        let mut hasty = Foresight::new(20).unwrap();
+        hasty.learn(&state(0, clock::now_ns(), 0), clock::now_ns());
+        assert!(!hasty.approach(1), "no time for it at all");
     }
 
     #[test]

@@ -63,6 +63,9 @@ pub fn usable_cores() -> Vec<usize> {
 /// Bytes of stack touched beforehand, so that a deep call does not fault.
 const STACK: usize = 256 * 1024;
 
+/// Stack for a small real-time thread, bytes: more than what is touched beforehand.
+pub const SMALL_STACK: usize = 2 * STACK;
+
 /// A core for the controller in reserve: another one than the run's shared core, if there is one. A process that dies gives its memory
 /// back at its own priority, on its own core: whoever is to take over at once had better not be behind it.
 #[must_use]

@@ -141,13 +141,16 @@ fn realtime(
         // What is rung from here on may be the answer.
         ports.command.forget();
         let published = ports.injector.send(&mut ports.state, &state, tick)?;
-        // Before anything else: those who answer this state wait for the processor.
-        let answered = await_answer(context, ports, &alarm, tick, published)?;
-        // Usually it has been here since the last tick, having been awaited.
+        // Usually it is here already, having been awaited; whatever is read now costs those who wait for this state their processor.
         if ports.commands.at(tick - 1).is_none() {
             ports.read(context)?;
         }
-        ports.pass(plant, tick);
+        // One that comes from here on is too late for this tick.
+        let due_now = ports.commands.before(tick).map(|command| command.tick);
+        let answered = await_answer(context, ports, &alarm, tick, published)?;
+        if let Some(command) = due_now.and_then(|tick| ports.commands.at(tick)) {
+            plant.take(command);
+        }
         plant.advance()?;
         context.account(Tick { tick, due_ns: due, wake_ns: wake, publish_ns: published, latency_ns: answered })?;
         ports.slack(context)?;

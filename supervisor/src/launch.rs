@@ -173,7 +173,7 @@ impl Prepared {
             wish: realtime.then(|| Wish::new(settings.realtime.priority_gate, cores.gate)),
             alarm: realtime.then(|| Wish::new(settings.realtime.priority_gate, cores.reserve)),
             look_out_us: if cores.gate_looks_out { settings.realtime.look_out_us } else { 0 },
-            understudy: cores.gate_looks_out.then(|| Wish::new(settings.realtime.priority_gate, cores.shared)),
+            understudy: cores.understudy.map(|core| Wish::new(settings.realtime.priority_gate, Some(core))),
             hatch,
             live: Arc::clone(&live),
         })?;

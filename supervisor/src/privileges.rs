@@ -37,6 +37,8 @@ pub struct Cores {
     pub gate: Option<u32>,
     /// Whether the gate may look out for requests: it has a core on which it keeps neither plant nor controller from the processor.
     pub gate_looks_out: bool,
+    /// Of the gate's understudy, where the gate looks out: the core of the controller, who calls it.
+    pub understudy: Option<u32>,
 }
 
 impl Cores {
@@ -56,7 +58,9 @@ impl Cores {
         let may = fifo && wanted.look_out_us > 0;
         let looks_out_there = may && paired && apart(reserve);
         let gate = wanted.core_gate.or(if looks_out_there { reserve } else { shared });
-        Self { shared, reserve, gate, gate_looks_out: may && paired && apart(gate) }
+        let gate_looks_out = may && paired && apart(gate);
+        let understudy = wanted.core_controller.or(shared).filter(|_| gate_looks_out);
+        Self { shared, reserve, gate, gate_looks_out, understudy }
     }
 }
 
@@ -169,10 +173,14 @@ mod tests {
         assert_eq!((sleeping.gate, sleeping.gate_looks_out), (sleeping.shared, false));
         assert_eq!(Cores::new(&wanted, 0, false).gate, sleeping.shared, "without privileges");
         let there = Cores::new(&Realtime { core_controller: sleeping.reserve, ..wanted }, 0, true);
-        assert_eq!((there.gate, there.gate_looks_out), (sleeping.shared, false));
+        assert_eq!((there.gate, there.gate_looks_out, there.understudy), (sleeping.shared, false, None));
         let default = Cores::new(&wanted, 0, true);
         assert_eq!(default.gate_looks_out, default.reserve != default.shared);
         assert_eq!(default.gate, if default.gate_looks_out { default.reserve } else { default.shared });
+        assert_eq!(default.understudy, default.shared.filter(|_| default.gate_looks_out));
+        let swapped = Realtime { core_plant: default.reserve, core_controller: default.reserve, ..wanted };
+        let swapped = Cores::new(&Realtime { core_gate: default.shared, ..swapped }, 0, true);
+        assert!(!swapped.gate_looks_out || swapped.understudy == default.reserve, "where the controller is");
         let free = Cores::new(&Realtime { placement: Placement::Free, ..wanted }, 0, true);
         assert_eq!(free, Cores::default());
     }

@@ -229,7 +229,7 @@ impl Summary {
         if timing.understudy_ticks > 0 {
             writeln!(
                 out,
-                "  gate               {} ticks by its understudy, its own core being taken away",
+                "  gate               {} ticks by its understudy, its own thread not being there in time",
                 timing.understudy_ticks
             )?;
         }

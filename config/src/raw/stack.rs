@@ -102,7 +102,8 @@ pub(crate) struct RawRealtime {
     /// `one_core`: threads without a core below share one; `free`: they run wherever the scheduler puts them.
     pub(crate) placement: Placement,
     /// us, an integer in [0, 500]: how long before a state is due the controller, and the gate if it has another core, are awake and look
-    /// out for it instead of sleeping; 0: never.
+    /// out for it instead of sleeping; 0: never. Above 25 they go through the tick's work beforehand. A gate on a core of its own has an
+    /// understudy where the controller is.
     pub(crate) look_out_us: u32,
     /// Processor core, an integer in [0, 1023]; without it as `placement` says.
     #[serde(skip_serializing_if = "Option::is_none")]

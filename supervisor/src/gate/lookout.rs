@@ -23,6 +23,11 @@ pub(super) struct Outlook {
 }
 
 impl Outlook {
+    /// Whether the state of the tick that is due has come.
+    pub(super) fn state_is_here(&self) -> bool {
+        self.newest.is_some_and(|(newest, _)| newest == self.tick)
+    }
+
     /// When those in reserve are called, and when the tick is missed, ns: as far as it can be foreseen.
     pub(super) fn call_and_due(&self) -> Option<(u64, u64)> {
         let (newest, stamp) = self.newest?;
@@ -70,8 +75,7 @@ impl Lookout {
                     return Ok(Woken::Rehearse);
                 }
             }
-            let state_is_here = outlook.newest.is_some_and(|(newest, _)| newest == outlook.tick);
-            let limit = if state_is_here { call } else { u64::MAX };
+            let limit = if outlook.state_is_here() { call } else { u64::MAX };
             if foresight.watch(&[&self.request as &dyn Wakes, &self.state], outlook.tick, limit) {
                 return Ok(Woken::Look);
             }
@@ -88,5 +92,24 @@ impl Lookout {
         };
         wait(&[&self.request], most)?;
         Ok(Woken::Look)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_state_that_is_still_to_come_is_due_a_period_after_the_last() {
+        let outlook = Outlook { tick: 7, newest: None, deadline_ns: 800_000, foresight: None };
+        assert_eq!(outlook.call_and_due(), None, "before the first the plant has the word");
+        let here = Outlook { newest: Some((7, 5_000_000)), ..outlook };
+        assert!(here.state_is_here());
+        assert_eq!(here.call_and_due(), Some((5_400_000, 5_800_000)));
+        let ahead = Outlook { newest: Some((5, 5_000_000)), ..outlook };
+        assert!(!ahead.state_is_here());
+        assert_eq!(ahead.call_and_due(), Some((7_400_000, 7_800_000)));
+        let passed = Outlook { newest: Some((9, 5_000_000)), ..outlook };
+        assert_eq!(passed.call_and_due(), Some((5_400_000, 5_800_000)));
     }
 }

@@ -13,6 +13,7 @@ mod tell;
 mod thread;
 pub mod timeline;
 pub mod torque;
+mod turn;
 mod understudy;
 
 pub use thread::{Gateway, Start};

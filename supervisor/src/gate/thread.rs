@@ -1,11 +1,12 @@
 //! The gate's thread.
 
 use super::core::{Gate, Limits};
-use super::lookout::{Lookout, Outlook, PATIENCE, Woken};
+use super::lookout::{Lookout, PATIENCE};
 use super::protocol::{Choice, Patience, Place, Wishes};
 use super::timeline::Timeline;
 use super::torque::TorqueCheck;
-use super::understudy::{Baton, Understudy};
+use super::turn::Hand;
+use super::understudy::Understudy;
 use crate::live::Live;
 use crate::operator::exchange::Hatch;
 use hapfic_ipc::clock::PERIOD_NS;
@@ -20,8 +21,6 @@ use std::time::Duration;
 
 /// How often it looks for the word to go.
 const GO_EVERY: Duration = Duration::from_millis(1);
-/// How often it looks whether the understudy is done, ns.
-const NOT_MINE_NS: u64 = 50_000;
 /// How often page faults are counted, in ticks: a system call.
 const FAULTS_EVERY: i64 = 1000;
 /// Controllers: the primary and its standby.
@@ -55,7 +54,7 @@ pub struct Start {
     /// How long before a state is due it begins to look out for it and the request, us; 0: it sleeps until they come. For a real-time
     /// thread on a core where neither plant nor controllers are.
     pub look_out_us: u32,
-    /// Priority and core of who stands in while it looks out and does not come; `None`: nobody.
+    /// Priority and core of who stands in if the gate looks out and does not come; `None`: nobody.
     pub understudy: Option<Wish>,
     /// Where changes of the operator come in while the stack runs.
     pub hatch: Hatch,
@@ -105,40 +104,13 @@ pub struct Gateway {
     /// When the next request can be looked out for, if it is.
     pub(super) foresight: Option<Foresight>,
     /// Wakes those who need a state, but not at once.
-    answered: Bell,
+    pub(super) answered: Bell,
     /// Last tick for which they were woken before it was answered.
-    called: i64,
+    pub(super) called: i64,
     granted: Granted,
     faults: u32,
     /// What went wrong while the understudy stood in.
-    failed: Option<IpcError>,
-}
-
-/// What belongs to a thread that works as the gate.
-#[derive(Debug)]
-pub(super) struct Hand {
-    /// How often page faults are counted, in ticks, and the first tick at which they are again.
-    every: i64,
-    due: i64,
-    /// Those that have been counted.
-    faults: u64,
-}
-
-impl Hand {
-    /// Of the calling thread.
-    pub(super) fn new(every: i64) -> Self {
-        Self { every, due: 0, faults: realtime::page_faults() }
-    }
-
-    /// Page faults of the calling thread since it last asked, if it is time to ask.
-    fn new_faults(&mut self, tick: i64) -> u32 {
-        if tick < self.due {
-            return 0;
-        }
-        self.due = tick.saturating_add(self.every - tick % self.every);
-        let before = std::mem::replace(&mut self.faults, realtime::page_faults());
-        (self.faults - before) as u32
-    }
+    pub(super) failed: Option<IpcError>,
 }
 
 impl Gateway {
@@ -194,10 +166,14 @@ impl Gateway {
             _ => None,
         };
         let lookout = Lookout::new(bus.listener(topic::STATE_BELL), bus.listener(topic::REQUEST_BELL), alarm);
-        Box::new(Self::open(start, &bus)?).go(lookout, &bus)
+        let understudy = match start.understudy {
+            Some(wish) => Some(Understudy::start(bus.bell(topic::UNDERSTUDY), bus.listener(topic::UNDERSTUDY), wish)?),
+            None => None,
+        };
+        Box::new(Self::open(start, &bus)?).go(lookout, understudy)
     }
 
-    fn go(mut self: Box<Self>, lookout: Lookout, bus: &Bus) -> Result<(), IpcError> {
+    fn go(mut self: Box<Self>, lookout: Lookout, understudy: Option<Understudy>) -> Result<(), IpcError> {
         if let Some(wish) = self.start.wish {
             self.granted = realtime::enter(wish);
             if self.granted.has(Granted::FIFO) && self.granted.has(Granted::PINNED) {
@@ -230,7 +206,7 @@ impl Gateway {
             self.lockstep_tick(&mut hand)?;
         }
         if !lockstep {
-            self = self.realtime(lookout, bus, &mut hand)?;
+            self = self.realtime(lookout, understudy, &mut hand)?;
         }
         self.faults += hand.new_faults(i64::MAX);
         self.beat(Phase::Finished)?;
@@ -241,7 +217,7 @@ impl Gateway {
         Ok(())
     }
 
-    fn stopped(&self) -> bool {
+    pub(super) fn stopped(&self) -> bool {
         self.start.live.stop.load(Ordering::Acquire)
     }
 
@@ -267,111 +243,8 @@ impl Gateway {
         }
     }
 
-    /// Gates every tick of the run, and waits in between: for a request until the deadline, which counts from the state's publication.
-    /// While it waits, the [understudy](Understudy) may take its place.
-    fn realtime(self: Box<Self>, mut lookout: Lookout, bus: &Bus, hand: &mut Hand) -> Result<Box<Self>, IpcError> {
-        let baton = Arc::new(Baton::default());
-        let understudy = match self.start.understudy {
-            Some(wish) if self.foresight.is_some() => {
-                let place = topic::UNDERSTUDY;
-                Some(Understudy::start(&baton, bus.bell(place), bus.listener(place), wish)?)
-            }
-            _ => None,
-        };
-        let mut gate = self;
-        while gate.gate.tick() < gate.start.ticks && !gate.stopped() {
-            if gate.attempt(hand)? {
-                continue;
-            }
-            gate.tend()?;
-            let outlook = gate.outlook();
-            baton.store(Some(gate));
-            let woken = lookout.wait(&outlook)?;
-            gate = loop {
-                match baton.take() {
-                    Some(gate) => break gate,
-                    None => clock::sleep_until(clock::now_ns() + NOT_MINE_NS),
-                }
-            };
-            if let Some(error) = gate.failed.take() {
-                return Err(error);
-            }
-            if woken == Woken::Rehearse {
-                gate.rehearse(outlook.tick);
-            }
-        }
-        drop(understudy);
-        Ok(gate)
-    }
-
-    /// What there is to wait for.
-    fn outlook(&self) -> Outlook {
-        Outlook {
-            tick: self.gate.tick(),
-            newest: self.newest,
-            deadline_ns: self.start.deadline.as_nanos() as u64,
-            // Without a controller nothing is to be foreseen, and those who start one need the processor.
-            foresight: self.foresight.filter(|_| self.any_controller()),
-        }
-    }
-
-    /// Gates the tick that is due, if its request has come or is overdue. Says whether it is done.
-    fn attempt(&mut self, hand: &mut Hand) -> Result<bool, IpcError> {
-        // Receiving counts, too.
-        let before = allocations::count();
-        let tick = self.gate.tick();
-        self.read_answer(tick)?;
-        let now = clock::now_ns();
-        let deadline = self.start.deadline.as_nanos() as u64;
-        let overdue = self.newest.is_some_and(|(newest, stamp)| newest > tick || (newest == tick && now >= stamp + deadline));
-        let Some(command) = self.decide(overdue, Patience::Deadline) else { return Ok(false) };
-        self.publish(&command, now, before, hand)?;
-        Ok(true)
-    }
-
-    /// The same in place of the gate's own thread, which hears of what went wrong.
-    pub(super) fn stand_in(&mut self, hand: &mut Hand) {
-        if self.failed.is_some() || self.gate.tick() >= self.start.ticks || self.stopped() {
-            return;
-        }
-        match self.attempt(hand) {
-            Ok(done) => {
-                self.start.live.stood_in.fetch_add(done.into(), Ordering::Relaxed);
-            }
-            Err(error) => self.failed = Some(error),
-        }
-    }
-
-    /// What is to be done about a request that is late.
-    fn tend(&mut self) -> Result<(), IpcError> {
-        let tick = self.gate.tick();
-        let Some((call, due)) = self.outlook().call_and_due() else { return self.beat(Phase::Waiting) };
-        let now = clock::now_ns();
-        if (call..due).contains(&now) {
-            // It is late, if its state is not: those in reserve are to answer.
-            if self.newest.is_some_and(|(newest, _)| newest == tick) && self.called < tick {
-                self.called = tick;
-                self.answered.ring();
-            }
-        } else if now > due + PATIENCE.as_nanos() as u64 {
-            // The plant's timer is late, or the plant is gone; the watchdog knows which, and a successor needs the last command.
-            self.slack()?;
-            self.beat(Phase::Waiting)?;
-        }
-        Ok(())
-    }
-
-    /// Goes through what the next tick will need, so that it is in the caches then.
-    fn rehearse(&mut self, tick: i64) {
-        self.command.rehearse(self.gate.last());
-        let primary = self.gate.primary() as usize;
-        if let (Some(state), Some(request)) = (self.states.at(tick - 1), self.inbox[primary].at(tick - 1)) {
-            self.gate.rehearse(request, state, self.start.timeline.operator().at(tick));
-        }
-    }
-
     /// The command of the tick that is due, if it can be told by now.
-    fn decide(&mut self, overdue: bool, patience: Patience) -> Option<Command> {
+    pub(super) fn decide(&mut self, overdue: bool, patience: Patience) -> Option<Command> {
         let (seen, requests) = self.observe(overdue);
         let choice = self.gate.choose(&seen, patience);
         if choice == Choice::Wait {
@@ -413,12 +286,12 @@ impl Gateway {
         wishes
     }
 
-    fn any_controller(&self) -> bool {
+    pub(super) fn any_controller(&self) -> bool {
         let present = self.start.live.present.load(Ordering::Acquire);
         Place::BOTH.iter().any(|place| present & (1 << place.process().code()) != 0)
     }
 
-    fn publish(&mut self, command: &Command, wake: u64, before: u64, hand: &mut Hand) -> Result<(), IpcError> {
+    pub(super) fn publish(&mut self, command: &Command, wake: u64, before: u64, hand: &mut Hand) -> Result<(), IpcError> {
         let tick = command.tick;
         let severity_before = self.start.live.severity.load(Ordering::Relaxed);
         let announced = self.announce(tick)?;
@@ -459,7 +332,7 @@ impl Gateway {
         Ok(Some((operator.next.version, operator.next.effective_tick)))
     }
 
-    fn beat(&mut self, phase: Phase) -> Result<(), IpcError> {
+    pub(super) fn beat(&mut self, phase: Phase) -> Result<(), IpcError> {
         let now = clock::now_ns();
         // Often enough to be heard, and not more.
         if phase == Phase::Waiting && now - self.beaten_ns < PATIENCE.as_nanos() as u64 {
