@@ -7,8 +7,13 @@ use crate::link::Kind;
 use crate::measured::Measured;
 use crate::{relay, timer};
 use clap::Parser;
+use hapfic_ipc::clock;
 use std::io::Write;
 use std::process::ExitCode;
+
+/// How long a program stays after its last round, ns: it gives back its memory at its own priority, and whatever is measured at the same time
+/// should be over by then.
+const STAY_NS: u64 = 200_000_000;
 
 /// The kind that every such program has: no chain, a timer alone.
 pub const TIMER: &str = "timer";
@@ -55,6 +60,7 @@ fn say_ready() {
 }
 
 fn tell(measured: &Measured) -> Result<(), LatencyError> {
+    clock::sleep_until(clock::now_ns() + STAY_NS);
     let line = serde_json::to_string(measured).map_err(|e| LatencyError::Said(e.to_string()))?;
     print(&line)
 }

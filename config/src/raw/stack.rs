@@ -132,7 +132,7 @@ impl Default for RawRealtime {
             priority_controller: 76,
             priority_planner: 72,
             placement: Placement::default(),
-            look_out_us: 50,
+            look_out_us: 100,
             core_plant: None,
             core_gate: None,
             core_controller: None,

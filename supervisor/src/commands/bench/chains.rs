@@ -26,6 +26,8 @@ const TIMER_PHASE_NS: u64 = 850_000;
 /// The witness: how often, and when after the plant's timer.
 const WITNESS_EVERY_NS: u64 = 250_000;
 const WITNESS_PHASE_NS: u64 = 190_000;
+/// For how many more it stays than the measurement lasts, so that what makes the last ticks late is seen.
+const WITNESS_LONGER: u64 = 400;
 /// The witness tells only of what is later than this, ns.
 const WITNESS_ABOVE_NS: u64 = 50_000;
 /// How long a chain may take to hand its figures over after its last message.
@@ -139,7 +141,10 @@ fn plans(kinds: &[Contender], place: &Where, start_ns: u64, seconds: u64) -> Vec
     plans.push(plan(TIMER, start_ns + TIMER_PHASE_NS, PERIOD_NS, &place.cores, priorities, 0));
     // Above the plant: whatever the stack does, only the machine can make it late.
     let above = vec![(place.priorities[0] + 1).min(98)];
-    let witness = |core| plan(TIMER, start_ns + WITNESS_PHASE_NS, WITNESS_EVERY_NS, &[core; 3], above.clone(), WITNESS_ABOVE_NS);
+    let witness = |core| {
+        let plan = plan(TIMER, start_ns + WITNESS_PHASE_NS, WITNESS_EVERY_NS, &[core; 3], above.clone(), WITNESS_ABOVE_NS);
+        Plan { count: plan.count + WITNESS_LONGER, ..plan }
+    };
     plans.extend(place.watched().into_iter().map(witness));
     plans
 }
