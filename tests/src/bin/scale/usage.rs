@@ -10,7 +10,8 @@ use std::time::Instant;
 /// Who takes processor time, in the order of the table: processes, and threads of the supervisor.
 pub(crate) const KINDS: [&str; 7] = ["plant", "planner", "controller", "standby", "gate", "recorder", "supervisor"];
 /// Of the supervisor's threads, those that are told apart, by the name the system knows.
-const THREADS: [(&str, &str); 3] = [("hapfic-gate", "gate"), ("hapfic-recorder", "recorder"), ("hapfic-writer", "recorder")];
+const THREADS: [(&str, &str); 4] =
+    [("hapfic-gate", "gate"), ("hapfic-gate-2", "gate"), ("hapfic-recorder", "recorder"), ("hapfic-writer", "recorder")];
 /// The rest of its threads.
 const SUPERVISOR: &str = "supervisor";
 /// Places of user and system time in a `stat` file behind the name of the program.
