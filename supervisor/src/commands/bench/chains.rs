@@ -286,7 +286,9 @@ mod tests {
         }
         ticks.sort_unstable();
         assert_eq!(ticks, (7000..10_000).collect::<Vec<_>>());
-        assert_eq!((plans[3].count, plans[4].count, plans[5].count, plans.len()), (3000, 12_000, 12_000, 6));
+        assert_eq!((plans[3].count, plans.len()), (3000, 6));
+        let until = |plan: &Plan| plan.start_ns + plan.count * plan.period_ns;
+        assert!(plans[4..].iter().all(|witness| until(witness) > 10_000_000_000 + 50 * PERIOD_NS), "they stay longer");
         assert_eq!((plans[4].core[0], plans[5].core[0]), (Core(Some(0)), Core(Some(1))), "a witness on each core of the stack");
         assert!(plans[4].wishes().is_ok_and(|wishes| wishes[0].is_some_and(|w| w.priority == 81)));
     }
