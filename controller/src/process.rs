@@ -30,7 +30,7 @@ struct Ports {
     request_bell: Bell,
     /// Rung for the plant with each command.
     command_bell: Bell,
-    /// Rung by the gate after each command, and by nobody else.
+    /// Rung by the gate alone: after each command, and when it calls those in reserve.
     gated: Bell,
     /// Rung for the gate's understudy.
     understudy: Bell,

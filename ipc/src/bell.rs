@@ -345,7 +345,9 @@ mod tests {
             let begun = Instant::now();
             std::thread::scope(|scope| {
                 scope.spawn(|| {
-                    std::thread::sleep(Duration::from_millis(20));
+                    while !bell.is_slept_on() {
+                        assert!(begun.elapsed() < LONG);
+                    }
                     bell.ring();
                 });
                 while !wait(&[&a, &b], LONG).unwrap() {

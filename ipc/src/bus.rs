@@ -270,7 +270,8 @@ impl<T: Copy + core::fmt::Debug + ZeroCopySend + 'static> Output<T> {
         }
     }
 
-    /// Writes a message where the next one will be written, and sends nothing: so that it is in the caches then.
+    /// Writes a message where the next one will be written, and sends nothing: so that it is in the caches then. Work for the slack, as
+    /// [`prepare`](Self::prepare): it allocates.
     pub fn rehearse(&mut self, message: &T) {
         self.prepare();
         if let Some(loan) = &mut self.loan {
