@@ -110,7 +110,7 @@ pub enum Command {
     /// A chain beside the stack's own; started by `bench latency`.
     #[command(hide = true)]
     BenchChain {
-        /// As hapfic-latency understands them.
+        /// As hapfic-diagnostics understands them.
         #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
         words: Vec<String>,
     },

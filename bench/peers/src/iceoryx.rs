@@ -1,7 +1,7 @@
 //! iceoryx2 as it comes: publish-subscribe for the message, its own event service for the wake-up; without what HapFIC adds.
 
 use crate::place;
-use hapfic_latency::{Kind, Link, Seat};
+use hapfic_diagnostics::{Kind, Link, Seat};
 use iceoryx2::config::Config;
 use iceoryx2::node::{Node, NodeBuilder};
 use iceoryx2::port::listener::Listener;

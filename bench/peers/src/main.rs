@@ -11,7 +11,7 @@ mod zeromq_chain;
 #[cfg(feature = "libzmq")]
 mod zmq_chain;
 
-use hapfic_latency::Kind;
+use hapfic_diagnostics::Kind;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
@@ -23,7 +23,7 @@ fn main() -> ExitCode {
         #[cfg(feature = "libzmq")]
         &zmq_chain::LibZmq,
     ];
-    let code = hapfic_latency::main(kinds);
+    let code = hapfic_diagnostics::main(kinds);
     // The relays, which could not do it themselves, have ended by now.
     place::clean_up();
     if std::env::args().any(|word| word == zenoh_chain::WITH_MEMORY) {

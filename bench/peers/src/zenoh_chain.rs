@@ -4,7 +4,7 @@
 //! without, the message itself does.
 
 use crate::place;
-use hapfic_latency::{Kind, Link, Seat};
+use hapfic_diagnostics::{Kind, Link, Seat};
 use std::fmt::Display;
 use std::io;
 use std::time::Duration;

@@ -4,7 +4,7 @@
 
 use crate::place;
 use futures_util::StreamExt;
-use hapfic_latency::{Kind, Link, Seat};
+use hapfic_diagnostics::{Kind, Link, Seat};
 use std::fmt::Display;
 use std::io;
 use std::time::{Duration, Instant};

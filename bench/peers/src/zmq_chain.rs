@@ -1,7 +1,7 @@
 //! ZeroMQ's PUSH and PULL over Unix sockets, in its own library: each process has a thread of the library's for the sockets.
 
 use crate::place;
-use hapfic_latency::{Kind, Link, Seat};
+use hapfic_diagnostics::{Kind, Link, Seat};
 use std::io;
 use std::time::Duration;
 use zmq::{Context, Error, PULL, PUSH, Socket};

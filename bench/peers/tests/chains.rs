@@ -42,7 +42,7 @@ fn messages_come_round_and_in_order_of_time() {
         let lines: Vec<_> = text.lines().collect();
         assert_eq!(lines.len(), 2, "{kind}: {text}");
         assert_eq!(lines[0], "ready", "{kind}");
-        let measured: hapfic_latency::Measured = serde_json::from_str(lines[1]).unwrap();
+        let measured: hapfic_diagnostics::Measured = serde_json::from_str(lines[1]).unwrap();
         assert_eq!(measured.kind, kind);
         assert_eq!(measured.samples.len() as u64, COUNT, "{kind}");
         let mut answered = 0;

@@ -25,7 +25,7 @@ pub struct LatencyArgs {
     /// The distributions as a picture, PNG.
     #[arg(long, value_name = "FILE")]
     pub plot: Option<PathBuf>,
-    /// A program with chains of its own, see the crate hapfic-latency; may be given again.
+    /// A program with chains of its own, see the crate hapfic-diagnostics; may be given again.
     #[arg(long, value_name = "PROGRAM")]
     pub peers: Vec<PathBuf>,
     /// Keep every core busy meanwhile, with programs that are not real-time.

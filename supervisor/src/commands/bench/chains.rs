@@ -4,10 +4,10 @@ use super::stack::Found;
 use crate::children::this_program;
 use anyhow::{Context, Result, bail, ensure};
 use hapfic_config::{Placement, Settings};
+use hapfic_diagnostics::{Core, Measured, Plan, TIMER};
 use hapfic_ipc::clock::PERIOD_NS;
 use hapfic_ipc::message::{Command as CommandMessage, Request, State};
 use hapfic_ipc::realtime::Granted;
-use hapfic_latency::{Core, Measured, Plan, TIMER};
 use std::io::{BufRead, BufReader};
 use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
@@ -73,7 +73,7 @@ pub(super) struct Contender {
 
 /// All kinds: this program's own, and those of its peers.
 pub(super) fn contenders(peers: &[PathBuf]) -> Result<Vec<Contender>> {
-    let own = hapfic_latency::own().map(|kind| Contender { program: None, kind: kind.name().to_owned() });
+    let own = hapfic_diagnostics::own().map(|kind| Contender { program: None, kind: kind.name().to_owned() });
     let mut all = Vec::from(own);
     for program in peers {
         let asked = Command::new(program).arg("kinds").stdin(Stdio::null()).stderr(Stdio::inherit()).output();

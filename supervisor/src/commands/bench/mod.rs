@@ -28,7 +28,7 @@ pub fn bench(what: &Bench) -> Result<Outcome> {
 
 /// `hapfic bench-chain`: a driver or relay of a chain over what the kernel offers.
 pub fn chain(words: &[String]) -> Result<Outcome> {
-    Ok(match hapfic_latency::program(&[chains::OWN], words, &hapfic_latency::own()) {
+    Ok(match hapfic_diagnostics::program(&[chains::OWN], words, &hapfic_diagnostics::own()) {
         Ok(()) => Outcome::Done,
         Err(e) => Outcome::Refused(e.into()),
     })

@@ -2,9 +2,9 @@
 
 use super::chains::Heard;
 use super::ticks::Figures;
-use hapfic_latency::cause::{Cause, Seen, Span, Verdict};
-use hapfic_latency::hops::PartQuantiles;
-use hapfic_latency::{Distribution, Measured, Quantiles, Ratio};
+use hapfic_diagnostics::cause::{Cause, Seen, Span, Verdict};
+use hapfic_diagnostics::hops::PartQuantiles;
+use hapfic_diagnostics::{Distribution, Measured, Quantiles, Ratio};
 use serde::Serialize;
 
 /// What was measured, and where.
@@ -104,7 +104,7 @@ pub(super) fn seen(heard: &Heard, stolen: Vec<(Span, u64)>) -> Seen {
     all.extend(late(&heard.timer));
     all.sort_unstable_by_key(|span| span.from_ns);
     // What is on time is of no use, and there is much of it.
-    all.retain(|span| span.to_ns - span.from_ns > hapfic_latency::cause::WITNESS_LATE_NS / 4);
+    all.retain(|span| span.to_ns - span.from_ns > hapfic_diagnostics::cause::WITNESS_LATE_NS / 4);
     Seen { late: all, stolen }
 }
 
@@ -180,9 +180,9 @@ fn chain(measured: &Measured, name: &str, span: Span) -> Chain {
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use hapfic_latency::Sample;
-    use hapfic_latency::cause::{Missed, judge};
-    use hapfic_latency::hops::{Stamps, TickStamps};
+    use hapfic_diagnostics::Sample;
+    use hapfic_diagnostics::cause::{Missed, judge};
+    use hapfic_diagnostics::hops::{Stamps, TickStamps};
 
     /// A thousand ticks of 60 us beside a chain of 50 us, of which one was not answered and one not sent, and one tick missed.
     pub(in super::super) fn made_up() -> Results {

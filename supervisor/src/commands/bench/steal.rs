@@ -1,7 +1,7 @@
 //! When the host took the processor away, seen from one look to the next.
 
+use hapfic_diagnostics::cause::Span;
 use hapfic_ipc::clock;
-use hapfic_latency::cause::Span;
 use std::fs::File;
 use std::os::unix::fs::FileExt;
 

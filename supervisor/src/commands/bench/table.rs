@@ -1,7 +1,7 @@
 //! The results of a measurement as text.
 
 use super::results::{Against, Chain, Results};
-use hapfic_latency::Quantiles;
+use hapfic_diagnostics::Quantiles;
 use std::fmt::{self, Write};
 
 /// Missed ticks that are shown; all of them are in the JSON.
@@ -59,7 +59,7 @@ fn write_all(out: &mut String, r: &Results) -> fmt::Result {
     row(out, "timer", &r.timer_us)?;
     writeln!(out)?;
     for Against { name, p50, p999 } in &r.ratios {
-        let say = |ratio: &Option<hapfic_latency::Ratio>| ratio.map_or("not known".to_owned(), |ratio| ratio.to_string());
+        let say = |ratio: &Option<hapfic_diagnostics::Ratio>| ratio.map_or("not known".to_owned(), |ratio| ratio.to_string());
         writeln!(out, "the stack over {name:<14} p50 {:<40} p99.9 {}", say(p50), say(p999))?;
     }
     write_missed(out, r)?;

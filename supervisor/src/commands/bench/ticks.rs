@@ -1,10 +1,10 @@
 //! What a log says of each tick.
 
 use anyhow::Result;
+use hapfic_diagnostics::cause::{Missed, Seen, Span, Verdict, judge};
+use hapfic_diagnostics::hops::{Hops, Stamps, TickStamps};
 use hapfic_ipc::clock::PERIOD_NS;
 use hapfic_ipc::message::{Mode, Phase, Process, Source};
-use hapfic_latency::cause::{Missed, Seen, Span, Verdict, judge};
-use hapfic_latency::hops::{Hops, Stamps, TickStamps};
 use hapfic_log::{Reader, Record, proto};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -129,7 +129,7 @@ impl Ticks {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use hapfic_latency::cause::Cause;
+    use hapfic_diagnostics::cause::Cause;
 
     const BEGIN: u64 = 1_000_000_000;
 
@@ -176,7 +176,7 @@ mod tests {
         let all = Span { from_ns: BEGIN, to_ns: BEGIN + 10 * PERIOD_NS };
         let figures = ticks().figures(all, &Seen::default());
         assert_eq!((figures.ticks, figures.allocations, figures.hops.chain.count()), (10, 40, 9));
-        let works = figures.hops.part(hapfic_latency::hops::Part::ControllerWorks).quantiles();
+        let works = figures.hops.part(hapfic_diagnostics::hops::Part::ControllerWorks).quantiles();
         assert_eq!(works.max, Some(20.0), "the standby's, at the tick that it answered");
         let missed: Vec<_> = figures.missed.iter().map(|v| (v.tick, v.missed, v.cause)).collect();
         assert_eq!(missed, [(6, Missed::Unanswered, Cause::Ours), (8, Missed::Slipped { ticks: 2 }, Cause::Unexplained)]);

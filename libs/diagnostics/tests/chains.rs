@@ -1,7 +1,7 @@
 //! Chains of every kind of this crate, with real processes: counts and order, never times.
 #![allow(clippy::unwrap_used)]
 
-use hapfic_latency::{Core, Measured, Plan, TIMER, own};
+use hapfic_diagnostics::{Core, Measured, Plan, TIMER, own};
 use std::process::{Command, Output};
 
 const COUNT: u64 = 50;

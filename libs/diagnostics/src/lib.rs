@@ -6,7 +6,7 @@
 //! measures it:
 //!
 //! ```no_run
-//! use hapfic_latency::{Kind, Link, Seat};
+//! use hapfic_diagnostics::{Kind, Link, Seat};
 //! # use std::{io, time::Duration};
 //! struct Pigeon;
 //!
@@ -20,7 +20,7 @@
 //! }
 //!
 //! fn main() -> std::process::ExitCode {
-//!     hapfic_latency::main(&[&Pigeon])
+//!     hapfic_diagnostics::main(&[&Pigeon])
 //! }
 //! ```
 //!

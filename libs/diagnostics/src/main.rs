@@ -3,5 +3,5 @@
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    hapfic_latency::main(&hapfic_latency::own())
+    hapfic_diagnostics::main(&hapfic_diagnostics::own())
 }

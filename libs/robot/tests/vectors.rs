@@ -9,7 +9,7 @@ const VECTORS: &str = include_str!("vectors/leg_rigid_body.csv");
 const TOLERANCE: f64 = 1e-9;
 
 fn leg() -> Chain {
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../config/robots/leg.urdf");
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/robots/leg.urdf");
     let text = std::fs::read_to_string(path).unwrap();
     Chain::from_urdf(&text, "leg.urdf", "base", "foot").unwrap()
 }
