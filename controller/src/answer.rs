@@ -2,7 +2,7 @@
 
 use crate::task_space::{self, Input as Measured};
 use hapfic_config::PERIOD_S;
-use hapfic_ipc::message::{ControllerState, MAX_JOINTS, Parameters, Process, Request, State};
+use hapfic_messages::{ControllerState, MAX_JOINTS, Parameters, Process, Request, State};
 use hapfic_robot::Chain;
 use nalgebra::Vector3;
 

@@ -1,7 +1,7 @@
 //! Torque conditioning: what the actuators' bandwidth and peak make of a raw torque (fourth experiment).
 
 use core::f64::consts::TAU;
-use hapfic_ipc::message::MAX_JOINTS;
+use hapfic_messages::MAX_JOINTS;
 
 /// First-order low-pass of the joint torques, discretised exactly: `alpha = 1 - exp(-2 pi f T)`.
 ///

@@ -1,6 +1,6 @@
 //! The haptic search: finds the offset of the reference at which the measured reaction is the desired one.
 
-use hapfic_ipc::message::{ResetPolicy, Search};
+use hapfic_messages::{ResetPolicy, Search};
 
 /// The tick for which the paper's step sizes are meant, s.
 const PAPER_PERIOD_S: f64 = 1e-3;

@@ -5,7 +5,7 @@
 //!
 //! ```
 //! use hapfic_controller::task_space::{self, Input};
-//! use hapfic_ipc::message::{ControllerState, Parameters};
+//! use hapfic_messages::{ControllerState, Parameters};
 //!
 //! let parameters = Parameters {
 //!     stiffness: [2000.0; 3],

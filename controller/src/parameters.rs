@@ -1,23 +1,23 @@
 //! From checked settings to the parameter set that travels.
 
 use hapfic_config::{Parameters as Settings, ResetPolicy, Saturation, Search};
-use hapfic_ipc::message::{self, Parameters};
+use hapfic_messages::Parameters;
 
 /// The parameter set of a version, in force from a tick on. `here` is the target where none is given, m.
 #[must_use]
 pub fn parameters(settings: &Settings, version: u64, effective_tick: i64, here: [f64; 3]) -> Parameters {
     let reset_policy = match settings.reset_policy {
-        ResetPolicy::ContactLoss => message::ResetPolicy::ContactLoss,
-        ResetPolicy::AsPrinted => message::ResetPolicy::AsPrinted,
-        ResetPolicy::Never => message::ResetPolicy::Never,
+        ResetPolicy::ContactLoss => hapfic_messages::ResetPolicy::ContactLoss,
+        ResetPolicy::AsPrinted => hapfic_messages::ResetPolicy::AsPrinted,
+        ResetPolicy::Never => hapfic_messages::ResetPolicy::Never,
     };
     let saturation = match settings.saturation {
-        Saturation::Continuous => message::Saturation::Continuous,
-        Saturation::AsPrinted => message::Saturation::AsPrinted,
+        Saturation::Continuous => hapfic_messages::Saturation::Continuous,
+        Saturation::AsPrinted => hapfic_messages::Saturation::AsPrinted,
     };
     let search = match settings.search {
-        Search::Tapered => message::Search::Tapered,
-        Search::Sign => message::Search::Sign,
+        Search::Tapered => hapfic_messages::Search::Tapered,
+        Search::Sign => hapfic_messages::Search::Sign,
     };
     Parameters {
         version,
@@ -45,7 +45,7 @@ pub fn parameters(settings: &Settings, version: u64, effective_tick: i64, here: 
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-    use hapfic_ipc::Check;
+    use hapfic_messages::Check;
 
     #[test]
     fn what_the_scenario_says_arrives_and_passes_the_check() {
@@ -53,9 +53,9 @@ mod tests {
         let settings = hapfic_config::Settings::load("floor", &overrides).unwrap();
         let p = parameters(&settings.initial, 1, 0, [7.0, 8.0, 9.0]);
         assert_eq!(p.check(), Ok(()));
-        assert_eq!(p.search, message::Search::Sign.code());
-        assert_eq!(p.reset_policy, message::ResetPolicy::AsPrinted.code());
-        assert_eq!(p.saturation, message::Saturation::AsPrinted.code());
+        assert_eq!(p.search, hapfic_messages::Search::Sign.code());
+        assert_eq!(p.reset_policy, hapfic_messages::ResetPolicy::AsPrinted.code());
+        assert_eq!(p.saturation, hapfic_messages::Saturation::AsPrinted.code());
         assert_eq!((p.offset_anti_windup, p.stall_release), (0, 0));
         assert_eq!(p.stiffness, [1.0, 2.0, 3.0]);
         assert_eq!(p.target_position, [7.0, 8.0, 9.0]);

@@ -7,9 +7,9 @@ use crate::answer::{Known, answer};
 use crate::error::ControllerError;
 use hapfic_config::Settings;
 use hapfic_ipc::inject::Injector;
-use hapfic_ipc::message::{Command, Operator, Process, Reference, Request, State};
 use hapfic_ipc::realtime::Wish;
-use hapfic_ipc::{Bell, Check, Clock, Context, Gaps, Input, IpcError, Listener, Output, Recent, Tick, Wait, Wakes, clock, topic};
+use hapfic_ipc::{Bell, Context, Gaps, Input, IpcError, Listener, Output, Tick, Wait, Wakes, clock, topic};
+use hapfic_messages::{Check, Clock, Command, Operator, Process, Recent, Reference, Request, State};
 use hapfic_robot::Chain;
 use nalgebra::Vector3;
 

@@ -1,7 +1,7 @@
 //! The force profile: how hard the controller pulls at a position error (eq. 4).
 
 use core::f64::consts::PI;
-use hapfic_ipc::message::Saturation;
+use hapfic_messages::Saturation;
 
 /// Share of x_b up to which the profile is linear.
 const KNEE: f64 = 0.95;

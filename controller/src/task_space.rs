@@ -5,7 +5,7 @@ use crate::attractor::Attractor;
 use crate::haptic::{HapticParameters, HapticSearch};
 use crate::profile::ForceProfile;
 use crate::stall::{Stall, StallInput};
-use hapfic_ipc::message::{ControllerState, Parameters, ResetPolicy, Saturation, Search};
+use hapfic_messages::{ControllerState, Parameters, ResetPolicy, Saturation, Search};
 
 /// Why the law gives no force.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]

@@ -3,7 +3,7 @@
 
 use hapfic_controller::task_space::{self, Input};
 use hapfic_controller::{Attractor, ForceProfile, Stall, StallInput};
-use hapfic_ipc::message::{ControllerState, Parameters, ResetPolicy, Saturation, Search};
+use hapfic_messages::{ControllerState, Parameters, ResetPolicy, Saturation, Search};
 
 const PERIOD_S: f64 = 1e-3;
 

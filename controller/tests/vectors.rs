@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use hapfic_controller::{Attractor, ForceProfile, HapticParameters, HapticSearch, LowPass};
-use hapfic_ipc::message::{MAX_JOINTS, ResetPolicy, Saturation, Search};
+use hapfic_messages::{MAX_JOINTS, ResetPolicy, Saturation, Search};
 
 const PERIOD_S: f64 = 1e-3;
 

@@ -1,7 +1,7 @@
 //! One axis of a planned motion: how a target is accepted, and where the reference is a time later.
 
 use core::f64::consts::PI;
-use hapfic_ipc::message::AxisPlan;
+use hapfic_messages::AxisPlan;
 
 /// Errors below this are no way to go, m: the reference is set on the target at once. Far below the resolution of any
 /// coordinate; an arc over such a length has a rate that overflows.

@@ -5,7 +5,7 @@
 //! come at any tick: position and velocity stay continuous and the acceleration never exceeds its limit.
 //!
 //! The law is pure: [`step`] takes a state and returns the next one. The state is plain data
-//! ([`hapfic_ipc::message::PlannerState`]) and holds everything, so a planner that is restarted from a copy of it goes on
+//! ([`hapfic_messages::PlannerState`]) and holds everything, so a planner that is restarted from a copy of it goes on
 //! bit for bit.
 //!
 //! ```

@@ -2,7 +2,7 @@
 
 use crate::{PlannerParameters, hold, setpoint, step};
 use hapfic_config::PERIOD_S;
-use hapfic_ipc::message::{Operator, PlannerState, Reference, State};
+use hapfic_messages::{Operator, PlannerState, Reference, State};
 
 /// Ticks by which a plan may lag behind and still be stepped through; beyond, the motion starts anew from where it is held.
 const CATCH_UP: i64 = 4;

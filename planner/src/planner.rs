@@ -1,7 +1,7 @@
 //! The planner of the three axes: state in, state and setpoint out.
 
 use crate::axis::{self, Acceptance};
-use hapfic_ipc::message::PlannerState;
+use hapfic_messages::PlannerState;
 
 /// Peak speed of a harmonic trajectory over its desired mean speed (the paper's ratio).
 pub const PEAK_TO_MEAN: f64 = 1.596;

@@ -5,9 +5,9 @@
 use crate::Plan;
 use hapfic_config::Settings;
 use hapfic_ipc::inject::Injector;
-use hapfic_ipc::message::{Command, Mode, Operator, Reference, State};
 use hapfic_ipc::realtime::Wish;
-use hapfic_ipc::{Clock, Context, Gaps, Input, IpcError, Output, Recent, Tick, Wait, Wakes, clock, topic};
+use hapfic_ipc::{Context, Gaps, Input, IpcError, Output, Tick, Wait, Wakes, clock, topic};
+use hapfic_messages::{Clock, Command, Mode, Operator, Recent, Reference, State};
 
 struct Ports {
     state: Input<State>,

@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use core::f64::consts::PI;
-use hapfic_ipc::message::PlannerState;
+use hapfic_messages::PlannerState;
 use hapfic_planner::{PEAK_TO_MEAN, PlannerParameters, Setpoint, hold, setpoint, step};
 use proptest::prelude::*;
 

@@ -2,7 +2,7 @@
 
 use crate::scene::Pair;
 use crate::touch::Touch;
-use hapfic_ipc::message::{ContactState, MAX_CONTACTS, Physics};
+use hapfic_messages::{ContactState, MAX_CONTACTS, Physics};
 use hapfic_robot::JointVector;
 use nalgebra::Vector3;
 

@@ -1,7 +1,7 @@
 //! The robot's drive: what it makes of the commands it gets, and of those it does not get.
 
 use crate::world::Action;
-use hapfic_ipc::message::{Command, Drive, Mode};
+use hapfic_messages::{Command, Drive, Mode};
 
 /// The drive's memory.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -16,7 +16,7 @@
 
 use crate::cholesky::{factor, substitute};
 use crate::point::Point;
-use hapfic_ipc::message::{MAX_JOINTS, MAX_OBJECTS};
+use hapfic_messages::{MAX_JOINTS, MAX_OBJECTS};
 use hapfic_robot::MassMatrix;
 use nalgebra::{Matrix3, Vector3};
 

@@ -1,7 +1,7 @@
 //! A body that moves freely: its state, its inertia, and its motion without contact.
 
 use hapfic_config::{Object, ObjectShape};
-use hapfic_ipc::message::ObjectState;
+use hapfic_messages::ObjectState;
 use nalgebra::{Matrix3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
 /// A box or a ball of even density.

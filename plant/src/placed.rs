@@ -3,7 +3,7 @@
 use crate::object::FreeBody;
 use crate::touch::{Form, Solid, pose, vector};
 use arrayvec::ArrayVec;
-use hapfic_ipc::message::MAX_OBJECTS;
+use hapfic_messages::MAX_OBJECTS;
 use hapfic_robot::{Chain, JointKind, Kinematics, MAX_JOINTS};
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 

@@ -8,12 +8,12 @@ use crate::placed::{Carrier, Side};
 use crate::scene::Scene;
 use crate::world::{Substeps, World};
 use hapfic_config::Settings;
-use hapfic_ipc::message::{Command, Drive, MAX_JOINTS, State};
+use hapfic_messages::{Command, Drive, MAX_JOINTS, State};
 use hapfic_robot::Chain;
 use nalgebra::Vector3;
 
 // The messages have room for as many objects as a scenario may have.
-const _: () = assert!(hapfic_config::MAX_OBJECTS == hapfic_ipc::message::MAX_OBJECTS);
+const _: () = assert!(hapfic_config::MAX_OBJECTS == hapfic_messages::MAX_OBJECTS);
 
 /// Microseconds of a tick.
 const TICK_US: u32 = 1000;
@@ -106,7 +106,7 @@ impl Plant {
         &self.world.scene.chain
     }
 
-    /// Names of the bodies that [`hapfic_ipc::message::ContactState`] counts.
+    /// Names of the bodies that [`hapfic_messages::ContactState`] counts.
     #[must_use]
     pub fn body_names(&self) -> &[String] {
         &self.world.scene.names

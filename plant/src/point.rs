@@ -3,7 +3,7 @@
 use crate::contact_law::ContactLaw;
 use crate::newton::{MAX_SPEEDS, Row};
 use arrayvec::ArrayVec;
-use hapfic_ipc::message::MAX_JOINTS;
+use hapfic_messages::MAX_JOINTS;
 use nalgebra::{Matrix3, Vector3};
 
 /// Most speeds a point depends on: those of two bodies, of which the leg is one at most.

@@ -6,12 +6,10 @@
 use crate::error::PlantError;
 use crate::plant::Plant;
 use hapfic_config::Settings;
-use hapfic_ipc::Tick;
-use hapfic_ipc::clock::PERIOD_NS;
 use hapfic_ipc::inject::Injector;
-use hapfic_ipc::message::{Command, Credit, State};
 use hapfic_ipc::realtime::Wish;
-use hapfic_ipc::{Alarm, Clock, Context, Input, IpcError, Output, Recent, Wait, clock, topic, wait, watch};
+use hapfic_ipc::{Alarm, Context, Input, IpcError, Output, Tick, Wait, clock, topic, wait, watch};
+use hapfic_messages::{Clock, Command, Credit, PERIOD_NS, Recent, State};
 use std::time::Duration;
 
 /// How long the plant leaves the processor to those who answer its state before it simulates: on one core it would be in their

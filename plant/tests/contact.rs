@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::print_stdout)]
 
 use hapfic_config::Settings;
-use hapfic_ipc::message::MAX_JOINTS;
+use hapfic_messages::MAX_JOINTS;
 use hapfic_plant::{Action, ContactLaw, FreeBody, Plant};
 use nalgebra::{DVector, Matrix3, UnitQuaternion, Vector3};
 

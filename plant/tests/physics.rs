@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::print_stdout)]
 
 use hapfic_config::Settings;
-use hapfic_ipc::message::{Command, MAX_JOINTS, Mode};
+use hapfic_messages::{Command, MAX_JOINTS, Mode};
 use hapfic_plant::{Action, ContactLaw, Plant};
 use nalgebra::{DMatrix, DVector, Vector3};
 

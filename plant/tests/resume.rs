@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used)]
 
 use hapfic_config::Settings;
-use hapfic_ipc::message::{Command, MAX_JOINTS, Mode, State};
+use hapfic_messages::{Command, MAX_JOINTS, Mode, State};
 use hapfic_plant::Plant;
 
 fn plant(scenario: &str) -> Plant {

@@ -3,8 +3,8 @@
 use crate::notify::Notify;
 use anyhow::{Context, Result};
 use hapfic_config::{Processes, Settings};
-use hapfic_ipc::message::Process;
 use hapfic_ipc::{RunFile, Start};
+use hapfic_messages::Process;
 use rustix::event::{PollFd, PollFlags, poll};
 use rustix::process::{Pid, PidfdFlags, Signal, kill_process_group, pidfd_open};
 use std::os::fd::OwnedFd;

@@ -3,7 +3,7 @@
 use crate::commands::bench::Bench;
 use crate::commands::simulate::SimulateArgs;
 use clap::{Args, Parser, Subcommand, ValueEnum};
-use hapfic_ipc::{Clock, RealtimeMode};
+use hapfic_messages::{Clock, RealtimeMode};
 use std::path::PathBuf;
 
 /// A real-time control stack for robots that touch things: the HapFIC adaptive force/position controller.

@@ -23,7 +23,7 @@ mod summary;
 pub mod watch;
 
 use clap::Parser;
-use hapfic_ipc::service::OperatorKind;
+use hapfic_messages::OperatorKind;
 use std::io::Write;
 use std::process::ExitCode;
 use std::time::Instant;

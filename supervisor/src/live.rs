@@ -1,7 +1,7 @@
 //! What the supervisor's threads tell each other: plain atomics, so that the gate never waits for anybody.
 
 use hapfic_ipc::clock;
-use hapfic_ipc::message::{Detector, Phase, Process, Timing};
+use hapfic_messages::{Detector, Phase, Process, Timing};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU32, AtomicU64, Ordering};
 

@@ -3,9 +3,8 @@
 use crate::live::Live;
 use anyhow::{Result, bail};
 use hapfic_config::{Placement, Realtime, Settings};
-use hapfic_ipc::message::Process;
 use hapfic_ipc::realtime::{Granted, Privilege, privileges, reserve_core, shared_core};
-use hapfic_ipc::{Clock, RealtimeMode};
+use hapfic_messages::{Clock, Process, RealtimeMode};
 use std::fmt::Write;
 
 /// Refuses to go on if all privileges are required and one cannot be had.

@@ -1,8 +1,8 @@
 //! What a viewer draws of a scenario: the robot's links, the objects and the floor.
 
 use hapfic_config::{ObjectShape, Settings};
-use hapfic_ipc::message::State;
 use hapfic_log::viewer::{Scene, SceneBody, SceneShape, Shape};
+use hapfic_messages::State;
 use hapfic_robot::{Chain, Shape as RobotShape};
 
 const LINK_COLOR: [f64; 4] = [0.55, 0.6, 0.68, 1.0];

@@ -1,11 +1,11 @@
 //! The summary of a run: for people and, with the same content, for programs.
 
 use crate::recorder::IncidentSummary;
-use hapfic_ipc::message::Process;
 use hapfic_log::MetricsSummary;
 use hapfic_log::metrics::{
     ForceCommandSummary, ForceSummary, IntegrationSummary, MomentsSummary, PairSummary, Quantiles, TickSummary, TrackingSummary,
 };
+use hapfic_messages::Process;
 use serde::Serialize;
 use std::fmt::Write;
 use std::path::PathBuf;

@@ -7,7 +7,7 @@ use hapfic_bench_control::{Gains, OperationalSpace, Task};
 use hapfic_bench_recorded::{Moment, moments};
 use hapfic_config::Settings;
 use hapfic_controller::answer::{Known, answer};
-use hapfic_ipc::message::Process;
+use hapfic_messages::Process;
 use hapfic_robot::Chain;
 use nalgebra::Vector3;
 use std::hint::black_box;

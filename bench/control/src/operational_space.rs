@@ -3,7 +3,7 @@
 use crate::acceleration::tip_bias_acceleration;
 use crate::error::QpError;
 use crate::qp::{Limits, Problem, Qp};
-use hapfic_ipc::message::{Parameters, State};
+use hapfic_messages::{Parameters, State};
 use hapfic_robot::{Chain, JointVector, MAX_JOINTS, MassMatrix};
 use nalgebra::Vector3;
 

@@ -3,7 +3,7 @@
 
 use hapfic_bench_control::{Gains, OperationalSpace, Task};
 use hapfic_config::{PERIOD_S, Settings};
-use hapfic_ipc::message::{Command, Mode, State};
+use hapfic_messages::{Command, Mode, State};
 use hapfic_planner::Plan;
 use hapfic_plant::Plant;
 use hapfic_supervisor::gate::timeline::Timeline;

@@ -7,7 +7,7 @@ use hapfic_config::{PERIOD_S, Settings};
 use hapfic_controller::answer::{Known, answer};
 use hapfic_controller::task_space::{self, Input, policies};
 use hapfic_controller::{Attractor, ForceProfile, HapticParameters, HapticSearch};
-use hapfic_ipc::message::Process;
+use hapfic_messages::Process;
 use hapfic_robot::Chain;
 use nalgebra::Vector3;
 use std::hint::black_box;

@@ -5,7 +5,7 @@ use criterion::Criterion;
 use hapfic_bench_recorded::moments;
 use hapfic_config::{PERIOD_S, Settings};
 use hapfic_controller::conditioning::{LowPass, limit};
-use hapfic_ipc::message::{MAX_JOINTS, Request, State};
+use hapfic_messages::{MAX_JOINTS, Request, State};
 use hapfic_robot::Chain;
 use hapfic_supervisor::gate::core::{Gate, Limits};
 use hapfic_supervisor::gate::protocol::{Observed, Place, Wishes};

@@ -4,15 +4,15 @@
 use anyhow::{Context, Result};
 use criterion::{Criterion, Throughput};
 use hapfic_bench_micro::corner::Corner;
-use hapfic_ipc::message::{Command, Request, State};
 use hapfic_ipc::topic::{self, Topic};
-use hapfic_ipc::{Bus, Wait, ZeroCopySend, wait};
+use hapfic_ipc::{Bus, Wait, wait};
+use hapfic_messages::{Command, Request, State};
 use std::hint::black_box;
 use std::time::Duration;
 
 fn measure<T>(criterion: &mut Criterion, bus: &Bus, topic: &Topic<T>, message: T) -> Result<()>
 where
-    T: Copy + core::fmt::Debug + ZeroCopySend + 'static,
+    T: hapfic_messages::Message,
 {
     let mut output = bus.output(topic)?;
     let mut input = bus.input(topic, Wait::No)?;

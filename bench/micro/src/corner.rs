@@ -68,8 +68,8 @@ fn maker_of(name: &str) -> Option<u32> {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-    use hapfic_ipc::message::State;
     use hapfic_ipc::{Bus, Wait, topic};
+    use hapfic_messages::State;
 
     #[test]
     fn what_is_sent_arrives_and_nothing_is_left() {

@@ -5,9 +5,9 @@ use crate::record::{ACCOUNTING, MESSAGES, Message, Recorder, messages, names};
 use anyhow::{Context, Result, anyhow};
 use hapfic_bench_recorded::{Moment, moments};
 use hapfic_config::Settings;
-use hapfic_ipc::message::{Command, Process, Reference, Request, State, Timing};
-use hapfic_ipc::{Bus, Domain, Input, IpcError, Output, ZeroCopySend, clock, topic};
+use hapfic_ipc::{Bus, Domain, Input, IpcError, Output, clock, topic};
 use hapfic_log::{Writer, WriterOptions};
+use hapfic_messages::{Command, Process, Reference, Request, State, Timing};
 use hapfic_robot::Chain;
 use rustix::time::{ClockId, clock_gettime};
 use std::path::PathBuf;
@@ -133,7 +133,7 @@ fn publish(domain: &Domain, moments: &[Moment], wish: &Wish) -> Result<(u64, f64
     Ok((sent, (clock::now_ns() - start) as f64 * 1e-9))
 }
 
-fn send<T: Copy + core::fmt::Debug + ZeroCopySend + 'static>(output: &mut Output<T>, message: &T) -> Result<(), IpcError> {
+fn send<T: hapfic_messages::Message>(output: &mut Output<T>, message: &T) -> Result<(), IpcError> {
     output.send(message)?;
     output.prepare();
     Ok(())
@@ -189,7 +189,7 @@ impl Drain {
 
 fn take<T>(input: &mut Input<T>, batch: &mut Vec<Message>, wrap: fn(T) -> Message) -> Result<(), IpcError>
 where
-    T: hapfic_ipc::Check + Copy + core::fmt::Debug + ZeroCopySend + 'static,
+    T: hapfic_messages::Check + hapfic_messages::Message,
 {
     while let Some(message) = input.next()? {
         if message.check().is_ok() {

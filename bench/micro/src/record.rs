@@ -2,9 +2,9 @@
 
 use hapfic_bench_recorded::Moment;
 use hapfic_config::Settings;
-use hapfic_ipc::message::{Command, Phase, Process, Reference, Request, State, Timing};
 use hapfic_log::viewer::{Scene, SceneBody, SceneShape, Shape};
 use hapfic_log::{LogError, Metrics, Names, Viewer, Writer, proto};
+use hapfic_messages::{Command, Phase, Process, Reference, Request, State, Timing};
 use hapfic_robot::Chain;
 use std::io::Write;
 

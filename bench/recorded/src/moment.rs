@@ -2,7 +2,7 @@
 
 use crate::RecordError;
 use hapfic_config::{PERIOD_S, Settings};
-use hapfic_ipc::message::{Command, ControllerState, Mode, Operator, Reference, State};
+use hapfic_messages::{Command, ControllerState, Mode, Operator, Reference, State};
 use hapfic_planner::Plan;
 use hapfic_supervisor::simulation::Simulation;
 
@@ -80,7 +80,7 @@ pub fn moments(scenario: &str, count: u64) -> Result<Vec<Moment>, RecordError> {
 mod tests {
     use super::*;
     use hapfic_controller::answer::{Known, answer};
-    use hapfic_ipc::message::{Process, Request};
+    use hapfic_messages::{Process, Request};
     use hapfic_robot::Chain;
 
     #[test]

@@ -2,7 +2,7 @@
 
 use crate::RecordError;
 use hapfic_config::Settings;
-use hapfic_ipc::message::Command;
+use hapfic_messages::Command;
 use hapfic_plant::{Plant, PlantError};
 use hapfic_supervisor::simulation::Simulation;
 

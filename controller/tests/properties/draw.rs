@@ -2,7 +2,7 @@
 
 use hapfic_controller::task_space::Input;
 use hapfic_controller::{Attractor, ForceProfile, HapticParameters, Stall, StallInput};
-use hapfic_ipc::message::{ControllerState, Parameters, ResetPolicy, Saturation, Search};
+use hapfic_messages::{ControllerState, Parameters, ResetPolicy, Saturation, Search};
 use proptest::prelude::*;
 
 /// T, s.

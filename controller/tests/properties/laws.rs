@@ -3,7 +3,7 @@
 use crate::draw::*;
 use hapfic_controller::task_space;
 use hapfic_controller::{Attractor, ForceProfile, HapticParameters, HapticSearch, LowPass, Stall, held_back, limit, refitted};
-use hapfic_ipc::message::{ControllerState, MAX_JOINTS, Parameters, ResetPolicy, Saturation, Search};
+use hapfic_messages::{ControllerState, MAX_JOINTS, Parameters, ResetPolicy, Saturation, Search};
 use proptest::prelude::*;
 
 proptest! {

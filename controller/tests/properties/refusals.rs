@@ -3,7 +3,7 @@
 use crate::draw::*;
 use hapfic_controller::task_space::{self, Input, TaskSpaceError, policies};
 use hapfic_controller::{Attractor, ForceProfile, LowPass, limit};
-use hapfic_ipc::message::{ControllerState, Parameters, Saturation};
+use hapfic_messages::{ControllerState, Parameters, Saturation};
 
 #[test]
 fn a_number_that_is_not_finite_is_refused_wherever_it_comes_in() {

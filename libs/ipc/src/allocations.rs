@@ -1,7 +1,7 @@
 //! Counts heap allocations of the current thread.
 //!
 //! A real-time loop must not allocate between receiving and sending. The binary installs [`Counting`] as its global allocator;
-//! each loop compares [`count`] before and after and reports the difference in [`crate::message::Timing`].
+//! each loop compares [`count`] before and after and reports the difference in [`hapfic_messages::Timing`].
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;

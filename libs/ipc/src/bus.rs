@@ -7,10 +7,11 @@ use crate::bell::{Bell, Bells, Listener, Place, Wakes};
 use crate::clock;
 use crate::error::IpcError;
 use crate::memory::{self, Senders};
-use crate::run::Clock;
-use crate::topic::{CONTROL_DEPTH, RECORDER_DEPTH, Topic};
+use crate::topic::{RECORDER_DEPTH, Topic};
+use crate::wire::Wire;
 use core::mem::MaybeUninit;
 use core::time::Duration;
+use hapfic_messages::{CONTROL_DEPTH, Clock, Message};
 use iceoryx2::config::Config;
 use iceoryx2::node::{Node, NodeBuilder};
 use iceoryx2::port::ReceiveError;
@@ -116,13 +117,13 @@ impl Bus {
         let _ = self.node.try_cleanup_dead_nodes();
     }
 
-    fn service<T: Copy + core::fmt::Debug + ZeroCopySend + 'static>(
+    fn service<T: Message>(
         &self,
         topic: &Topic<T>,
-    ) -> Result<iceoryx2::service::port_factory::publish_subscribe::PortFactory<Service, T, ()>, IpcError> {
+    ) -> Result<iceoryx2::service::port_factory::publish_subscribe::PortFactory<Service, Wire<T>, ()>, IpcError> {
         self.node
             .service_builder(&service_name(topic.name)?)
-            .publish_subscribe::<T>()
+            .publish_subscribe::<Wire<T>>()
             .max_publishers(topic.publishers)
             .max_subscribers(MAX_SUBSCRIBERS)
             .max_nodes(MAX_NODES)
@@ -139,10 +140,7 @@ impl Bus {
     ///
     /// # Errors
     /// [`IpcError::Messaging`] with what iceoryx2 said.
-    pub fn hold<T: Copy + core::fmt::Debug + ZeroCopySend + 'static>(
-        &self,
-        topic: &Topic<T>,
-    ) -> Result<Box<dyn core::any::Any>, IpcError> {
+    pub fn hold<T: Message>(&self, topic: &Topic<T>) -> Result<Box<dyn core::any::Any>, IpcError> {
         Ok(Box::new(self.service(topic)?))
     }
 
@@ -150,7 +148,7 @@ impl Bus {
     ///
     /// # Errors
     /// [`IpcError::Messaging`], also when the topic has all the publishers it takes.
-    pub fn output<T: Copy + core::fmt::Debug + ZeroCopySend + 'static>(&self, topic: &Topic<T>) -> Result<Output<T>, IpcError> {
+    pub fn output<T: Message>(&self, topic: &Topic<T>) -> Result<Output<T>, IpcError> {
         let output = self.bare_output(topic)?;
         if let Some(first) = &output.loan {
             memory::bring_in_to_write(first.payload().as_ptr());
@@ -158,7 +156,7 @@ impl Bus {
         Ok(output)
     }
 
-    fn bare_output<T: Copy + core::fmt::Debug + ZeroCopySend + 'static>(&self, topic: &Topic<T>) -> Result<Output<T>, IpcError> {
+    fn bare_output<T: Message>(&self, topic: &Topic<T>) -> Result<Output<T>, IpcError> {
         let publisher = self
             .service(topic)?
             .publisher_builder()
@@ -172,12 +170,7 @@ impl Bus {
         Ok(output)
     }
 
-    fn input_of<T: Copy + core::fmt::Debug + ZeroCopySend + 'static>(
-        &self,
-        topic: &Topic<T>,
-        wait: Wait,
-        depth: usize,
-    ) -> Result<Input<T>, IpcError> {
+    fn input_of<T: Message>(&self, topic: &Topic<T>, wait: Wait, depth: usize) -> Result<Input<T>, IpcError> {
         let listener = if wait == Wait::Yes { topic.bell.map(|place| self.listener(place)) } else { None };
         let subscriber = self
             .service(topic)?
@@ -193,11 +186,7 @@ impl Bus {
     ///
     /// # Errors
     /// [`IpcError::Messaging`] with what iceoryx2 said.
-    pub fn input<T: Copy + core::fmt::Debug + ZeroCopySend + 'static>(
-        &self,
-        topic: &Topic<T>,
-        wait: Wait,
-    ) -> Result<Input<T>, IpcError> {
+    pub fn input<T: Message>(&self, topic: &Topic<T>, wait: Wait) -> Result<Input<T>, IpcError> {
         self.input_of(topic, wait, CONTROL_DEPTH)
     }
 
@@ -205,7 +194,7 @@ impl Bus {
     ///
     /// # Errors
     /// [`IpcError::Messaging`] with what iceoryx2 said.
-    pub fn stir<T: Copy + core::fmt::Debug + ZeroCopySend + 'static>(&self, topic: &Topic<T>) -> Result<(), IpcError> {
+    pub fn stir<T: Message>(&self, topic: &Topic<T>) -> Result<(), IpcError> {
         drop(self.input(topic, Wait::No)?);
         drop(self.bare_output(topic)?);
         Ok(())
@@ -227,10 +216,7 @@ impl Bus {
     ///
     /// # Errors
     /// [`IpcError::Messaging`] with what iceoryx2 said.
-    pub fn recorder_input<T: Copy + core::fmt::Debug + ZeroCopySend + 'static>(
-        &self,
-        topic: &Topic<T>,
-    ) -> Result<Input<T>, IpcError> {
+    pub fn recorder_input<T: Message>(&self, topic: &Topic<T>) -> Result<Input<T>, IpcError> {
         self.input_of(topic, Wait::No, RECORDER_DEPTH)
     }
 }
@@ -240,10 +226,10 @@ pub(crate) fn service_name(name: &str) -> Result<ServiceName, IpcError> {
 }
 
 /// A sender of one topic.
-pub struct Output<T: Copy + core::fmt::Debug + ZeroCopySend + 'static> {
-    publisher: Publisher<Service, T, ()>,
+pub struct Output<T: Message> {
+    publisher: Publisher<Service, Wire<T>, ()>,
     bell: Option<Bell>,
-    loan: Option<SampleMutUninit<Service, MaybeUninit<T>, ()>>,
+    loan: Option<SampleMutUninit<Service, MaybeUninit<Wire<T>>, ()>>,
     topic: &'static str,
     unmet: u32,
 }
@@ -251,15 +237,15 @@ pub struct Output<T: Copy + core::fmt::Debug + ZeroCopySend + 'static> {
 // SAFETY: what keeps a port of `ipc::Service` on one thread is a reference count that is not atomic (iceoryx2 0.10, to which this
 // workspace is pinned: `arc_sync_policy::SingleThreaded`, an `Rc` of a state that may itself be sent; nodes and services are counted by
 // `Arc`; no handler of ours is in it). All that count are the publisher and the loan in here, so they go from thread to thread together.
-unsafe impl<T: Copy + core::fmt::Debug + ZeroCopySend + Send + 'static> Send for Output<T> {}
+unsafe impl<T: Message> Send for Output<T> {}
 
-impl<T: Copy + core::fmt::Debug + ZeroCopySend + 'static> core::fmt::Debug for Output<T> {
+impl<T: Message> core::fmt::Debug for Output<T> {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.debug_struct("Output").field("topic", &self.topic).field("loan", &self.loan.is_some()).finish()
     }
 }
 
-impl<T: Copy + core::fmt::Debug + ZeroCopySend + 'static> Output<T> {
+impl<T: Message> Output<T> {
     /// Work for the slack: loans the sample that the next [`send`](Self::send) will fill (one heap allocation), and lets those
     /// in who have joined since (history is handed over here).
     pub fn prepare(&mut self) {
@@ -275,7 +261,7 @@ impl<T: Copy + core::fmt::Debug + ZeroCopySend + 'static> Output<T> {
     pub fn rehearse(&mut self, message: &T) {
         self.prepare();
         if let Some(loan) = &mut self.loan {
-            loan.payload_mut().write(*message);
+            loan.payload_mut().write(Wire(*message));
         }
         // Another loan looks for what the receivers have given back, as sending will.
         drop(self.publisher.loan_uninit());
@@ -303,7 +289,7 @@ impl<T: Copy + core::fmt::Debug + ZeroCopySend + 'static> Output<T> {
         };
         // A joiner that died half-way cannot be met: that must not cost this message, and is over once it has been tried.
         self.meet();
-        loan.write_payload(*message).send().map_err(|e| IpcError::messaging("send on", self.topic, e))?;
+        loan.write_payload(Wire(*message)).send().map_err(|e| IpcError::messaging("send on", self.topic, e))?;
         let published = clock::now_ns();
         if let Some(bell) = &self.bell {
             bell.ring();
@@ -314,8 +300,8 @@ impl<T: Copy + core::fmt::Debug + ZeroCopySend + 'static> Output<T> {
 
 /// A receiver of one topic.
 #[derive(Debug)]
-pub struct Input<T: Copy + core::fmt::Debug + ZeroCopySend + 'static> {
-    subscriber: Subscriber<Service, T, ()>,
+pub struct Input<T: Message> {
+    subscriber: Subscriber<Service, Wire<T>, ()>,
     listener: Option<Listener>,
     topic: &'static str,
     unmet: u32,
@@ -323,9 +309,9 @@ pub struct Input<T: Copy + core::fmt::Debug + ZeroCopySend + 'static> {
 }
 
 // SAFETY: as with outputs; samples do not outlive the call that takes them.
-unsafe impl<T: Copy + core::fmt::Debug + ZeroCopySend + Send + 'static> Send for Input<T> {}
+unsafe impl<T: Message> Send for Input<T> {}
 
-impl<T: Copy + core::fmt::Debug + ZeroCopySend + 'static> Input<T> {
+impl<T: Message> Input<T> {
     /// The oldest message not taken yet, copied out of shared memory so that no sender can change it afterwards.
     ///
     /// # Errors
@@ -344,7 +330,7 @@ impl<T: Copy + core::fmt::Debug + ZeroCopySend + 'static> Input<T> {
             Ok(None) => Ok(None),
             Ok(Some(sample)) => {
                 self.senders.look_at(sample.payload(), sample.origin());
-                Ok(Some(*sample))
+                Ok(Some(sample.0))
             }
             Err(e) => Err(IpcError::messaging("receive on", self.topic, e)),
         }
@@ -383,7 +369,7 @@ impl<T: Copy + core::fmt::Debug + ZeroCopySend + 'static> Input<T> {
     }
 }
 
-impl<T: Copy + core::fmt::Debug + ZeroCopySend + 'static> Wakes for Input<T> {
+impl<T: Message> Wakes for Input<T> {
     fn listener(&self) -> Option<&Listener> {
         self.listener.as_ref()
     }

@@ -2,9 +2,6 @@
 
 use rustix::time::{ClockId, Timespec, clock_gettime};
 
-/// The control period T, ns.
-pub const PERIOD_NS: u64 = 1_000_000;
-
 /// Nanoseconds of `CLOCK_MONOTONIC`.
 #[must_use]
 pub fn now_ns() -> u64 {

@@ -7,16 +7,14 @@ pub use states::Gaps;
 use crate::alarm::Alarm;
 use crate::bell::{Bell, Wakes, wait};
 use crate::bus::{Bus, Domain, Input, Output};
-use crate::check::Check;
 use crate::child::{Ending, supervisor_gone, tie_to_supervisor};
 use crate::error::IpcError;
 use crate::foresight::Foresight;
-use crate::message::{Phase, Process, State, Timing};
 use crate::realtime::{self, BringIn, Granted, Wish};
-use crate::recent::Recent;
-use crate::run::{Clock, RealtimeMode, RunFile};
+use crate::run::RunFile;
 use crate::{allocations, topic};
 use core::time::Duration;
+use hapfic_messages::{Check, Clock, Message, Phase, Process, RealtimeMode, Recent, State, Timing};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -202,7 +200,7 @@ impl Context {
     /// [`IpcError`] if a connection is damaged.
     pub fn drain<T>(&mut self, input: &mut Input<T>, mut take: impl FnMut(T)) -> Result<(), IpcError>
     where
-        T: Check + Copy + core::fmt::Debug + iceoryx2::prelude::ZeroCopySend + 'static,
+        T: Check + Message,
     {
         self.take_until(input, |message| {
             take(message);
@@ -217,7 +215,7 @@ impl Context {
     /// [`IpcError`] if a connection is damaged.
     pub fn take_until<T>(&mut self, input: &mut Input<T>, mut enough: impl FnMut(T) -> bool) -> Result<(), IpcError>
     where
-        T: Check + Copy + core::fmt::Debug + iceoryx2::prelude::ZeroCopySend + 'static,
+        T: Check + Message,
     {
         while let Some(message) = input.next()? {
             if message.check().is_err() {
@@ -235,7 +233,7 @@ impl Context {
     /// [`IpcError`] if waiting or receiving fails.
     pub fn handed_over<T>(&mut self, input: &mut Input<T>, wanted: impl Fn(&T) -> bool) -> Result<Option<T>, IpcError>
     where
-        T: Check + Copy + core::fmt::Debug + iceoryx2::prelude::ZeroCopySend + 'static,
+        T: Check + Message,
     {
         loop {
             while let Some(message) = input.next()? {

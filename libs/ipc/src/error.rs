@@ -1,6 +1,6 @@
 //! What can go wrong between processes.
 
-use crate::check::Defect;
+use hapfic_messages::Defect;
 use std::path::PathBuf;
 
 /// An error of messaging or of a process's set-up.

@@ -5,8 +5,8 @@
 //! ([`watch`]). What is late by more than a little is waited for asleep, as everything else.
 
 use crate::bell::{Wakes, watch};
-use crate::clock::{self, PERIOD_NS};
-use crate::message::State;
+use crate::clock;
+use hapfic_messages::{PERIOD_NS, State};
 
 /// How long is looked out for a state that should have come, ns: the plant's timer may be late.
 const STATE_NS: u64 = 500_000;

@@ -3,8 +3,8 @@
 use crate::bus::{Input, Output, Wait};
 use crate::context::Context;
 use crate::error::IpcError;
-use crate::message::{Injection, MAX_JOINTS, Process, Reference, Request, State, Tampering};
-use crate::{ZeroCopySend, clock, topic};
+use crate::{clock, topic};
+use hapfic_messages::{Injection, MAX_JOINTS, Message, Process, Reference, Request, State, Tampering};
 
 /// Faults that may be waiting for their tick.
 const WAITING: usize = 32;
@@ -71,7 +71,7 @@ pub struct Injector<T> {
     last: Option<T>,
 }
 
-impl<T: Tamper + core::fmt::Debug + ZeroCopySend + 'static> Injector<T> {
+impl<T: Tamper + Message> Injector<T> {
     /// For the messages of a process.
     ///
     /// # Errors

@@ -8,7 +8,7 @@ use std::fs::{File, OpenOptions};
 use std::io::Write;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// What a thread got; a set of bits that travels in [`crate::message::Timing`].
+/// What a thread got; a set of bits that travels in [`hapfic_messages::Timing`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Granted(pub u32);
 

@@ -1,11 +1,9 @@
 //! The topics of the stack and their quality of service: one table, the same in every process.
 
 use crate::bell::Place;
-use crate::message::{Command, Credit, Event, Injection, Operator, Reference, Request, State, Timing};
 use core::marker::PhantomData;
+use hapfic_messages::{Command, Credit, Event, Injection, Operator, Reference, Request, State, Timing};
 
-/// Samples a control input keeps: more than a topic's history, so that what comes while it is handed over does not drive it out.
-pub const CONTROL_DEPTH: usize = 8;
 /// Ticks handed over to whoever joins late. One would do if nobody ever died: a planner that is started again works from the state
 /// its forerunner saw last, which may be one or two behind the newest.
 const HANDED_OVER: usize = 4;

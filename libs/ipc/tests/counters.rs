@@ -4,8 +4,8 @@
 #![allow(clippy::unwrap_used, missing_docs)]
 
 use hapfic_ipc::allocations::{Counting, count};
-use hapfic_ipc::message::{Process, Timing};
-use hapfic_ipc::{Clock, Context, Input, RealtimeMode, RunFile, Start, Tick, Wait, topic};
+use hapfic_ipc::{Context, Input, RunFile, Start, Tick, Wait, topic};
+use hapfic_messages::{Clock, Process, RealtimeMode, Timing};
 use std::hint::black_box;
 
 #[global_allocator]

@@ -1,8 +1,8 @@
 //! Ports over iceoryx2, as the stack uses them.
 #![allow(clippy::unwrap_used, missing_docs)]
 
-use hapfic_ipc::message::Credit;
 use hapfic_ipc::{Bus, Domain, Input, Output, Wait, topic};
+use hapfic_messages::Credit;
 
 /// A corner of this test's own.
 struct Corner {

@@ -5,7 +5,7 @@
 
 use crate::names::Names;
 use crate::proto;
-use hapfic_ipc::message::{
+use hapfic_messages::{
     AxisPlan, Command, ContactState, Detector, Drive, Event, EventKind, Mode, ObjectState, Parameters, Phase, Physics, Process,
     Reference, Request, ResetPolicy, Saturation, Search, Severity, Source, State, Timing,
 };

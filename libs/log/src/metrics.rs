@@ -31,7 +31,7 @@ pub use window::WINDOW;
 use crate::proto;
 use crate::reader::Record;
 use account::Account;
-use hapfic_ipc::message::Process;
+use hapfic_messages::Process;
 use sample::{CommandSample, ParameterSample, ReferenceSample, StateSample};
 use window::Window;
 

@@ -9,7 +9,7 @@ use foxglove::messages::{
     ArrowPrimitive, Color, CubePrimitive, CylinderPrimitive, FrameTransform, FrameTransforms, Log, Pose, Quaternion, SceneEntity,
     SceneUpdate, SpherePrimitive, Timestamp, Vector3,
 };
-use hapfic_ipc::message::Severity;
+use hapfic_messages::Severity;
 
 /// The frame that does not move.
 pub const WORLD: &str = "world";

@@ -6,7 +6,7 @@ use crate::names::Names;
 use crate::topic::Topic;
 use crate::{convert, proto, time_of};
 use foxglove::messages::{FrameTransforms, Log, SceneUpdate};
-use hapfic_ipc::message::{Command, Event, Parameters, Process, Reference, Request, State, Timing};
+use hapfic_messages::{Command, Event, Parameters, Process, Reference, Request, State, Timing};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::write::NoSeek;
 use prost::Message;

@@ -2,8 +2,8 @@
 
 use crate::figure::{Mark, MarkKind};
 use crate::{LATEST_TICK, seconds};
-use hapfic_ipc::message::Severity;
 use hapfic_log::proto;
+use hapfic_messages::Severity;
 use serde::Serialize;
 use std::collections::BTreeMap;
 

@@ -2,7 +2,7 @@
 
 use crate::events::LoggedEvent;
 use crate::{LATEST_TICK, seconds};
-use hapfic_ipc::message::Severity;
+use hapfic_messages::Severity;
 use serde::Serialize;
 
 /// Most incidents that are listed; all are counted.

@@ -3,7 +3,7 @@
 use crate::operator::client;
 use crate::{Outcome, print};
 use anyhow::Result;
-use hapfic_ipc::service::OperatorKind;
+use hapfic_messages::OperatorKind;
 
 /// Asks, and prints the answer. The stack itself checks the words.
 pub fn order(run: Option<&str>, kind: OperatorKind, words: &[String]) -> Result<Outcome> {

@@ -4,8 +4,8 @@ use crate::Outcome;
 use crate::cli::ProcessName;
 use anyhow::{Context as _, Result};
 use hapfic_config::Settings;
-use hapfic_ipc::message::Process;
 use hapfic_ipc::{Context, RunFile, Start};
+use hapfic_messages::Process;
 use std::os::unix::process::CommandExt;
 use std::path::PathBuf;
 

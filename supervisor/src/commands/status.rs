@@ -5,7 +5,7 @@ use crate::operator::status::Status;
 use crate::registry::Registration;
 use crate::{Outcome, print};
 use anyhow::{Context, Result, bail};
-use hapfic_ipc::service::{OperatorKind, ReplyCode};
+use hapfic_messages::{OperatorKind, ReplyCode};
 use std::io::{IsTerminal, Write};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -4,7 +4,7 @@ use crate::operator::client;
 use crate::registry::{self, Registration};
 use crate::{Outcome, print, say};
 use anyhow::Result;
-use hapfic_ipc::service::OperatorKind;
+use hapfic_messages::OperatorKind;
 use std::time::{Duration, Instant};
 
 /// How long a run may take to end.

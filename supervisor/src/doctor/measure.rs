@@ -5,9 +5,9 @@ use super::root::Root;
 use super::tally::Tally;
 use anyhow::{Context, Result, anyhow};
 use hapfic_ipc::clock;
-use hapfic_ipc::clock::PERIOD_NS;
 use hapfic_ipc::realtime::{BringIn, Granted, IdleHold, Wish, enter, lock_memory, page_faults};
 use hapfic_log::metrics::Quantiles;
+use hapfic_messages::PERIOD_NS;
 use serde::Serialize;
 use std::thread::{Builder, ScopedJoinHandle};
 

@@ -132,8 +132,8 @@ impl Own {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use hapfic_ipc::message::{Command, Event, Operator, Reference, Request, State, Timing};
     use hapfic_ipc::topic::{RECORDER_DEPTH, TIMING};
+    use hapfic_messages::{Command, Event, Operator, Reference, Request, State, Timing};
 
     #[test]
     fn this_process_is_told_something() {

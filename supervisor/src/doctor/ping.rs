@@ -2,9 +2,9 @@
 
 use anyhow::{Result, bail};
 use hapfic_ipc::clock;
-use hapfic_ipc::clock::PERIOD_NS;
 use hapfic_ipc::realtime::{Wish, enter};
 use hapfic_log::metrics::Latencies;
+use hapfic_messages::PERIOD_NS;
 use rustix::thread::futex::{self, Flags};
 use rustix::time::Timespec;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};

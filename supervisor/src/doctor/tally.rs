@@ -1,7 +1,7 @@
 //! Counting how late a timer was.
 
-use hapfic_ipc::clock::PERIOD_NS;
 use hapfic_log::metrics::Latencies;
+use hapfic_messages::PERIOD_NS;
 
 /// Periods without a command after which a drive brakes by itself.
 const BRAKES_AFTER: u64 = 3;

@@ -3,8 +3,9 @@
 use super::protocol::{Action, Choice, Observed, Patience, Place, Protocol, Wishes};
 use super::torque::TorqueCheck;
 use hapfic_controller::conditioning::{LowPass, limit};
-use hapfic_ipc::message::{Command, ControllerState, MAX_JOINTS, Mode, Parameters, Process, Request, Severity, Source, State};
-use hapfic_ipc::{Check, Defect};
+use hapfic_messages::{
+    Check, Command, ControllerState, Defect, MAX_JOINTS, Mode, Parameters, Process, Request, Severity, Source, State,
+};
 
 /// What the gate enforces.
 #[derive(Clone, Copy, Debug, PartialEq)]

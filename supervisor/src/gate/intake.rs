@@ -2,9 +2,8 @@
 
 use super::protocol::{Observed, Place};
 use super::thread::{CONTROLLERS, Gateway};
-use hapfic_ipc::clock::PERIOD_NS;
-use hapfic_ipc::message::{Process, Request, State};
-use hapfic_ipc::{Check, Clock, Defect, IpcError, clock};
+use hapfic_ipc::{IpcError, clock};
+use hapfic_messages::{Check, Clock, Defect, PERIOD_NS, Process, Request, State};
 use std::sync::atomic::Ordering;
 
 /// How far from the tick that is due a request's tick may be.

@@ -1,7 +1,7 @@
 //! How the gate's thread waits in realtime: for what, and how long. Meanwhile it has not got the gate.
 
-use hapfic_ipc::clock::PERIOD_NS;
 use hapfic_ipc::{Alarm, Foresight, IpcError, Listener, Wakes, clock, wait};
+use hapfic_messages::PERIOD_NS;
 use std::time::Duration;
 
 /// How long the gate waits at most before it looks at its flags.

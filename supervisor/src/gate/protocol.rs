@@ -5,7 +5,7 @@
 //! be decided is only for whom to wait, and how bad it is when nobody comes.
 
 use super::severity::{Conditions, severity};
-use hapfic_ipc::message::{Process, Severity};
+use hapfic_messages::{Process, Severity};
 
 /// Ticks in a row in which only the other controller answered, after which that one becomes the primary.
 pub const PROMOTE_AFTER: u32 = 3;

@@ -1,6 +1,6 @@
 //! The severity ladder: one pure function from what is wrong to how bad it is.
 
-use hapfic_ipc::message::Severity;
+use hapfic_messages::Severity;
 
 /// Good ticks after which degraded and brake clear.
 pub const CLEAR_AFTER: u32 = 20;

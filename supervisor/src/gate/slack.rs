@@ -2,8 +2,8 @@
 
 use super::thread::Gateway;
 use crate::operator::exchange::{Answer, Verdict};
-use hapfic_ipc::message::{Detector, EventKind, MAX_JOINTS, Process, Request};
-use hapfic_ipc::{Check, IpcError};
+use hapfic_ipc::IpcError;
+use hapfic_messages::{Check, Detector, EventKind, MAX_JOINTS, Process, Request};
 
 impl Gateway {
     /// What can be done while nobody waits for it: loans, meeting those who have joined, what was not read because somebody

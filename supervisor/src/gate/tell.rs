@@ -2,8 +2,8 @@
 
 use super::protocol::Place;
 use super::thread::{Gateway, TOLD_ONE_BY_ONE};
-use hapfic_ipc::message::{Command, Detector, Event, EventKind, Mode, Process, Severity, Source};
-use hapfic_ipc::{Clock, IpcError, clock};
+use hapfic_ipc::{IpcError, clock};
+use hapfic_messages::{Clock, Command, Detector, Event, EventKind, Mode, Process, Severity, Source};
 
 impl Gateway {
     /// Everything that a tick brought, after its command has gone out.
@@ -144,7 +144,7 @@ impl Gateway {
 /// A text of bounded length on the stack.
 #[derive(Default)]
 pub(super) struct Text {
-    bytes: arrayvec::ArrayString<{ hapfic_ipc::message::EVENT_TEXT }>,
+    bytes: arrayvec::ArrayString<{ hapfic_messages::EVENT_TEXT }>,
 }
 
 impl Text {

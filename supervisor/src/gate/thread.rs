@@ -9,12 +9,9 @@ use super::turn::Hand;
 use super::understudy::Understudy;
 use crate::live::Live;
 use crate::operator::exchange::Hatch;
-use hapfic_ipc::clock::PERIOD_NS;
-use hapfic_ipc::message::{Command, Event, Operator, Phase, Process, Request, State, Timing};
 use hapfic_ipc::realtime::{self, Granted, Wish};
-use hapfic_ipc::{
-    Alarm, Bell, Bus, Clock, Defect, Domain, Foresight, Input, IpcError, Output, Recent, Wait, allocations, clock, topic, wait,
-};
+use hapfic_ipc::{Alarm, Bell, Bus, Domain, Foresight, Input, IpcError, Output, Wait, allocations, clock, topic, wait};
+use hapfic_messages::{Clock, Command, Defect, Event, Operator, PERIOD_NS, Phase, Process, Recent, Request, State, Timing};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;

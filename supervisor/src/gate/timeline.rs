@@ -2,7 +2,7 @@
 
 use hapfic_config::{MIN_SPACING_TICKS, OperatorChange, Parameters, Settings};
 use hapfic_controller::parameters;
-use hapfic_ipc::message::Operator;
+use hapfic_messages::Operator;
 use std::collections::VecDeque;
 
 /// Changes that may be waiting beside those of the script. The room is there from the start: the gate does not allocate.

@@ -3,8 +3,7 @@
 //! The gate knows state(k), so it can recompute what the controller should have. A controller whose numbers went wrong after its
 //! law (a bit flip, another robot's description, a programming error in a foreign one) is refused here, like one that sends NaN.
 
-use hapfic_ipc::Defect;
-use hapfic_ipc::message::{MAX_JOINTS, Parameters, Request, State};
+use hapfic_messages::{Defect, MAX_JOINTS, Parameters, Request, State};
 use hapfic_robot::Chain;
 use nalgebra::Vector3;
 

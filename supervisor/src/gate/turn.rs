@@ -4,8 +4,8 @@ use super::lookout::{Lookout, Outlook, PATIENCE, Woken};
 use super::protocol::Patience;
 use super::thread::Gateway;
 use super::understudy::Understudy;
-use hapfic_ipc::message::Phase;
 use hapfic_ipc::{IpcError, allocations, clock, realtime};
+use hapfic_messages::Phase;
 use std::sync::atomic::Ordering;
 
 /// What belongs to a thread that works as the gate.

@@ -2,8 +2,9 @@
 
 use crate::registry::{self, Registration};
 use anyhow::{Context, Result, anyhow, bail};
-use hapfic_ipc::service::{Caller, OperatorKind, OperatorReply, OperatorRequest, ReplyCode};
+use hapfic_ipc::service::Caller;
 use hapfic_ipc::{Bus, IpcError};
+use hapfic_messages::{OperatorKind, OperatorReply, OperatorRequest, ReplyCode};
 use std::fmt::Write;
 use std::time::{Duration, Instant};
 

@@ -2,8 +2,8 @@
 
 use super::Record;
 use crate::live::Live;
-use hapfic_ipc::message::{Command, Credit, Event, Operator, Process, Reference, Request, State, Timing};
-use hapfic_ipc::{Bus, Check, Clock, Domain, Input, IpcError, Output, topic};
+use hapfic_ipc::{Bus, Domain, Input, IpcError, Output, topic};
+use hapfic_messages::{Check, Clock, Command, Credit, Event, Operator, Process, Reference, Request, State, Timing};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, SyncSender};
@@ -173,7 +173,7 @@ impl Drain {
 /// Takes what has come of a topic; returns how many there are in all.
 fn take<T>(input: &mut Input<T>, come: &mut Vec<Option<Record>>, wrap: fn(T) -> Record) -> Result<usize, IpcError>
 where
-    T: Check + Copy + std::fmt::Debug + hapfic_ipc::ZeroCopySend + 'static,
+    T: Check + hapfic_messages::Message,
 {
     while let Some(message) = input.next()? {
         if message.check().is_ok() {

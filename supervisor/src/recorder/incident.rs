@@ -8,8 +8,7 @@ mod tell;
 
 use super::Record;
 use crate::live::Live;
-use hapfic_ipc::Clock;
-use hapfic_ipc::message::{Command, Event, EventKind, Mode, Process, Severity, Source, Timing};
+use hapfic_messages::{Clock, Command, Event, EventKind, Mode, Process, Severity, Source, Timing};
 use std::collections::VecDeque;
 use std::fs::{self, File};
 use std::io::{self, Write as _};

@@ -1,8 +1,8 @@
 //! What viewers are shown of a tick.
 
-use hapfic_ipc::message::{Parameters, Reference, State};
 use hapfic_ipc::topic;
 use hapfic_log::proto;
+use hapfic_messages::{Parameters, Reference, State};
 use std::collections::VecDeque;
 
 /// Ticks that may be waiting for their command at once, and parameter sets that may be in force among them.

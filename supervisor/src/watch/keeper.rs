@@ -5,22 +5,22 @@
 
 use anyhow::Result;
 use hapfic_ipc::inject::Tamper;
-use hapfic_ipc::message::{Process, Reference, State};
 use hapfic_ipc::topic::{self, Topic};
-use hapfic_ipc::{Bus, Check, Input, IpcError, Output, Recent, Ticked, Wait, ZeroCopySend};
+use hapfic_ipc::{Bus, Input, IpcError, Output, Wait};
+use hapfic_messages::{Check, Message, Process, Recent, Reference, State, Ticked};
 use std::sync::atomic::{AtomicI64, Ordering};
 
 /// How far ahead of the last command a message may be: the planner is one tick ahead, its state another.
 const AHEAD: i64 = 3;
 
 /// One topic that is kept.
-struct Kept<T: Copy + std::fmt::Debug + ZeroCopySend + 'static> {
+struct Kept<T: Message> {
     input: Input<T>,
     output: Output<T>,
     recent: Recent<T>,
 }
 
-impl<T: Check + Tamper + Ticked + std::fmt::Debug + ZeroCopySend + 'static> Kept<T> {
+impl<T: Check + Tamper + Ticked + Message> Kept<T> {
     fn open(bus: &Bus, topic: &Topic<T>) -> Result<Self, IpcError> {
         Ok(Self { input: bus.input(topic, Wait::No)?, output: bus.output(topic)?, recent: Recent::default() })
     }

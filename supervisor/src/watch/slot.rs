@@ -4,7 +4,7 @@ use super::life::{Life, Stage};
 use crate::children::{Child, describe};
 use crate::live::Live;
 use anyhow::Result;
-use hapfic_ipc::message::{Detector, Phase, Process};
+use hapfic_messages::{Detector, Phase, Process};
 use std::time::{Duration, Instant};
 
 /// The detectors' limits.

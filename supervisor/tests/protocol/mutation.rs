@@ -1,7 +1,7 @@
 //! The pure functions, and what they would be if one rule were broken.
 
 use crate::seat::{NOW_MS, POLICY};
-use hapfic_ipc::message::Severity;
+use hapfic_messages::Severity;
 use hapfic_supervisor::gate::protocol::{Action, Choice, Observed, Patience, Protocol, Wishes};
 use hapfic_supervisor::watch::life::{Life, Order, Sign, Stage};
 

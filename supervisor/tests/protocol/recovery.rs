@@ -1,7 +1,7 @@
 //! After the operator has re-armed, torque comes back for certain: a model without cycles, in which every path ends.
 
 use crate::mutation::{self, Mutation};
-use hapfic_ipc::message::Severity;
+use hapfic_messages::Severity;
 use hapfic_supervisor::gate::protocol::{Choice, Observed, Patience, Place, Protocol, Wishes};
 use hapfic_supervisor::gate::severity::Conditions;
 use stateright::{Checker, Model, Property};

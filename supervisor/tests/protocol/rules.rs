@@ -2,7 +2,7 @@
 //! from the code that they judge.
 
 use crate::stack::{Stack, State};
-use hapfic_ipc::message::Severity;
+use hapfic_messages::Severity;
 use hapfic_supervisor::gate::protocol::{Action, Choice, Observed, Patience, Protocol, Wishes};
 use stateright::Property;
 

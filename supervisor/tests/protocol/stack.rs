@@ -3,7 +3,7 @@
 use crate::mutation::{self, Mutation};
 use crate::rules::{Account, Broken, Gated, Rule};
 use crate::seat::{Process, Seat};
-use hapfic_ipc::message::Severity;
+use hapfic_messages::Severity;
 use hapfic_supervisor::gate::protocol::{Action, Choice, Observed, Patience, Place, Protocol, Wishes};
 use hapfic_supervisor::watch::life::{Order, Sign, Stage};
 use stateright::{Model, Property};

@@ -3,13 +3,11 @@
 use super::Context;
 use crate::bell::Wakes;
 use crate::bus::Input;
-use crate::check::Check;
-use crate::clock::{self, PERIOD_NS};
+use crate::clock;
 use crate::error::IpcError;
 use crate::foresight::Foresight;
-use crate::message::State;
 use crate::realtime::Granted;
-use crate::run::Clock;
+use hapfic_messages::{Check, Clock, PERIOD_NS, State};
 
 /// Whether a process may pass over states in lockstep.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,7 +1,7 @@
 //! The figures of what happened in the scene: objects, contacts, posture, and the integration behind them.
 
 use super::label::{Label, List};
-use hapfic_ipc::message::{MAX_JOINTS, MAX_OBJECTS};
+use hapfic_messages::{MAX_JOINTS, MAX_OBJECTS};
 use serde::Serialize;
 
 /// Most pairs of bodies whose contacts are told apart; those that touch first count.

@@ -3,7 +3,7 @@
 use super::label::{Label, List};
 use super::moments::ObjectSummary;
 use super::sample::ObjectSample;
-use hapfic_ipc::message::MAX_OBJECTS;
+use hapfic_messages::MAX_OBJECTS;
 
 /// A body lies on another face from this angle between its z axis then and now on, rad: 80 degrees.
 const TIPPED_RAD: f64 = 80.0 * std::f64::consts::PI / 180.0;

@@ -3,7 +3,7 @@
 use super::label::List;
 use super::moments::{AirSummary, JointSummary};
 use super::sample::{CommandSample, ParameterSample};
-use hapfic_ipc::message::MAX_JOINTS;
+use hapfic_messages::MAX_JOINTS;
 
 /// A joint so near zero is straight, rad: one degree.
 const STRAIGHT_RAD: f64 = std::f64::consts::PI / 180.0;

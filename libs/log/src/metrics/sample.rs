@@ -2,7 +2,7 @@
 
 use super::label::{Label, List};
 use crate::proto;
-use hapfic_ipc::message::{MAX_CONTACTS, MAX_JOINTS, MAX_OBJECTS, Mode, Source};
+use hapfic_messages::{MAX_CONTACTS, MAX_JOINTS, MAX_OBJECTS, Mode, Source};
 
 /// A damaged or foreign log may hold anything; no length, speed or force of a run comes near.
 const LARGEST: f64 = 1e12;

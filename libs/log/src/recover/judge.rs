@@ -4,7 +4,7 @@ use super::records::Message;
 use crate::topic::Topic;
 use crate::{TICK_NS, proto, time_of};
 use foxglove::messages::{FrameTransforms, Log, SceneUpdate};
-use hapfic_ipc::message::Process;
+use hapfic_messages::Process;
 use prost::Message as _;
 use std::collections::BTreeSet;
 use std::hash::{DefaultHasher, Hash, Hasher};

@@ -5,8 +5,8 @@ use crate::samples::{
     standby_request, state, timing, transforms, write_tick,
 };
 use foxglove::messages::{FrameTransforms, Log, SceneUpdate};
-use hapfic_ipc::message::{Command, Mode, Request, Source};
 use hapfic_log::{Attachment, LogError, Metrics, Reader, Record, Topic, Writer, WriterOptions, convert, time_of};
+use hapfic_messages::{Command, Mode, Request, Source};
 use mcap::records::MessageHeader;
 use prost::Message;
 use std::collections::BTreeMap;

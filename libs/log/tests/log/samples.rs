@@ -1,13 +1,13 @@
 //! Messages with a value of its own in every field, and logs of them.
 
 use foxglove::messages::{FrameTransforms, Log, SceneUpdate};
-use hapfic_ipc::message::{
+use hapfic_log::viewer::{Scene, SceneBody, SceneShape, Shape};
+use hapfic_log::{Attachment, Entry, LogError, Names, Reader, Topic, Viewer, Writer, WriterOptions, convert};
+use hapfic_messages::{
     AxisPlan, Command, ContactState, ControllerState, Detector, Drive, EVENT_TEXT, Event, EventKind, Mode, ObjectState,
     Parameters, Phase, Physics, PlannerState, Process, Reference, Request, ResetPolicy, Saturation, Search, Severity, Source,
     State, Timing,
 };
-use hapfic_log::viewer::{Scene, SceneBody, SceneShape, Shape};
-use hapfic_log::{Attachment, Entry, LogError, Names, Reader, Topic, Viewer, Writer, WriterOptions, convert};
 use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::Path;

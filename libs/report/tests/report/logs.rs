@@ -1,11 +1,11 @@
 //! Logs of a run that did not happen: a foot that presses, a box that falls over.
 
-use hapfic_ipc::message::{
+use hapfic_log::viewer::{Scene, SceneBody, SceneShape, Shape};
+use hapfic_log::{Names, Reader, Viewer, Writer, WriterOptions};
+use hapfic_messages::{
     Command, ContactState, Detector, Drive, EVENT_TEXT, Event, EventKind, Mode, ObjectState, Parameters, Process, Reference,
     Request, Severity, Source, State, Timing,
 };
-use hapfic_log::viewer::{Scene, SceneBody, SceneShape, Shape};
-use hapfic_log::{Names, Reader, Viewer, Writer, WriterOptions};
 use hapfic_report::{Report, ReportError};
 use std::collections::BTreeMap;
 use std::path::Path;

@@ -3,9 +3,8 @@
 use anyhow::Result;
 use hapfic_diagnostics::cause::{Missed, Seen, Span, Verdict, judge};
 use hapfic_diagnostics::hops::{Hops, Stamps, TickStamps};
-use hapfic_ipc::clock::PERIOD_NS;
-use hapfic_ipc::message::{Mode, Phase, Process, Source};
 use hapfic_log::{Reader, Record, proto};
+use hapfic_messages::{Mode, PERIOD_NS, Phase, Process, Source};
 use std::collections::BTreeMap;
 use std::path::Path;
 

@@ -1,6 +1,6 @@
 //! Figures that a study wants and the metrics of a log do not have.
 
-use hapfic_ipc::message::{Command, MAX_JOINTS, State};
+use hapfic_messages::{Command, MAX_JOINTS, State};
 
 /// Largest forces and torques, and the work of the joints, over the ticks so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -5,8 +5,8 @@ use super::recording::Recording;
 use crate::launch::names;
 use crate::simulation::{Simulation, SimulationError, Snapshot};
 use hapfic_config::{PERIOD_S, Settings};
-use hapfic_ipc::message::{Operator, Parameters};
 use hapfic_log::{LogError, Metrics, MetricsSummary, Names, convert};
+use hapfic_messages::{Operator, Parameters};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Divided by, and not multiplied by the period, 3800 ticks are 3.8 s.

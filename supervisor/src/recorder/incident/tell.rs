@@ -1,6 +1,6 @@
 //! An incident, and its account in Markdown.
 
-use hapfic_ipc::message::{Command, Detector, Event, EventKind, MAX_JOINTS, Mode, Process, Request, Severity, Source};
+use hapfic_messages::{Command, Detector, Event, EventKind, MAX_JOINTS, Mode, Process, Request, Severity, Source};
 use std::collections::VecDeque;
 use std::fmt::{self, Write as _};
 

@@ -1,5 +1,5 @@
 use super::*;
-use hapfic_ipc::message::{Detector, Request, State};
+use hapfic_messages::{Detector, Request, State};
 
 /// A stamp of a tick, ns; none in lockstep.
 fn stamp(clock: Clock, tick: i64) -> u64 {

@@ -74,7 +74,7 @@ pub(crate) fn rows(place: &Place, undisturbed: &Undisturbed) -> Vec<Row> {
 fn torques(trace: &Trace) -> Vec<Option<(Option<u32>, Vec<u64>)>> {
     let bits = |command: &Command| {
         let all = command.torque.iter().chain(&command.raw).map(|torque| torque.to_bits());
-        (command.mode.map(hapfic_ipc::message::Mode::code), all.collect())
+        (command.mode.map(hapfic_messages::Mode::code), all.collect())
     };
     (0..TICKS).map(|tick| trace.command(tick).map(bits)).collect()
 }

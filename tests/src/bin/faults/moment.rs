@@ -1,7 +1,7 @@
 //! What came of one fault.
 
 use crate::trace::{Command, Trace};
-use hapfic_ipc::message::EventKind;
+use hapfic_messages::EventKind;
 use std::ops::Range;
 
 /// Ticks before and after a fault whose missed ones count for it.
@@ -101,7 +101,7 @@ pub(crate) fn measure(trace: &Trace, at: usize, next: usize) -> Moment {
 mod tests {
     use super::*;
     use crate::trace::Tick;
-    use hapfic_ipc::message::{Mode, Process, Source};
+    use hapfic_messages::{Mode, Process, Source};
 
     /// A run of 500 ticks of which nobody answers two and the drive brakes for 20 more; the torque then comes in by 2 N m a tick.
     fn braked(at: usize) -> Trace {

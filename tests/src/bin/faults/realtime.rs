@@ -3,7 +3,7 @@
 use crate::moment::{Moment, measure};
 use crate::runs::{End, LOG, Place};
 use crate::trace::Trace;
-use hapfic_ipc::message::{EventKind, Process};
+use hapfic_messages::{EventKind, Process};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
@@ -224,7 +224,7 @@ fn is_meant(trace: &Trace, at: usize, who: Who, target: &str) -> bool {
 mod tests {
     use super::{KINDS, Who, moment_of, setting};
     use crate::trace::{Event, Tick, Trace};
-    use hapfic_ipc::message::{EventKind, Process};
+    use hapfic_messages::{EventKind, Process};
 
     #[test]
     fn a_signal_hits_where_its_process_ends_and_not_where_it_is_told_of() {

@@ -4,7 +4,7 @@ use crate::part::{Expectation, Part, table, verdict};
 use crate::realtime::{setting, settings};
 use crate::runs::{LOG, Place};
 use crate::trace::Trace;
-use hapfic_ipc::message::EventKind;
+use hapfic_messages::EventKind;
 use std::time::Duration;
 
 const DURATION_S: f64 = 2.0;

@@ -1,7 +1,7 @@
 //! A run's log, tick by tick.
 
-use hapfic_ipc::message::{EventKind, Mode, Phase, Process, Source};
 use hapfic_log::{Reader, Record};
+use hapfic_messages::{EventKind, Mode, Phase, Process, Source};
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::Path;

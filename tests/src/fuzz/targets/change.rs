@@ -3,8 +3,7 @@
 use crate::fuzz::target::{Target, Verdict};
 use hapfic_config::{OperatorChange, Parameters, Settings};
 use hapfic_controller::parameters::parameters;
-use hapfic_ipc::Check;
-use hapfic_ipc::service::{OperatorKind, OperatorRequest};
+use hapfic_messages::{Check, OperatorKind, OperatorRequest};
 use std::path::Path;
 
 pub(super) const TARGET: Target = Target {

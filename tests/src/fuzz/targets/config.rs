@@ -3,8 +3,7 @@
 use super::SCENARIO_WORDS;
 use crate::fuzz::target::{Target, Verdict};
 use hapfic_config::{Settings, scenarios};
-use hapfic_ipc::Check;
-use hapfic_ipc::message::{Command, Mode};
+use hapfic_messages::{Check, Command, Mode};
 use hapfic_plant::Plant;
 use std::path::Path;
 

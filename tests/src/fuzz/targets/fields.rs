@@ -1,10 +1,10 @@
 //! The fields of every message, to be spoilt.
 
 use super::draw::Draw;
-use hapfic_ipc::message::{
-    Command, ControllerState, Credit, Event, Operator, Parameters, PlannerState, Reference, Request, State, Timing,
+use hapfic_messages::{
+    Command, ControllerState, Credit, Event, Operator, OperatorReply, OperatorRequest, Parameters, PlannerState, Reference,
+    Request, State, Timing,
 };
-use hapfic_ipc::service::{OperatorReply, OperatorRequest};
 use std::slice::from_mut;
 
 /// Most fields that are spoilt in one message.

@@ -2,8 +2,8 @@
 
 use super::stage::Stage;
 use crate::fuzz::target::{Target, Verdict};
-use hapfic_ipc::message::{Detector, Event, EventKind, Phase, Process, Severity, Timing};
 use hapfic_log::{Attachment, LogError, Metrics, Names, Reader, Writer, WriterOptions, recover};
+use hapfic_messages::{Detector, Event, EventKind, Phase, Process, Severity, Timing};
 use hapfic_report::Report;
 use hapfic_supervisor::simulation::Snapshot;
 use mcap::records::{MessageHeader, Metadata};

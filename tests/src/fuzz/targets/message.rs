@@ -9,14 +9,12 @@ use super::fields::{Fields, spoil};
 use super::stage::{Moment, PEAK, Stage};
 use crate::fuzz::target::{Target, Verdict};
 use hapfic_controller::answer::{Known, answer};
-use hapfic_ipc::Check;
-use hapfic_ipc::message::{
-    Command, ControllerState, Credit, Detector, Event, EventKind, Mode, Operator, Phase, Process, Reference, Request, Severity,
-    State, Timing,
-};
-use hapfic_ipc::service::{OperatorKind, OperatorReply, OperatorRequest, ReplyCode};
 use hapfic_log::viewer::Scene;
 use hapfic_log::{Metrics, Names, Viewer, convert};
+use hapfic_messages::{
+    Check, Command, ControllerState, Credit, Detector, Event, EventKind, Mode, Operator, OperatorKind, OperatorReply,
+    OperatorRequest, Phase, Process, Reference, ReplyCode, Request, Severity, State, Timing,
+};
 use hapfic_planner::Plan;
 use hapfic_supervisor::gate::protocol::{Observed, Place, Wishes};
 use std::path::Path;

@@ -3,7 +3,8 @@
 use super::SCENARIO_WORDS;
 use crate::fuzz::target::{Target, Verdict};
 use hapfic_config::Settings;
-use hapfic_ipc::{Clock, Domain, RealtimeMode, RunFile};
+use hapfic_ipc::{Domain, RunFile};
+use hapfic_messages::{Clock, RealtimeMode};
 use std::fs;
 use std::path::Path;
 

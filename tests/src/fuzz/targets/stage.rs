@@ -1,8 +1,8 @@
 //! The stack in the middle of a run, for messages to arrive at.
 
 use hapfic_config::Settings;
-use hapfic_ipc::message::MAX_JOINTS;
 use hapfic_log::Names;
+use hapfic_messages::MAX_JOINTS;
 use hapfic_plant::Plant;
 use hapfic_robot::Chain;
 use hapfic_supervisor::gate::core::{Gate, Limits};

@@ -3,7 +3,7 @@
 use super::config::simulated;
 use crate::fuzz::target::{Target, Verdict};
 use hapfic_config::{Settings, robots};
-use hapfic_ipc::Check;
+use hapfic_messages::Check;
 use hapfic_robot::{Chain, MAX_JOINTS};
 use nalgebra::Vector3;
 use std::path::Path;

@@ -1,9 +1,8 @@
 //! Checks of messages that come from another process: finite, in range, codes known. Ticks in order are the receiver's business.
 
-use crate::message::EVENT_TEXT;
-use crate::message::{
-    Command, ControllerState, Credit, Detector, Drive, Event, EventKind, MAX_CONTACTS, MAX_JOINTS, MAX_OBJECTS, Mode, Operator,
-    Parameters, Phase, Process, Reference, Request, ResetPolicy, Saturation, Search, Severity, Source, State, Timing,
+use crate::{
+    Command, ControllerState, Credit, Detector, Drive, EVENT_TEXT, Event, EventKind, MAX_CONTACTS, MAX_JOINTS, MAX_OBJECTS, Mode,
+    Operator, Parameters, Phase, Process, Reference, Request, ResetPolicy, Saturation, Search, Severity, Source, State, Timing,
 };
 
 /// What is wrong with a message.
@@ -227,33 +226,6 @@ impl Check for Timing {
 impl Check for Credit {
     fn check(&self) -> Result<(), Defect> {
         Ok(())
-    }
-}
-
-impl Event {
-    /// An event with a text, cut at [`EVENT_TEXT`] bytes (at a character's border).
-    #[must_use]
-    pub fn new(tick: i64, process: Process, kind: EventKind, severity: Severity, detector: Detector, text: &str) -> Self {
-        let len = text.floor_char_boundary(EVENT_TEXT);
-        let mut bytes = [0; EVENT_TEXT];
-        bytes[..len].copy_from_slice(&text.as_bytes()[..len]);
-        Self {
-            stamp_ns: 0,
-            tick,
-            process: process.code(),
-            kind: kind.code(),
-            severity: severity.code(),
-            detector: detector.code(),
-            text_len: len as u32,
-            reserved: 0,
-            text: bytes,
-        }
-    }
-
-    /// The text; what is not UTF-8 is shown as U+FFFD.
-    #[must_use]
-    pub fn text(&self) -> std::borrow::Cow<'_, str> {
-        String::from_utf8_lossy(&self.text[..(self.text_len as usize).min(EVENT_TEXT)])
     }
 }
 

@@ -3,8 +3,7 @@
 //! Whoever is a little late finds messages in his queue that are ahead of the tick he works on. Taking the newest would make the
 //! result depend on timing; a [`Recent`] gives the one that belongs to the tick.
 
-use crate::message::{Command, Reference, Request, State};
-use crate::topic::CONTROL_DEPTH;
+use crate::{CONTROL_DEPTH, Command, Reference, Request, State};
 
 /// Messages kept.
 const KEPT: usize = CONTROL_DEPTH;

@@ -1,0 +1,36 @@
+//! The gate's message to the drive.
+
+use crate::limits::MAX_JOINTS;
+use crate::message::Message;
+use crate::request::Request;
+use zerocopy::{FromBytes, Immutable, IntoBytes};
+
+/// What the gate passes to the drive at `tick`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, FromBytes, IntoBytes, Immutable)]
+#[repr(C)]
+pub struct Command {
+    /// When it was published.
+    pub stamp_ns: u64,
+    /// The tick whose state it answers.
+    pub tick: i64,
+    /// Code of [`Mode`](crate::Mode).
+    pub mode: u32,
+    /// Code of [`Source`](crate::Source).
+    pub source: u32,
+    /// Code of [`Severity`](crate::Severity).
+    pub severity: u32,
+    /// Joints that count.
+    pub joints: u32,
+    /// Bit i: the peak limited joint i.
+    pub limited: u32,
+    /// Bit i: the rate of joint i's torque is limited, ramping in after a brake.
+    pub ramped: u32,
+    /// Conditioned torque: filtered, limited in its rate after a brake, then in its size.
+    pub torque: [f64; MAX_JOINTS],
+    /// The accepted request: raw torque, force, error, controller state. The next tick's controller starts from here.
+    pub request: Request,
+}
+
+impl Message for Command {
+    const NAME: &str = "hapfic.Command";
+}

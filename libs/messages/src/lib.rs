@@ -1,0 +1,39 @@
+//! Messages of the stack: plain data, codes and checks, without a transport.
+//!
+//! Units are SI: m, rad (m for a prismatic joint), N, N m (N for a prismatic joint), s unless a name says otherwise. Vectors are
+//! in the world frame, z up. Joint arrays hold [`MAX_JOINTS`] places, of which the first `joints` count. `stamp_ns` fields are
+//! readings of `CLOCK_MONOTONIC` and are zero in lockstep, where everything that is logged is a function of scenario and seed.
+//!
+//! Read first [`State`], [`Reference`], [`Request`] and [`Command`]: the four messages of a tick. [`Operator`] carries the parameters,
+//! [`Event`] and [`Timing`] report. `codes` gives the meaning of every code, `check` what each field may hold.
+
+mod check;
+mod codes;
+mod command;
+mod event;
+mod limits;
+mod message;
+mod operator_request;
+mod parameters;
+mod reference;
+mod request;
+mod run_mode;
+mod state;
+mod tick_buffer;
+mod timing;
+mod wire_enum;
+
+pub use check::{Check, Defect};
+pub use codes::{Detector, Drive, EventKind, Mode, Phase, Process, ResetPolicy, Saturation, Search, Severity, Source, Tampering};
+pub use command::Command;
+pub use event::Event;
+pub use limits::{CONTROL_DEPTH, EVENT_TEXT, MAX_CONTACTS, MAX_JOINTS, MAX_OBJECTS, PERIOD_NS};
+pub use message::Message;
+pub use operator_request::{OperatorKind, OperatorReply, OperatorRequest, REPLY_TEXT, REQUEST_TEXT, ReplyCode};
+pub use parameters::{Operator, Parameters};
+pub use reference::{AxisPlan, PlannerState, Reference};
+pub use request::{ControllerState, Request};
+pub use run_mode::{Clock, RealtimeMode};
+pub use state::{ContactState, ObjectState, Physics, State};
+pub use tick_buffer::{Recent, Ticked};
+pub use timing::{Credit, Injection, Timing};

@@ -1,0 +1,59 @@
+//! The controller's message: a requested torque and the controller's state.
+
+use crate::limits::MAX_JOINTS;
+use crate::message::Message;
+use zerocopy::{FromBytes, Immutable, IntoBytes};
+
+/// The controller's whole state. It travels in requests and commands; no controller keeps any.
+#[derive(Clone, Copy, Debug, Default, PartialEq, FromBytes, IntoBytes, Immutable)]
+#[repr(C)]
+pub struct ControllerState {
+    /// dx of the haptic search, m.
+    pub offset: [f64; 3],
+    /// Error latched at the start of the last convergence, m (eq. 1).
+    pub x_max: [f64; 3],
+    /// K0 of this tick, N/m; 0 before the first.
+    pub stiffness: [f64; 3],
+    /// F_max of this tick, N.
+    pub max_force: [f64; 3],
+    /// x_b of this tick, m.
+    pub position_bound: [f64; 3],
+    /// F_c of this tick, N.
+    pub force: [f64; 3],
+    /// 1 in convergence, 0 in divergence.
+    pub converging: [u32; 3],
+    /// Ticks in a row in which the axis stood still in convergence, without contact.
+    pub still_ticks: [u32; 3],
+}
+
+/// What a controller asks for at `tick`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, FromBytes, IntoBytes, Immutable)]
+#[repr(C)]
+pub struct Request {
+    /// When it was published.
+    pub stamp_ns: u64,
+    /// The tick it is for.
+    pub tick: i64,
+    /// Tick of the state it was made from.
+    pub state_tick: i64,
+    /// Version of the parameters it was made with.
+    pub parameters_version: u64,
+    /// Code of the [`Process`](crate::Process) that made it.
+    pub controller: u32,
+    /// Joints that count.
+    pub joints: u32,
+    /// e = x_d + dx - x, m.
+    pub error: [f64; 3],
+    /// e' = x_d' - J q', m/s.
+    pub error_rate: [f64; 3],
+    /// F_c, N.
+    pub force: [f64; 3],
+    /// J^T F_c, and gravity compensation if asked for.
+    pub torque: [f64; MAX_JOINTS],
+    /// The controller's state after this tick.
+    pub state: ControllerState,
+}
+
+impl Message for Request {
+    const NAME: &str = "hapfic.Request";
+}

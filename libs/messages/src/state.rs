@@ -1,0 +1,104 @@
+//! The plant's messages: the sampled robot, its objects and contacts.
+
+use crate::limits::{MAX_CONTACTS, MAX_JOINTS, MAX_OBJECTS};
+use crate::message::Message;
+use zerocopy::{FromBytes, Immutable, IntoBytes};
+
+/// Pose and velocity of a free body.
+#[derive(Clone, Copy, Debug, Default, PartialEq, FromBytes, IntoBytes, Immutable)]
+#[repr(C)]
+pub struct ObjectState {
+    /// Centre of mass, m.
+    pub position: [f64; 3],
+    /// Unit quaternion, x y z w.
+    pub orientation: [f64; 4],
+    /// Velocity of the centre of mass, m/s.
+    pub linear_velocity: [f64; 3],
+    /// Angular velocity, rad/s.
+    pub angular_velocity: [f64; 3],
+}
+
+/// One contact, averaged over the tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq, FromBytes, IntoBytes, Immutable)]
+#[repr(C)]
+pub struct ContactState {
+    /// Index of the first body in the scene's list of bodies.
+    pub body: u32,
+    /// Index of the second body, which feels the opposite force.
+    pub against: u32,
+    /// Where, m: the mean over the tick, weighted by the force.
+    pub point: [f64; 3],
+    /// Mean force on the first body over the tick, N.
+    pub force: [f64; 3],
+    /// Deepest penetration at the start of the last sub-step in which they touched, m.
+    pub depth: f64,
+}
+
+/// What the plant's integrator did in a tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq, FromBytes, IntoBytes, Immutable)]
+#[repr(C)]
+pub struct Physics {
+    /// Sub-steps in this tick.
+    pub substeps: u32,
+    /// Newton iterations in this tick, over all contact sub-steps.
+    pub newton_iterations: u32,
+    /// Contact sub-steps of this tick that ended above the tolerance.
+    pub unconverged: u32,
+    /// Sub-steps of this tick that were solved implicitly, in reach of a contact or a joint's stop.
+    pub contact_substeps: u32,
+    /// Kinetic and potential energy of robot and objects, J.
+    pub energy_j: f64,
+    /// Work done by the contacts (joint stops apart) on the bodies since the start, J: falls, but for what a compressed contact
+    /// gives back.
+    pub contact_work_j: f64,
+    /// Elastic energy in the contacts now, J: with `contact_work_j` it may only fall; any rise is made by the integration.
+    pub contact_stored_j: f64,
+}
+
+/// What the plant measured at `tick`, and what it did in the tick before.
+#[derive(Clone, Copy, Debug, Default, PartialEq, FromBytes, IntoBytes, Immutable)]
+#[repr(C)]
+pub struct State {
+    /// When it was published.
+    pub stamp_ns: u64,
+    /// Number of the sample; the first is 0.
+    pub tick: i64,
+    /// Simulated time, `tick` times the period.
+    pub time_ns: u64,
+    /// Tick of the command that was applied until this sample; -1 before the first.
+    pub command_tick: i64,
+    /// How late the plant's timer was; zero in lockstep.
+    pub wake_lateness_ns: u64,
+    /// Periods by which simulated time has slipped since the start, because the timer came late.
+    pub slipped: u64,
+    /// Joints that count.
+    pub joints: u32,
+    /// Code of [`Drive`](crate::Drive): what the drive did until this sample.
+    pub drive: u32,
+    /// Objects that count.
+    pub object_count: u32,
+    /// Contacts that count.
+    pub contact_count: u32,
+    /// q.
+    pub joint_position: [f64; MAX_JOINTS],
+    /// q'.
+    pub joint_velocity: [f64; MAX_JOINTS],
+    /// Mean torque the drive applied in the tick before.
+    pub joint_torque: [f64; MAX_JOINTS],
+    /// Tip of the chain, m.
+    pub foot_position: [f64; 3],
+    /// Its velocity, m/s.
+    pub foot_velocity: [f64; 3],
+    /// Mean force of the environment on the foot over the tick before, N: the sensor.
+    pub foot_force: [f64; 3],
+    /// Free bodies, in the order of the scenario.
+    pub objects: [ObjectState; MAX_OBJECTS],
+    /// Contacts.
+    pub contacts: [ContactState; MAX_CONTACTS],
+    /// The integrator's account.
+    pub physics: Physics,
+}
+
+impl Message for State {
+    const NAME: &str = "hapfic.State";
+}
