@@ -33,7 +33,7 @@ figures:
 
 # Random leg motion among box and ball, 100 seeds of 10 s each (some ten minutes), and what they came to.
 seeds:
-    HAPFIC_SEEDS=100 cargo test --release -p hapfic-supervisor --test simulation -- leg_motion --nocapture
+    HAPFIC_SEEDS=100 cargo test --release -p hapfic-simulation --test simulation -- leg_motion --nocapture
 
 # Feeds every decoder of outside data with mutated inputs, SECONDS each; fails if one panics, hangs or takes too much memory.
 fuzz SECONDS="60":

@@ -26,7 +26,6 @@
 mod axis;
 mod plan;
 mod planner;
-pub mod process;
 
 pub use plan::Plan;
 pub use planner::{PEAK_TO_MEAN, PlannerParameters, Setpoint, hold, setpoint, step};

@@ -14,9 +14,6 @@ pub enum PlantError {
     /// The robot description.
     #[error(transparent)]
     Robot(#[from] hapfic_robot::RobotError),
-    /// Messaging.
-    #[error(transparent)]
-    Ipc(#[from] hapfic_ipc::IpcError),
     /// A tip link that cannot touch anything.
     #[error(
         "link '{link}': found no collision shape, expected a sphere: the tip link must be able to touch the floor and the objects"

@@ -16,7 +16,6 @@ mod placed;
 mod plant;
 mod point;
 mod press;
-pub mod process;
 mod scene;
 mod touch;
 mod watch;

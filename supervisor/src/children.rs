@@ -100,6 +100,13 @@ pub fn this_program() -> Result<Command> {
     Ok(command)
 }
 
+/// The processes of a run, in the order in which they are started.
+#[must_use]
+pub fn started(settings: &Settings) -> &'static [Process] {
+    const ALL: [Process; 4] = [Process::Plant, Process::Planner, Process::Controller, Process::Standby];
+    if settings.supervisor.standby { &ALL } else { &ALL[..3] }
+}
+
 /// The scenario's own command for a process, if it has one.
 #[must_use]
 pub fn foreign(processes: &Processes, process: Process) -> Option<&Vec<String>> {

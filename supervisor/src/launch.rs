@@ -1,49 +1,30 @@
 //! One run from start to end: everything checked first, then started, watched, ended, and removed.
 
 use crate::children;
-use crate::gate::core::Limits;
-use crate::gate::timeline::Timeline;
-use crate::gate::torque::TorqueCheck;
-use crate::gate::{Gateway, Start as GateStart};
-use crate::live::Live;
 use crate::notify::Notify;
 use crate::operator::{self, Served};
 use crate::privileges::{self, Cores};
 use crate::recorder::{self, Recorder};
 use crate::registry::Place;
-use crate::scene;
+use crate::request::Request;
 use crate::summary::{Fault, Losses, Recorder as RecorderSummary, Run, Summary};
 use crate::watch::{self, Begin, Timed, Watch};
 use anyhow::{Context, Result};
-use hapfic_config::{PERIOD_S, Settings};
+use hapfic_gate::Limits;
+use hapfic_gate::parameter_schedule::Timeline;
+use hapfic_gate::torque_check::TorqueCheck;
+use hapfic_gate_process::shared_status::Live;
+use hapfic_gate_process::{Gateway, Start as GateStart};
 use hapfic_ipc::realtime::{BringIn, IdleHold, Wish};
 use hapfic_ipc::{Bus, Domain, IpcError, RunFile, topic};
-use hapfic_log::{Attachment, Names, Viewer, Writer, WriterOptions};
-use hapfic_messages::{Clock, MAX_JOINTS, RealtimeMode};
+use hapfic_log::{RunLog, Viewer, Writer, scene};
+use hapfic_messages::{Clock, RealtimeMode};
 use hapfic_plant::Plant;
-use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
-
-/// What to run.
-#[derive(Clone, Debug)]
-pub struct Request {
-    /// Name for messages and the log.
-    pub scenario: String,
-    /// The checked scenario.
-    pub settings: Settings,
-    /// How time passes.
-    pub clock: Clock,
-    /// How hard to try for real time.
-    pub realtime: RealtimeMode,
-    /// Where to log.
-    pub log: PathBuf,
-    /// When the program started.
-    pub since: Instant,
-}
+use std::time::Duration;
 
 /// An error of what was asked for, before anything was started.
 #[derive(Debug)]
@@ -75,7 +56,7 @@ impl Prepared {
         let settings = &request.settings;
         let plant = Plant::new(settings)?;
         privileges::require(settings, request.clock, request.realtime)?;
-        for process in watch::started(settings) {
+        for process in children::started(settings) {
             children::find_program(&settings.processes, *process)?;
         }
         watch::check_faults(&settings.faults, &request.log, settings.supervisor.standby)?;
@@ -83,7 +64,7 @@ impl Prepared {
         // Before this run's log is made: it may be the same file.
         place.orphaned_logs().iter().for_each(|log| recover_orphan(log));
         let start_unix_ns = if request.clock == Clock::Realtime { hapfic_ipc::clock::unix_ns() } else { 0 };
-        let writer = open_log(request, &plant, start_unix_ns)?;
+        let writer = hapfic_log::create_run_log(&run_log(request, &plant, start_unix_ns))?;
         let viewer =
             Viewer::new(scene::scene(settings, plant.chain()), settings.recorder.viewer_rate_hz.round() as u32, start_unix_ns);
         let stop = Arc::new(AtomicBool::new(false));
@@ -142,7 +123,7 @@ impl Prepared {
             live: Arc::clone(&live),
         })?;
         let here = plant.sample().foot_position;
-        let (desk, hatch) = operator::exchange::exchange();
+        let (desk, hatch) = hapfic_gate_process::change_exchange::exchange();
         let (inject, asked) = std::sync::mpsc::channel();
         let notify = Notify::from_env();
         // Before the gate, so that its failure leaves nobody behind.
@@ -165,7 +146,7 @@ impl Prepared {
         let gate = start_gate(GateStart {
             domain,
             clock: request.clock,
-            limits: limits(settings, &plant),
+            limits: Limits::new(settings, plant.chain()),
             torque: TorqueCheck::new(plant.chain().clone(), settings.world.gravity_m_per_s2),
             timeline: Timeline::new(settings, here),
             ticks: settings.duration_ticks as i64,
@@ -250,66 +231,16 @@ fn hold_all(bus: &Bus) -> Result<Vec<Box<dyn std::any::Any>>> {
     ])
 }
 
-/// What the gate enforces in a scenario.
-pub(crate) fn limits(settings: &Settings, plant: &Plant) -> Limits {
-    let joints = plant.chain().joints();
-    let mut peak = [0.0; MAX_JOINTS];
-    for (i, joint) in joints.iter().enumerate() {
-        peak[i] = settings.supervisor.torque_peak.as_ref().map_or(joint.effort, |list| list[i]);
+fn run_log<'a>(request: &'a Request, plant: &'a Plant, start_unix_ns: u64) -> RunLog<'a> {
+    RunLog {
+        path: &request.log,
+        scenario: &request.scenario,
+        settings: &request.settings,
+        clock: request.clock,
+        chain: plant.chain(),
+        body_names: plant.body_names(),
+        start_unix_ns,
     }
-    Limits {
-        joints: joints.len(),
-        bandwidth_hz: settings.supervisor.torque_bandwidth_hz,
-        peak,
-        period_s: PERIOD_S,
-        ramp_rate: settings.supervisor.ramp_rate,
-        discontinuity: settings.supervisor.discontinuity,
-    }
-}
-
-/// Names of what messages carry by index.
-pub(crate) fn names(settings: &Settings, plant: &Plant) -> Names {
-    Names {
-        joints: plant.chain().joints().iter().map(|j| j.name.clone()).collect(),
-        bodies: plant.body_names().to_vec(),
-        objects: settings.world.objects.iter().map(|object| object.name.clone()).collect(),
-    }
-}
-
-/// Creates the log of a run. `start_unix_ns` is the time of tick 0, zero in lockstep.
-pub(crate) fn open_log(request: &Request, plant: &Plant, start_unix_ns: u64) -> Result<Writer> {
-    if let Some(folder) = request.log.parent()
-        && !folder.as_os_str().is_empty()
-    {
-        std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}, the log's folder", folder.display()))?;
-    }
-    let settings = &request.settings;
-    let names = names(settings, plant);
-    let pairs = [
-        ("version", env!("CARGO_PKG_VERSION").to_owned()),
-        ("scenario", request.scenario.clone()),
-        ("title", settings.title.clone()),
-        ("clock", request.clock.name().to_owned()),
-        ("seed", settings.seed.to_string()),
-        ("period_s", PERIOD_S.to_string()),
-        ("duration_ticks", settings.duration_ticks.to_string()),
-        ("start_unix_ns", start_unix_ns.to_string()),
-    ];
-    let header: BTreeMap<_, _> = pairs.into_iter().map(|(k, v)| (k.to_owned(), v)).collect();
-    let attachments = [
-        Attachment {
-            name: "scenario.toml".to_owned(),
-            media_type: "application/toml".to_owned(),
-            bytes: settings.effective_toml().into_bytes(),
-        },
-        Attachment {
-            name: "robot.urdf".to_owned(),
-            media_type: "application/xml".to_owned(),
-            bytes: settings.robot.urdf.text.clone().into_bytes(),
-        },
-    ];
-    let options = WriterOptions { start_unix_ns, chunk_bytes: u64::from(settings.recorder.chunk_kib) * 1024 };
-    Ok(Writer::create(&request.log, &names, &[("hapfic".to_owned(), header)], &attachments, &options)?)
 }
 
 fn summarise(request: &Request, timed: Timed, mut faults: Vec<Fault>, losses: Losses, recorder: Recorder) -> Summary {

@@ -1,8 +1,8 @@
 //! What real-time privileges a run has, and what it lacks: one table.
 
-use crate::live::Live;
 use anyhow::{Result, bail};
 use hapfic_config::{Placement, Realtime, Settings};
+use hapfic_gate_process::shared_status::Live;
 use hapfic_ipc::realtime::{Granted, Privilege, privileges, reserve_core, shared_core};
 use hapfic_messages::{Clock, Process, RealtimeMode};
 use std::fmt::Write;

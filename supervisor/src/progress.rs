@@ -1,6 +1,6 @@
 //! The progress line, on a terminal only.
 
-use crate::live::Glance;
+use hapfic_gate_process::shared_status::Glance;
 use std::io::{IsTerminal, Write};
 use std::time::{Duration, Instant};
 

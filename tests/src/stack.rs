@@ -16,7 +16,7 @@ pub fn hapfic() -> PathBuf {
     BINARY
         .get_or_init(|| {
             let mut build = Command::new(env!("CARGO"));
-            build.args(["build", "--quiet", "-p", "hapfic-supervisor", "--manifest-path"]);
+            build.args(["build", "--quiet", "-p", "hapfic-cli", "--manifest-path"]);
             build.arg(concat!(env!("CARGO_MANIFEST_DIR"), "/../Cargo.toml"));
             let own = std::env::current_exe().expect("the test's own path");
             let profile = own.ancestors().find(|p| p.ends_with("release") || p.ends_with("debug")).expect("a profile's folder");

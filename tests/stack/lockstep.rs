@@ -3,7 +3,7 @@
 use crate::log_file::{Streams, expect_complete, streams};
 use hapfic_config::Settings;
 use hapfic_log::{Names, Reader, Record, convert, proto};
-use hapfic_supervisor::simulation::Simulation;
+use hapfic_simulation::Simulation;
 use hapfic_tests::Stack;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -3,11 +3,11 @@
 
 use hapfic_bench_control::{Gains, OperationalSpace, Task};
 use hapfic_config::{PERIOD_S, Settings};
+use hapfic_gate::parameter_schedule::Timeline;
 use hapfic_messages::{Command, Mode, State};
 use hapfic_planner::Plan;
 use hapfic_plant::Plant;
-use hapfic_supervisor::gate::timeline::Timeline;
-use hapfic_supervisor::simulation::Simulation;
+use hapfic_simulation::Simulation;
 
 /// What was seen at a tick.
 struct Seen {

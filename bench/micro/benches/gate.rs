@@ -5,11 +5,11 @@ use criterion::Criterion;
 use hapfic_bench_recorded::moments;
 use hapfic_config::{PERIOD_S, Settings};
 use hapfic_controller::conditioning::{LowPass, limit};
+use hapfic_gate::protocol::{Observed, Place, Wishes};
+use hapfic_gate::torque_check::TorqueCheck;
+use hapfic_gate::{Gate, Limits};
 use hapfic_messages::{MAX_JOINTS, Request, State};
 use hapfic_robot::Chain;
-use hapfic_supervisor::gate::core::{Gate, Limits};
-use hapfic_supervisor::gate::protocol::{Observed, Place, Wishes};
-use hapfic_supervisor::gate::torque::TorqueCheck;
 use std::hint::black_box;
 
 fn main() -> Result<()> {

@@ -10,7 +10,7 @@ pub use moment::{Moment, moments};
 pub use replay::{Replay, costliest, whole};
 
 use hapfic_config::ConfigError;
-use hapfic_supervisor::simulation::SimulationError;
+use hapfic_simulation::SimulationError;
 
 /// Why there is nothing to measure.
 #[derive(Debug, thiserror::Error)]

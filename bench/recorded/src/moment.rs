@@ -4,7 +4,7 @@ use crate::RecordError;
 use hapfic_config::{PERIOD_S, Settings};
 use hapfic_messages::{Command, ControllerState, Mode, Operator, Reference, State};
 use hapfic_planner::Plan;
-use hapfic_supervisor::simulation::Simulation;
+use hapfic_simulation::Simulation;
 
 /// What the stack knew at a tick k, and what it made of it.
 #[derive(Clone, Copy, Debug)]

@@ -4,7 +4,7 @@ use crate::RecordError;
 use hapfic_config::Settings;
 use hapfic_messages::Command;
 use hapfic_plant::{Plant, PlantError};
-use hapfic_supervisor::simulation::Simulation;
+use hapfic_simulation::Simulation;
 
 /// A plant at a tick, and the commands it gets from then on.
 #[derive(Clone, Debug)]

@@ -34,6 +34,7 @@
 mod arguments;
 pub mod cause;
 mod distribution;
+pub mod doctor;
 mod driver;
 mod error;
 pub mod hops;

@@ -15,6 +15,14 @@ pub enum LogError {
         /// What the operating system said.
         cause: io::Error,
     },
+    /// The folder of the file cannot be made.
+    #[error("cannot make {}, the log's folder: {cause}", .path.display())]
+    Folder {
+        /// The folder.
+        path: PathBuf,
+        /// What the operating system said.
+        cause: io::Error,
+    },
     /// Another run is writing the file.
     #[error("{}: another run is writing this log. Give each run a log of its own", .path.display())]
     Busy {

@@ -4,7 +4,6 @@
 //! never blocks; the gate looks into it once a tick, in the slack, and says at which tick the change takes effect.
 
 pub mod client;
-pub mod exchange;
 mod serve;
 pub mod status;
 

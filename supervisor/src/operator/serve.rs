@@ -1,13 +1,13 @@
 //! The thread that answers.
 
-use super::exchange::{Answer, Desk, Verdict};
 use super::status::{ProcessStatus, Quantiles, Status};
-use crate::live::Live;
 use crate::recorder::GATE;
 use crate::say;
 use crate::watch;
 use anyhow::{Context, Result};
 use hapfic_config::{Fault, OperatorChange, PERIOD_S, Parameters, differences};
+use hapfic_gate_process::change_exchange::{Answer, Desk, Verdict};
+use hapfic_gate_process::shared_status::Live;
 use hapfic_ipc::service::{Asked, Requests};
 use hapfic_ipc::{Bus, Domain, IpcError, wait};
 use hapfic_messages::{Clock, Detector, Mode, OperatorKind, OperatorReply, Phase, Process, REPLY_TEXT, ReplyCode, Severity};

@@ -1,7 +1,7 @@
 //! The draining half.
 
 use super::Record;
-use crate::live::Live;
+use hapfic_gate_process::shared_status::Live;
 use hapfic_ipc::{Bus, Domain, Input, IpcError, Output, topic};
 use hapfic_messages::{Check, Clock, Command, Credit, Event, Operator, Process, Reference, Request, State, Timing};
 use std::sync::Arc;

@@ -7,7 +7,7 @@
 mod tell;
 
 use super::Record;
-use crate::live::Live;
+use hapfic_gate_process::shared_status::Live;
 use hapfic_messages::{Clock, Command, Event, EventKind, Mode, Process, Severity, Source, Timing};
 use std::collections::VecDeque;
 use std::fs::{self, File};

@@ -9,9 +9,9 @@ mod incident;
 mod shown;
 mod write;
 
-use crate::live::Live;
 use anyhow::{Context, Result};
 use drain::Drain;
+use hapfic_gate_process::shared_status::Live;
 use hapfic_ipc::{Domain, IpcError};
 use hapfic_log::{LogError, Metrics, MetricsSummary, Viewer, Writer};
 use hapfic_messages::{Clock, Command, Event, Operator, Process, Reference, Request, State, Timing};

@@ -3,9 +3,8 @@
 use super::incident::Incidents;
 use super::shown::Shown;
 use super::{Record, Recorded, Written};
-use crate::live::{Glance, Live};
-use crate::scene;
-use hapfic_log::{LogError, Metrics, Topic, Viewer, Writer};
+use hapfic_gate_process::shared_status::{Glance, Live};
+use hapfic_log::{LogError, Metrics, Topic, Viewer, Writer, scene};
 use hapfic_messages::{Mode, Operator, Source};
 use hapfic_robot::Chain;
 use std::sync::Arc;

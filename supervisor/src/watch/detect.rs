@@ -1,7 +1,8 @@
 //! What the supervisor notices, and what it does about it.
 
+use super::Watch;
 use super::slot::Slot;
-use super::{Watch, started};
+use crate::children::started;
 use crate::recorder;
 use anyhow::Result;
 use hapfic_config::OnLoss;

@@ -5,9 +5,9 @@
 
 use super::slot::Slot;
 use crate::children::this_program;
-use crate::live::Live;
 use anyhow::{Context, Result, bail};
 use hapfic_config::{Fault, FaultKind, FaultTarget};
+use hapfic_gate_process::shared_status::Live;
 use hapfic_ipc::{IpcError, Output};
 use hapfic_messages::{Injection, Process, Tampering};
 use rustix::process::{Resource, Rlimit, Signal, prlimit};

@@ -3,20 +3,19 @@
 mod detect;
 mod inject;
 mod keeper;
-pub mod life;
 mod restart;
 mod slot;
 
-use crate::children::{self, Child};
-use crate::launch::Request;
-use crate::live::Live;
+use crate::children::{self, Child, started};
 use crate::notify::Notify;
 use crate::privileges::{self, Cores};
 use crate::progress::Progress;
 use crate::recorder::{self, Recorder};
+use crate::request::Request;
 use crate::summary::{self, Fault, Losses};
 use anyhow::Result;
 use hapfic_config::{PERIOD_S, Settings};
+use hapfic_gate_process::shared_status::Live;
 use hapfic_ipc::realtime::{self, Granted};
 use hapfic_ipc::{Bell, Bus, IpcError, Output, Start};
 use hapfic_messages::{Clock, Detector, Event, EventKind, Phase, Process, RealtimeMode, Severity};
@@ -41,13 +40,6 @@ const LOOK_CLOSELY: Duration = Duration::from_millis(1);
 const NEAR: i64 = 200;
 /// How long processes may take to do their last tick after the gate's.
 const LAST_TICK: Duration = Duration::from_secs(1);
-
-/// The processes of a run, in the order in which they are started.
-#[must_use]
-pub fn started(settings: &Settings) -> &'static [Process] {
-    const ALL: [Process; 4] = [Process::Plant, Process::Planner, Process::Controller, Process::Standby];
-    if settings.supervisor.standby { &ALL } else { &ALL[..3] }
-}
 
 /// When a run started and ended.
 #[derive(Default)]
@@ -196,7 +188,7 @@ impl<'a> Watch<'a> {
             let present = started(self.settings).iter().fold(0, |bits, p| bits | bit(*p));
             self.live.present.store(present, Ordering::Release);
             for slot in &mut self.slots {
-                slot.life.stage = life::Stage::Working;
+                slot.life.stage = hapfic_gate::restart::Stage::Working;
             }
             self.inject()?;
             if self.clock == Clock::Realtime && Granted(self.live.pulse(recorder::GATE).realtime()).has(Granted::FIFO) {

@@ -1,12 +1,12 @@
 //! What is done about a lost process: noted, handed over, started again, welcomed; or given up.
 
-use super::life::{Order, Policy, Sign};
 use super::slot::{Limits, Slot};
 use super::{Watch, bit};
 use crate::children::{self, Child};
-use crate::gate::protocol::Place;
 use anyhow::Result;
 use hapfic_config::OnLoss;
+use hapfic_gate::protocol::Place;
+use hapfic_gate::restart::{Order, Policy, Sign};
 use hapfic_ipc::realtime::{self, Granted};
 use hapfic_ipc::{Start, topic};
 use hapfic_messages::{Clock, Detector, EventKind, Process};

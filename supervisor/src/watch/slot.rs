@@ -1,9 +1,9 @@
 //! A process's place in a run: the process in it, its life, and the detectors that look at it.
 
-use super::life::{Life, Stage};
 use crate::children::{Child, describe};
-use crate::live::Live;
 use anyhow::Result;
+use hapfic_gate::restart::{Life, Stage};
+use hapfic_gate_process::shared_status::Live;
 use hapfic_messages::{Detector, Phase, Process};
 use std::time::{Duration, Instant};
 

@@ -5,7 +5,7 @@ use crate::fuzz::target::{Target, Verdict};
 use hapfic_log::{Attachment, LogError, Metrics, Names, Reader, Writer, WriterOptions, recover};
 use hapfic_messages::{Detector, Event, EventKind, Phase, Process, Severity, Timing};
 use hapfic_report::Report;
-use hapfic_supervisor::simulation::Snapshot;
+use hapfic_simulation::Snapshot;
 use mcap::records::{MessageHeader, Metadata};
 use std::collections::BTreeMap;
 use std::fs;

@@ -9,6 +9,7 @@ use super::fields::{Fields, spoil};
 use super::stage::{Moment, PEAK, Stage};
 use crate::fuzz::target::{Target, Verdict};
 use hapfic_controller::answer::{Known, answer};
+use hapfic_gate::protocol::{Observed, Place, Wishes};
 use hapfic_log::viewer::Scene;
 use hapfic_log::{Metrics, Names, Viewer, convert};
 use hapfic_messages::{
@@ -16,7 +17,6 @@ use hapfic_messages::{
     OperatorRequest, Phase, Process, Reference, ReplyCode, Request, Severity, State, Timing,
 };
 use hapfic_planner::Plan;
-use hapfic_supervisor::gate::protocol::{Observed, Place, Wishes};
 use std::path::Path;
 
 pub(super) const TARGET: Target = Target { name: "message", seeds, dictionary: &[], text: false, longest: 1024, execute };

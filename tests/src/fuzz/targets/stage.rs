@@ -1,14 +1,14 @@
 //! The stack in the middle of a run, for messages to arrive at.
 
 use hapfic_config::Settings;
+use hapfic_gate::protocol::{Observed, Place, Wishes};
+use hapfic_gate::torque_check::TorqueCheck;
+use hapfic_gate::{Gate, Limits};
 use hapfic_log::Names;
 use hapfic_messages::MAX_JOINTS;
 use hapfic_plant::Plant;
 use hapfic_robot::Chain;
-use hapfic_supervisor::gate::core::{Gate, Limits};
-use hapfic_supervisor::gate::protocol::{Observed, Place, Wishes};
-use hapfic_supervisor::gate::torque::TorqueCheck;
-use hapfic_supervisor::simulation::{Simulation, Snapshot};
+use hapfic_simulation::{Simulation, Snapshot};
 use nalgebra::Vector3;
 
 /// The floor this high is reached soon after the first target is given, m.

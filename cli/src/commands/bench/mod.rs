@@ -1,0 +1,41 @@
+//! `hapfic bench`: what this machine gives, and the stack on it.
+
+mod arguments;
+mod chains;
+mod figure;
+mod latency;
+mod load;
+mod places;
+mod results;
+mod stack;
+mod steal;
+mod table;
+mod ticks;
+
+pub use arguments::Bench;
+
+use crate::Outcome;
+use crate::commands::run::RunArgs;
+use anyhow::{Context, Result};
+use std::time::Instant;
+
+/// Does what was asked for.
+pub fn bench(what: &Bench) -> Result<Outcome> {
+    match what {
+        Bench::Latency(args) => latency::latency(args),
+    }
+}
+
+/// `hapfic bench-chain`: a driver or relay of a chain over what the kernel offers.
+pub fn chain(words: &[String]) -> Result<Outcome> {
+    Ok(match hapfic_diagnostics::program(&[chains::OWN], words, &hapfic_diagnostics::own()) {
+        Ok(()) => Outcome::Done,
+        Err(e) => Outcome::Refused(e.into()),
+    })
+}
+
+/// `hapfic bench-run`: a run that ends when the measurement does.
+pub fn run(parent: i32, args: &RunArgs, since: Instant) -> Result<Outcome> {
+    hapfic_ipc::tie_to_supervisor(parent, hapfic_ipc::Ending::Asked).context("cannot join the measurement")?;
+    super::run::run(args, since)
+}

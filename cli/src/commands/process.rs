@@ -1,0 +1,56 @@
+//! `hapfic process NAME`: one process of a running stack.
+
+use crate::Outcome;
+use anyhow::{Context as _, Result};
+use clap::ValueEnum;
+use hapfic_config::Settings;
+use hapfic_ipc::{Context, RunFile, Start};
+use hapfic_messages::Process;
+use std::os::unix::process::CommandExt;
+use std::path::PathBuf;
+
+/// A process that the supervisor starts.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum ProcessName {
+    /// The simulated robot.
+    Plant,
+    /// The harmonic planner.
+    Planner,
+    /// The primary controller.
+    Controller,
+    /// The standby controller.
+    Standby,
+}
+
+/// Joins the run that the environment names, and works until it ends; or becomes a foreign program that does.
+pub fn process(name: ProcessName, foreign: &[String]) -> Result<Outcome> {
+    let process = match name {
+        ProcessName::Plant => Process::Plant,
+        ProcessName::Planner => Process::Planner,
+        ProcessName::Controller => Process::Controller,
+        ProcessName::Standby => Process::Standby,
+    };
+    let Some(path) = std::env::var_os(RunFile::VARIABLE).map(PathBuf::from) else {
+        return Ok(Outcome::Refused(anyhow::anyhow!(
+            "{} is not set, expected the path of a run file: processes are started by `hapfic run`",
+            RunFile::VARIABLE
+        )));
+    };
+    let run = match RunFile::read(&path) {
+        Ok(run) => run,
+        Err(e) => return Ok(Outcome::Refused(e.into())),
+    };
+    if let [program, arguments @ ..] = foreign {
+        hapfic_ipc::tie_to_supervisor(run.supervisor_pid, hapfic_ipc::Ending::Asked).context("cannot join the run")?;
+        let failed = std::process::Command::new(program).args(arguments).exec();
+        return Err(failed).with_context(|| format!("processes.{process}: cannot start '{program}'"));
+    }
+    let settings = Settings::from_effective(&run.settings, &run.urdf_name, &run.urdf)?;
+    let mut context = Context::join(&run, process, Start::from_env()?)?;
+    match process {
+        Process::Plant => hapfic_plant_process::run(&mut context, &settings).context("plant")?,
+        Process::Planner => hapfic_planner_process::run(&mut context, &settings).context("planner")?,
+        _ => hapfic_controller_process::run(&mut context, &settings).context("controller")?,
+    }
+    Ok(Outcome::Done)
+}

@@ -1,0 +1,210 @@
+//! `hapfic run`: a scenario from start to summary.
+
+use crate::{Outcome, print};
+use anyhow::{Context, Result};
+use clap::{Args, ValueEnum};
+use hapfic_config::Settings;
+use hapfic_messages::{Clock, RealtimeMode};
+use hapfic_supervisor::Request;
+use hapfic_supervisor::launch::{self, Refused};
+use hapfic_supervisor::summary::Summary;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// How to run.
+#[derive(Args, Debug)]
+pub struct RunArgs {
+    /// Name of an embedded scenario, or path of a file.
+    #[arg(default_value = "floor")]
+    pub scenario: String,
+    /// How time passes.
+    #[arg(long, value_enum, default_value_t = ClockName::Realtime)]
+    pub clock: ClockName,
+    /// Simulated time, s; replaces the scenario's.
+    #[arg(long, value_name = "S", allow_negative_numbers = true)]
+    pub duration: Option<f64>,
+    /// Seed; replaces the scenario's.
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+    /// Where to log; a file in `logs/` if not given.
+    #[arg(long, value_name = "FILE")]
+    pub log: Option<PathBuf>,
+    /// Replace a value: `controller.taper=0.1`, `operator.2.desired_force=[0, 0, 80]`.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+    /// Also write the summary as JSON.
+    #[arg(long, value_name = "FILE")]
+    pub summary_json: Option<PathBuf>,
+    /// Whether to ask for real-time privileges: take what can be had, refuse to start without all, or ask for none.
+    #[arg(long, value_enum, default_value_t = RealtimeName::Auto)]
+    pub realtime: RealtimeName,
+}
+
+impl Default for RunArgs {
+    fn default() -> Self {
+        Self {
+            scenario: "floor".to_owned(),
+            clock: ClockName::Realtime,
+            duration: None,
+            seed: None,
+            log: None,
+            set: Vec::new(),
+            summary_json: None,
+            realtime: RealtimeName::Auto,
+        }
+    }
+}
+
+/// How time passes.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum ClockName {
+    /// An absolute timer, 1 kHz.
+    Realtime,
+    /// As fast as it goes; the same every time.
+    Lockstep,
+}
+
+impl From<ClockName> for Clock {
+    fn from(name: ClockName) -> Self {
+        match name {
+            ClockName::Realtime => Self::Realtime,
+            ClockName::Lockstep => Self::Lockstep,
+        }
+    }
+}
+
+/// How hard to try for real-time privileges.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum RealtimeName {
+    /// Take what can be had, and say what is missing.
+    Auto,
+    /// Refuse to start without all of it.
+    Require,
+    /// Ask for none.
+    Off,
+}
+
+impl From<RealtimeName> for RealtimeMode {
+    fn from(name: RealtimeName) -> Self {
+        match name {
+            RealtimeName::Auto => Self::Auto,
+            RealtimeName::Require => Self::Require,
+            RealtimeName::Off => Self::Off,
+        }
+    }
+}
+
+/// Runs a scenario and prints its summary.
+pub fn run(args: &RunArgs, since: Instant) -> Result<Outcome> {
+    let mut overrides = args.set.clone();
+    if let Some(duration) = args.duration {
+        overrides.push(format!("duration_s={duration:?}"));
+    }
+    if let Some(seed) = args.seed {
+        overrides.push(format!("seed={seed}"));
+    }
+    let settings = match Settings::load(&args.scenario, &overrides) {
+        Ok(settings) => settings,
+        Err(e) => return Ok(Outcome::Refused(e.into())),
+    };
+    let summary_file = match args.summary_json.as_deref().map(SummaryFile::open).transpose() {
+        Ok(file) => file,
+        Err(e) => return Ok(Outcome::Refused(e)),
+    };
+    let request = Request {
+        scenario: args.scenario.clone(),
+        settings,
+        clock: args.clock.into(),
+        realtime: args.realtime.into(),
+        log: args.log.clone().unwrap_or_else(|| default_log(&args.scenario)),
+        since,
+    };
+    let summary = match launch::run(&request)? {
+        Ok(summary) => summary,
+        Err(Refused(e)) => {
+            if let Some(file) = summary_file {
+                file.forget();
+            }
+            return Ok(Outcome::Refused(e));
+        }
+    };
+    print(summary.text().trim_end());
+    if let Some(file) = summary_file {
+        file.write(&summary)?;
+    }
+    Ok(if summary.completed { Outcome::Done } else { Outcome::Failed })
+}
+
+/// Where the summary goes: opened before the run, since a summary that cannot be written should not cost one, and emptied only
+/// after it.
+struct SummaryFile {
+    file: std::fs::File,
+    path: PathBuf,
+    existed: bool,
+}
+
+impl SummaryFile {
+    fn open(path: &Path) -> Result<Self> {
+        let existed = path.exists();
+        let file = std::fs::File::options().write(true).create(true).truncate(false).open(path).with_context(|| {
+            format!("--summary-json {}: cannot be written, expected a path in a folder that exists", path.display())
+        })?;
+        Ok(Self { file, path: path.to_owned(), existed })
+    }
+
+    fn write(&self, summary: &Summary) -> Result<()> {
+        let text = serde_json::to_vec_pretty(summary)?;
+        // A device or a pipe has no length to set.
+        let _ = self.file.set_len(0);
+        (&self.file).write_all(&text).with_context(|| format!("cannot write {}", self.path.display()))
+    }
+
+    /// The run was refused: leaves things as they were.
+    fn forget(self) {
+        if !self.existed {
+            let _ = std::fs::remove_file(&self.path);
+        }
+    }
+}
+
+/// `logs/floor-20260131-154502-1234.mcap`, local to where the program was started.
+fn default_log(scenario: &str) -> PathBuf {
+    let stem = Path::new(scenario).file_stem().and_then(|s| s.to_str()).unwrap_or("run");
+    let seconds = hapfic_ipc::clock::unix_ns() / 1_000_000_000;
+    let (year, month, day) = civil(seconds / 86_400);
+    let (h, m, s) = (seconds / 3600 % 24, seconds / 60 % 60, seconds % 60);
+    PathBuf::from(format!("logs/{stem}-{year:04}{month:02}{day:02}-{h:02}{m:02}{s:02}-{}.mcap", std::process::id()))
+}
+
+/// Year, month and day of a day since 1970-01-01 (UTC).
+fn civil(mut day: u64) -> (u64, u64, u64) {
+    let leap = |y: u64| y.is_multiple_of(4) && (!y.is_multiple_of(100) || y.is_multiple_of(400));
+    let mut year = 1970;
+    while day >= 365 + u64::from(leap(year)) {
+        day -= 365 + u64::from(leap(year));
+        year += 1;
+    }
+    let lengths = [31, 28 + u64::from(leap(year)), 31, 30, 31, 30, 31, 31, 30, 31, 30, 31];
+    let mut month = 1;
+    for length in lengths {
+        if day < length {
+            break;
+        }
+        day -= length;
+        month += 1;
+    }
+    (year, month, day + 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn days_have_their_dates() {
+        assert_eq!(civil(0), (1970, 1, 1));
+        assert_eq!(civil(19_782), (2024, 2, 29));
+        assert_eq!(civil(20_819), (2027, 1, 1));
+    }
+}

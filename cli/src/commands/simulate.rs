@@ -1,0 +1,279 @@
+//! `hapfic simulate`: the whole stack in one process, for parameter studies.
+//!
+//! The laws are those of the processes, called in lockstep's order (`simulation.rs`), so the figures are those of
+//! `hapfic run --clock lockstep` to the last bit; there is no shared memory, no clock and no log unless one is asked for.
+
+mod text;
+
+use crate::{Outcome, print, say};
+use anyhow::{Context, Result, bail, ensure};
+use clap::Args;
+use hapfic_config::Settings;
+use hapfic_plant::Plant;
+use hapfic_simulation::recording::Recording;
+use hapfic_simulation::study::{Done, End, study};
+use hapfic_simulation::sweep::Grid;
+use hapfic_simulation::{figures, pool};
+use hapfic_supervisor::children::foreign;
+use hapfic_supervisor::children::started;
+use serde_json::{Value, json};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use std::fs::File;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::time::Instant;
+
+/// What to simulate.
+#[derive(Args, Debug)]
+pub struct SimulateArgs {
+    /// Name of an embedded scenario, or path of a file.
+    #[arg(default_value = "floor")]
+    pub scenario: String,
+    /// Simulated time of each run, s; replaces the scenario's.
+    #[arg(long, value_name = "S", allow_negative_numbers = true)]
+    pub duration: Option<f64>,
+    /// Replace a value: `controller.taper=0.1`, `operator.2.desired_force=[0, 0, 80]`.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+    /// Run once with each value: `controller.taper=0.1,0.2` or `controller.taper=0.05:0.25:5`; several sweeps are combined.
+    #[arg(long, value_name = "KEY=VALUES")]
+    pub sweep: Vec<String>,
+    /// Simulations at a time; as many as there are cores if not given.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub jobs: Option<u16>,
+    /// Write a log, as `hapfic run --clock lockstep` does; of one run.
+    #[arg(long, value_name = "FILE", conflicts_with = "sweep")]
+    pub log: Option<PathBuf>,
+    /// Write all figures as a table, a line for each run as soon as it and all before it have ended.
+    #[arg(long, value_name = "FILE")]
+    pub csv: Option<PathBuf>,
+    /// Print one JSON object at the end instead of text.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Checks all runs, then does them.
+///
+/// A run of a sweep that cannot go on is a result; the only run of all that cannot is a failure.
+pub fn simulate(args: &SimulateArgs) -> Result<Outcome> {
+    match Prepared::new(args) {
+        Ok(prepared) => prepared.run(args),
+        Err(e) => Ok(Outcome::Refused(e)),
+    }
+}
+
+/// Everything that can fail because of what was asked for, done.
+struct Prepared {
+    grid: Grid,
+    /// Of each run.
+    settings: Vec<Settings>,
+    jobs: usize,
+    /// Of all this program may use, those that the jobs can keep busy.
+    cores: usize,
+    csv: Option<Csv>,
+    recording: Option<Recording>,
+    stop: Arc<AtomicBool>,
+}
+
+impl Prepared {
+    fn new(args: &SimulateArgs) -> Result<Self> {
+        let grid = Grid::read(&args.sweep)?;
+        let mut fixed = args.set.clone();
+        if let Some(duration) = args.duration {
+            fixed.push(format!("duration_s={duration:?}"));
+        }
+        let settings: Vec<_> =
+            (0..grid.len()).map(|run| load(&args.scenario, &fixed, &grid.overrides(run))).collect::<Result<_>>()?;
+        let cores = std::thread::available_parallelism().map_or(1, usize::from);
+        let jobs = args.jobs.map_or(cores, usize::from).min(settings.len());
+        ensure!(
+            args.log.is_none() || args.log != args.csv,
+            "--csv {}: found the log's file, expected another one",
+            args.csv.as_deref().unwrap_or(Path::new("")).display()
+        );
+        let csv = args.csv.as_deref().map(Csv::open).transpose()?;
+        let recording = match (&args.log, settings.first()) {
+            (Some(log), Some(settings)) => match Recording::create(&args.scenario, settings, log) {
+                Ok(recording) => Some(recording),
+                Err(e) => {
+                    csv.into_iter().for_each(Csv::forget);
+                    return Err(e);
+                }
+            },
+            _ => None,
+        };
+        let stop = Arc::new(AtomicBool::new(false));
+        for signal in [SIGINT, SIGTERM, SIGHUP] {
+            // The second one ends at once.
+            signal_hook::flag::register_conditional_shutdown(signal, 3, Arc::clone(&stop)).context("cannot handle signals")?;
+            signal_hook::flag::register(signal, Arc::clone(&stop)).context("cannot handle signals")?;
+        }
+        Ok(Self { grid, settings, jobs, cores: jobs.min(cores), csv, recording, stop })
+    }
+
+    fn run(self, args: &SimulateArgs) -> Result<Outcome> {
+        if let Some(csv) = &self.csv {
+            csv.begin(&figures::csv_head(self.grid.sweeps().iter().map(|sweep| sweep.key.as_str())))?;
+        }
+        let begun = Instant::now();
+        if self.grid.sweeps().is_empty() { self.one(args, begun) } else { self.all(args, begun) }
+    }
+
+    /// The only run.
+    fn one(self, args: &SimulateArgs, begun: Instant) -> Result<Outcome> {
+        let Self { settings, csv, mut recording, stop, .. } = self;
+        let [settings] = settings.as_slice() else { bail!("found {} runs, expected one", settings.len()) };
+        let done = study(settings, &stop, recording.as_mut())?;
+        let logged = recording.map(Recording::finish).transpose()?;
+        let wall_s = begun.elapsed().as_secs_f64();
+        if let Some(csv) = &csv {
+            csv.append(&figures::csv_line(&[], &done))?;
+        }
+        if args.json {
+            let run = figures::object(std::iter::empty(), &done);
+            print_json(args, vec![run], &Totals { simulated_s: done.simulated_s(), wall_s, jobs: 1, cores: 1, runs: 1 })?;
+        } else {
+            print(text::single(&args.scenario, &done).trim_end());
+            if let (Some(log), Some(totals)) = (&args.log, logged) {
+                let messages: u64 = hapfic_log::Topic::ALL.iter().map(|topic| totals.messages(*topic)).sum();
+                let megabytes = totals.file_bytes as f64 / 1e6;
+                print(&format!("  {:<18} {messages} messages, {megabytes:.1} MB: {}", "log", log.display()));
+            }
+            print(&text::speed(1, done.simulated_s(), wall_s, [1; 2]));
+        }
+        Ok(if done.end == End::Completed { Outcome::Done } else { Outcome::Failed })
+    }
+
+    /// All runs of a sweep.
+    fn all(self, args: &SimulateArgs, begun: Instant) -> Result<Outcome> {
+        let Self { grid, settings, jobs, cores, csv, stop, .. } = self;
+        let table = text::Table::new(&grid);
+        if !args.json {
+            print(&table.head(&grid));
+        }
+        let (mut simulated_s, mut failed, mut objects) = (0.0, 0, Vec::new());
+        let work = |run: usize| match study(&settings[run], &stop, None) {
+            Ok(Done { end: End::Stopped, .. }) => None,
+            other => Some(other),
+        };
+        let give = |run: usize, done: Result<Done, _>| {
+            let (values, done) = (grid.values(run), done?);
+            simulated_s += done.simulated_s();
+            failed += usize::from(done.end != End::Completed);
+            if let Some(csv) = &csv {
+                csv.append(&figures::csv_line(&values, &done))?;
+            }
+            if args.json {
+                let keys = grid.sweeps().iter().map(|sweep| sweep.key.as_str());
+                objects.push(figures::object(keys.zip(values), &done));
+            } else {
+                print(&table.row(&values, &done));
+            }
+            Ok(())
+        };
+        let given = pool::in_order(settings.len(), jobs, &stop, work, give)?;
+        let wall_s = begun.elapsed().as_secs_f64();
+        if args.json {
+            print_json(args, objects, &Totals { simulated_s, wall_s, jobs, cores, runs: settings.len() })?;
+        } else {
+            print(&text::speed(given, simulated_s, wall_s, [jobs, cores]));
+        }
+        if failed > 0 {
+            say(&format!("hapfic: {failed} of {given} runs could not go on to their end; the table says why"));
+        }
+        if given < settings.len() {
+            say(&format!("hapfic: it was ended after {given} of {} runs", settings.len()));
+            return Ok(Outcome::Failed);
+        }
+        Ok(Outcome::Done)
+    }
+}
+
+/// Loads and checks a run.
+fn load(scenario: &str, fixed: &[String], swept: &[String]) -> Result<Settings> {
+    let overrides: Vec<String> = fixed.iter().chain(swept).cloned().collect();
+    let settings = Settings::load(scenario, &overrides)?;
+    let what = || format!("{scenario} {}", swept.join(" ")).trim_end().to_owned();
+    Plant::new(&settings).with_context(what)?;
+    ensure!(
+        settings.faults.is_empty(),
+        "{}: fault: found {} of them, expected none: there are no processes that could fail; use `hapfic run --clock lockstep`, \
+         or --set 'fault=[]'",
+        what(),
+        settings.faults.len()
+    );
+    if let Some(process) = started(&settings).iter().find(|process| foreign(&settings.processes, **process).is_some()) {
+        bail!(
+            "{}: processes: found a foreign command for the {process}, expected none: there are no processes; use `hapfic run \
+             --clock lockstep`",
+            what()
+        );
+    }
+    Ok(settings)
+}
+
+/// The table that is being written. Opened before the first run, since a table that cannot be written should not cost one, and
+/// emptied only then.
+struct Csv {
+    file: File,
+    path: PathBuf,
+    existed: bool,
+}
+
+impl Csv {
+    fn open(path: &Path) -> Result<Self> {
+        let existed = path.exists();
+        let file =
+            File::options().write(true).create(true).truncate(false).open(path).with_context(|| {
+                format!("--csv {}: cannot be written, expected a path in a folder that exists", path.display())
+            })?;
+        Ok(Self { file, path: path.to_owned(), existed })
+    }
+
+    fn begin(&self, head: &str) -> Result<()> {
+        // A device or a pipe has no length to set.
+        let _ = self.file.set_len(0);
+        self.append(head)
+    }
+
+    /// A whole line at once.
+    fn append(&self, line: &str) -> Result<()> {
+        (&self.file).write_all(line.as_bytes()).with_context(|| format!("cannot write {}", self.path.display()))
+    }
+
+    /// Nothing was run: leaves things as they were.
+    fn forget(self) {
+        if !self.existed {
+            let _ = std::fs::remove_file(&self.path);
+        }
+    }
+}
+
+/// How much was done in which time.
+struct Totals {
+    simulated_s: f64,
+    wall_s: f64,
+    jobs: usize,
+    cores: usize,
+    /// That were asked for.
+    runs: usize,
+}
+
+fn print_json(args: &SimulateArgs, runs: Vec<Value>, totals: &Totals) -> Result<()> {
+    let speed = text::rate(totals.simulated_s, totals.wall_s);
+    let object = json!({
+        "scenario": args.scenario,
+        "asked_runs": totals.runs,
+        "jobs": totals.jobs,
+        "simulated_s": totals.simulated_s,
+        "wall_s": totals.wall_s,
+        "speed": speed,
+        "speed_per_core": speed / totals.cores as f64,
+        "log": args.log,
+        "runs": runs,
+    });
+    print(&serde_json::to_string_pretty(&object)?);
+    Ok(())
+}

@@ -1,0 +1,153 @@
+//! What the terminal shows of a study.
+
+use hapfic_simulation::study::{Done, End};
+use hapfic_simulation::sweep::Grid;
+use std::fmt::Write;
+
+/// Name and width of the columns behind the swept values.
+const COLUMNS: [(&str, usize); 6] =
+    [("|x - x_d| mm", 12), ("contact N", 10), ("settled %", 9), ("sliding %", 9), ("torque N m", 10), ("work J", 9)];
+/// Behind them, as long as it needs.
+const ENDED: &str = "ended";
+
+/// The table of a sweep, line by line as the runs end.
+pub struct Table {
+    widths: Vec<usize>,
+}
+
+impl Table {
+    /// Wide enough for all values.
+    #[must_use]
+    pub fn new(grid: &Grid) -> Self {
+        let longest = |texts: &[String]| texts.iter().map(|text| text.chars().count()).max().unwrap_or(0);
+        let width = |key: &str, values: &[String]| longest(values).max(key.chars().count());
+        Self { widths: grid.sweeps().iter().map(|sweep| width(&sweep.key, &sweep.values)).collect() }
+    }
+
+    /// Its head.
+    #[must_use]
+    pub fn head(&self, grid: &Grid) -> String {
+        let keys: Vec<&str> = grid.sweeps().iter().map(|sweep| sweep.key.as_str()).collect();
+        self.line(&keys, &COLUMNS.map(|(name, _)| name.to_owned()), ENDED)
+    }
+
+    /// The line of a run: of what has three axes, the largest.
+    #[must_use]
+    pub fn row(&self, values: &[&str], done: &Done) -> String {
+        let force = &done.metrics.force;
+        let cells = [
+            format!("{:.3}", largest(&done.metrics.tracking.max_m.map(Some)).unwrap_or(0.0) * 1e3),
+            format!("{:.2}", done.extremes.contact_force_n),
+            some(largest(&force.settled_rms_percent)),
+            some(largest(&force.sliding_rms_percent)),
+            format!("{:.2}", done.extremes.largest_torque()),
+            format!("{:.3}", done.extremes.work_j),
+        ];
+        self.line(values, &cells, &ended(done))
+    }
+
+    fn line(&self, values: &[&str], cells: &[String; COLUMNS.len()], ended: &str) -> String {
+        let mut line = String::new();
+        // Writing to a string cannot fail.
+        for (value, width) in values.iter().zip(&self.widths) {
+            let _ = write!(line, "{value:<width$}  ");
+        }
+        for (cell, (_, width)) in cells.iter().zip(COLUMNS) {
+            let _ = write!(line, "{cell:>width$}  ");
+        }
+        line + ended
+    }
+}
+
+/// What came of one run.
+#[must_use]
+pub fn single(scenario: &str, done: &Done) -> String {
+    let mut out = format!("{scenario} (in one process): {}, {:.3} s simulated\n", ended(done), done.simulated_s());
+    let mut line = |name: &str, text: String| {
+        let _ = writeln!(out, "  {name:<18} {text}");
+    };
+    let axes = |values: [String; 3]| format!("x {}  y {}  z {}", values[0], values[1], values[2]);
+    let (tracking, force) = (&done.metrics.tracking, &done.metrics.force);
+    line("|x - x_d| max", axes(tracking.max_m.map(|v| format!("{:.3}", v * 1e3))) + " mm");
+    line("          rms", axes(tracking.rms_m.map(|v| format!("{:.3}", v * 1e3))) + " mm");
+    line("outside x_b", format!("{} ticks", tracking.outside_ticks));
+    line("|F_c| max", axes(done.metrics.force_command.max_n.map(|v| format!("{v:.1}"))) + " N");
+    line("contact force max", format!("{:.2} N, {:.2} N on the foot", done.extremes.contact_force_n, done.extremes.foot_force_n));
+    line("settled rms", axes(force.settled_rms_percent.map(some)) + " % of F_d");
+    line("sliding rms", axes(force.sliding_rms_percent.map(some)) + " % of F_d");
+    let limited = done.extremes.limited_ticks;
+    line("torque max", format!("{:.2} N m, limited in {limited} ticks", done.extremes.largest_torque()));
+    line("work of the joints", format!("{:.3} J", done.extremes.work_j));
+    out
+}
+
+/// How long it took, and how fast that is, with so many jobs on so many cores.
+#[must_use]
+pub fn speed(runs: usize, simulated_s: f64, wall_s: f64, [jobs, cores]: [usize; 2]) -> String {
+    let rate = rate(simulated_s, wall_s);
+    let runs = if runs == 1 { "1 run".to_owned() } else { format!("{runs} runs") };
+    let job = if jobs == 1 { "job" } else { "jobs" };
+    format!(
+        "{runs}, {simulated_s:.3} s simulated in {wall_s:.2} s: {rate:.1} s a second, {:.1} on each core ({jobs} {job})",
+        rate / cores as f64
+    )
+}
+
+/// Simulated seconds per wall second; zero if there were none.
+#[must_use]
+pub fn rate(simulated_s: f64, wall_s: f64) -> f64 {
+    if wall_s > 0.0 { simulated_s / wall_s } else { 0.0 }
+}
+
+fn ended(done: &Done) -> String {
+    match &done.end {
+        End::Completed => "completed".to_owned(),
+        End::Failed(error) => format!("NOT COMPLETED: {error}"),
+        End::Stopped => "NOT COMPLETED: it was ended".to_owned(),
+    }
+}
+
+fn largest(values: &[Option<f64>; 3]) -> Option<f64> {
+    values.iter().flatten().copied().reduce(f64::max)
+}
+
+fn some(value: Option<f64>) -> String {
+    value.map_or("-".to_owned(), |value| format!("{value:.3}"))
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn columns_stand_below_their_names() {
+        let grid = Grid::read(&["controller.taper=0.1,0.25".to_owned(), "k=[0, 0, 50]".to_owned()]).unwrap();
+        let table = Table::new(&grid);
+        let mut done = Done { ticks: 10, ..Done::default() };
+        done.metrics.tracking.max_m = [0.001, 0.0075, 0.0];
+        done.metrics.force.settled_rms_percent = [None, Some(0.5), Some(0.25)];
+        let (head, row) = (table.head(&grid), table.row(&grid.values(1), &done));
+        assert_eq!(
+            head,
+            "controller.taper  k           |x - x_d| mm   contact N  settled %  sliding %  torque N m     work J  ended"
+        );
+        assert_eq!(
+            row,
+            "0.25              [0, 0, 50]         7.500        0.00      0.500          -        0.00      0.000  completed"
+        );
+    }
+
+    #[test]
+    fn speeds_are_told_in_total_and_for_each_core() {
+        let text = speed(12, 120.0, 3.0, [2, 2]);
+        assert_eq!(text, "12 runs, 120.000 s simulated in 3.00 s: 40.0 s a second, 20.0 on each core (2 jobs)");
+        assert!(speed(1, 0.0, 0.0, [1, 1]).ends_with("0.0 s a second, 0.0 on each core (1 job)"));
+    }
+
+    #[test]
+    fn a_run_that_did_not_get_to_its_end_says_why() {
+        let done = Done { end: End::Failed("tick 3: it overflowed".to_owned()), ..Done::default() };
+        assert!(single("floor", &done).starts_with("floor (in one process): NOT COMPLETED: tick 3: it overflowed, 0.000 s"));
+    }
+}

@@ -1,0 +1,158 @@
+//! What the gate tells of: events, written without touching the heap, sent in the slack.
+
+use crate::node::{Gateway, TOLD_ONE_BY_ONE};
+use hapfic_gate::protocol::Place;
+use hapfic_ipc::{IpcError, clock};
+use hapfic_messages::{Clock, Command, Detector, Event, EventKind, Mode, Process, Severity, Source};
+
+impl Gateway {
+    /// Everything that a tick brought, after its command has gone out.
+    pub(super) fn tell_all(
+        &mut self,
+        command: &Command,
+        severity_before: u32,
+        announced: Option<(u64, i64)>,
+    ) -> Result<(), IpcError> {
+        if let Some(defect) = self.state_defect.take() {
+            self.tell(Process::Plant, EventKind::Refused, Detector::Check, |text| write!(text, "state refused: {defect}"))?;
+        }
+        if let Some(defect) = self.stray_defect.take() {
+            self.tell(Process::Supervisor, EventKind::Refused, Detector::Check, |text| {
+                write!(text, "request refused: {defect}")
+            })?;
+        }
+        for place in Place::BOTH {
+            if let Some(defect) = self.defects[place as usize].take() {
+                self.tell(place.process(), EventKind::Refused, Detector::Check, |text| {
+                    write!(text, "request refused: {defect}")
+                })?;
+            }
+        }
+        self.tell_slip()?;
+        if let Some((version, from)) = announced {
+            self.tell_parameters(version, from)?;
+        }
+        if (command.limited == 0) != (self.limited == 0) {
+            self.tell_limited(command)?;
+        }
+        self.limited = command.limited;
+        if let Some(step) = self.gate.discontinuity() {
+            self.tell(Process::Supervisor, EventKind::Discontinuity, Detector::Check, |text| {
+                write!(text, "torque of joint {} steps by {:.3} N m", step.joint, step.size)
+            })?;
+        }
+        self.tell_missed(command)?;
+        if let Some(place) = self.promoted.take() {
+            self.tell(place.process(), EventKind::Promoted, Detector::Deadline, |text| {
+                write!(text, "{} is the primary controller from tick {}", place.process(), command.tick)
+            })?;
+        }
+        if command.severity != severity_before {
+            self.tell_transition(severity_before, command.severity)?;
+        }
+        Ok(())
+    }
+
+    /// Ticks that nobody has answered: the first ones each, the others together.
+    fn tell_missed(&mut self, command: &Command) -> Result<(), IpcError> {
+        let tick = command.tick;
+        let answered = command.source == Source::Fresh.code() || command.source == Source::Withheld.code();
+        if answered {
+            let missed = std::mem::take(&mut self.missed);
+            if missed > TOLD_ONE_BY_ONE {
+                self.tell(Process::Controller, EventKind::Note, Detector::Deadline, |text| {
+                    write!(text, "requests are back at tick {tick}, after {missed} ticks without any")
+                })?;
+            }
+            return Ok(());
+        }
+        if command.mode == Mode::Hold.code() {
+            return Ok(());
+        }
+        self.missed += 1;
+        if self.missed > TOLD_ONE_BY_ONE {
+            return Ok(());
+        }
+        self.tell(Process::Controller, EventKind::Missed, Detector::Deadline, |text| {
+            write!(text, "no valid request for tick {tick} by the deadline")
+        })
+    }
+
+    /// Time that slipped, once it has grown.
+    pub(super) fn tell_slip(&mut self) -> Result<(), IpcError> {
+        let (before, (now, late_ns)) = (self.slipped, self.slip);
+        if now <= before {
+            return Ok(());
+        }
+        self.slipped = now;
+        let late_us = late_ns / 1000;
+        self.tell(Process::Plant, EventKind::Slipped, Detector::Tick, |text| {
+            write!(text, "timer {late_us} us late, simulated time slipped by {} ticks", now - before)
+        })
+    }
+
+    pub(super) fn tell_parameters(&mut self, version: u64, from: i64) -> Result<(), IpcError> {
+        self.tell(Process::Supervisor, EventKind::Parameters, Detector::None, |text| {
+            write!(text, "parameters {version} in force from tick {from}")
+        })
+    }
+
+    pub(super) fn tell_limited(&mut self, command: &Command) -> Result<(), IpcError> {
+        let limited = command.limited;
+        self.tell(Process::Supervisor, EventKind::Limited, Detector::None, |text| match limited {
+            0 => write!(text, "no torque is limited any more"),
+            bits => write!(text, "the peak limits the torque of joints {bits:#b} (a bit each, the first joint last)"),
+        })
+    }
+
+    pub(super) fn tell_transition(&mut self, from: u32, to: u32) -> Result<(), IpcError> {
+        let name = |code| Severity::from_code(code).map_or("?", Severity::name);
+        let stop_by = Detector::from_code(self.start.live.stop_by.load(std::sync::atomic::Ordering::Relaxed));
+        let detector = match Severity::from_code(to) {
+            Some(Severity::Stopped) => stop_by.unwrap_or(Detector::Operator),
+            _ if from == Severity::Stopped.code() => Detector::Operator,
+            _ => Detector::Deadline,
+        };
+        if from == Severity::Stopped.code() {
+            self.tell(Process::Supervisor, EventKind::Rearmed, Detector::Operator, |text| {
+                write!(text, "re-armed by the operator: starts from where the foot is, the torque ramps in")
+            })?;
+        }
+        self.tell(Process::Supervisor, EventKind::Transition, detector, |text| {
+            write!(text, "severity {} -> {}", name(from), name(to))
+        })
+    }
+
+    /// Sends an event whose text is written without touching the heap.
+    pub(super) fn tell(
+        &mut self,
+        process: Process,
+        kind: EventKind,
+        detector: Detector,
+        write: impl FnOnce(&mut Text) -> std::fmt::Result,
+    ) -> Result<(), IpcError> {
+        let mut text = Text::default();
+        // Too long a text is cut.
+        let _ = write(&mut text);
+        let event = Event::new(self.gate.last().tick, process, kind, self.gate.severity(), detector, text.as_str());
+        let stamp_ns = if self.start.clock == Clock::Realtime { clock::now_ns() } else { 0 };
+        self.event.send(&Event { stamp_ns, ..event })?;
+        Ok(())
+    }
+}
+
+/// A text of bounded length on the stack.
+#[derive(Default)]
+pub(super) struct Text {
+    bytes: arrayvec::ArrayString<{ hapfic_messages::EVENT_TEXT }>,
+}
+
+impl Text {
+    pub(super) fn as_str(&self) -> &str {
+        &self.bytes
+    }
+
+    pub(super) fn write_fmt(&mut self, arguments: std::fmt::Arguments<'_>) -> std::fmt::Result {
+        std::fmt::Write::write_fmt(&mut self.bytes, arguments)
+    }
+}

@@ -1,0 +1,393 @@
+//! The torque gate without its thread: from requests, or their absence, to commands.
+
+use crate::limits::Limits;
+use crate::protocol::{Action, Choice, Observed, Patience, Place, Protocol, Wishes};
+use crate::torque_check::TorqueCheck;
+use hapfic_controller::conditioning::{LowPass, limit};
+use hapfic_messages::{
+    Check, Command, ControllerState, Defect, MAX_JOINTS, Mode, Parameters, Process, Request, Severity, Source, State,
+};
+
+/// A step of a joint's torque from one tick to the next, larger than [`Limits::discontinuity`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Step {
+    /// Which joint, from the base.
+    pub joint: usize,
+    /// The new torque less the old one, N m.
+    pub size: f64,
+}
+
+/// The gate's state from tick to tick.
+#[derive(Clone, Debug)]
+pub struct Gate {
+    limits: Limits,
+    check: TorqueCheck,
+    filter: LowPass,
+    protocol: Protocol,
+    /// The torque while it ramps in after a brake, as it went out last.
+    ramp: Option<[f64; MAX_JOINTS]>,
+    step: Option<Step>,
+    last: Command,
+}
+
+impl Gate {
+    /// A gate that has seen nothing yet.
+    #[must_use]
+    pub fn new(limits: Limits, check: TorqueCheck) -> Self {
+        let first = Command {
+            tick: -1,
+            mode: Mode::Hold.code(),
+            source: Source::None.code(),
+            severity: Severity::Nominal.code(),
+            joints: limits.joints as u32,
+            request: Request {
+                tick: -1,
+                state_tick: -1,
+                controller: Process::Supervisor.code(),
+                joints: limits.joints as u32,
+                ..Request::default()
+            },
+            ..Command::default()
+        };
+        Self { limits, check, filter: LowPass::default(), protocol: Protocol::default(), ramp: None, step: None, last: first }
+    }
+
+    /// The last command; before the first tick, the one that starts everything: brakes on, controller state cleared.
+    #[must_use]
+    pub fn last(&self) -> &Command {
+        &self.last
+    }
+
+    /// How bad it is.
+    #[must_use]
+    pub fn severity(&self) -> Severity {
+        self.protocol.severity
+    }
+
+    /// Whose request counts if both controllers have answered.
+    #[must_use]
+    pub fn primary(&self) -> Place {
+        self.protocol.primary
+    }
+
+    /// The tick whose command is due.
+    #[must_use]
+    pub fn tick(&self) -> i64 {
+        self.last.tick + 1
+    }
+
+    /// The largest step of a joint's torque in the last command, if it is worth telling of.
+    #[must_use]
+    pub fn discontinuity(&self) -> Option<Step> {
+        self.step
+    }
+
+    /// Whether a request may be used for the tick that is due, given its state and the parameters in force.
+    ///
+    /// # Errors
+    /// What is wrong with it.
+    pub fn judge(&self, request: &Request, state: &State, parameters: &Parameters) -> Result<(), Defect> {
+        request.check()?;
+        let same = |field, found: i64, expected: i64| {
+            if found == expected { Ok(()) } else { Err(Defect::Tick { field, found, expected }) }
+        };
+        same("tick", request.tick, self.tick())?;
+        same("state_tick", request.state_tick, self.tick())?;
+        let count = |field, found: u64, expected: u64| {
+            if found == expected { Ok(()) } else { Err(Defect::Count { field, found, expected }) }
+        };
+        count("joints", request.joints.into(), self.limits.joints as u64)?;
+        count("parameters_version", request.parameters_version, parameters.version)?;
+        match Process::from_code(request.controller) {
+            Some(Process::Controller | Process::Standby) => {}
+            _ => return Err(Defect::Code { field: "controller", found: request.controller }),
+        }
+        self.check.check(state, request, parameters)
+    }
+
+    /// Goes through what a request will go through, and changes nothing.
+    pub fn rehearse(&self, request: &Request, state: &State, parameters: &Parameters) {
+        let good = state.check().is_ok() && request.check().is_ok();
+        let checked = self.check.check(state, request, parameters).is_ok();
+        let filtered = self.filter.step(&request.torque, self.limits.bandwidth_hz, self.limits.period_s);
+        std::hint::black_box((good, checked, limit(&filtered.output, &self.limits.peak)));
+    }
+
+    /// What to do about the tick that is due.
+    #[must_use]
+    pub fn choose(&self, seen: &Observed, patience: Patience) -> Choice {
+        self.protocol.choose(seen, patience)
+    }
+
+    /// The command of the tick that is due, from a request of a place that [`judge`](Self::judge) let pass.
+    pub fn accept(&mut self, place: Place, request: &Request, seen: &Observed, wishes: &Wishes) -> Command {
+        match self.advance(Choice::Take(place), seen, wishes) {
+            Some(Action::Pass(_)) => self.pass(request),
+            _ => self.brake(Source::Withheld),
+        }
+    }
+
+    /// The command of the tick that is due when no valid request came in time: the last one once more, then brake.
+    pub fn miss(&mut self, seen: &Observed, wishes: &Wishes) -> Command {
+        match self.advance(Choice::Miss, seen, wishes) {
+            Some(Action::Hold) => {
+                // Nothing has ever been commanded: the drive's own brakes hold.
+                self.publish(Command { source: Source::None.code(), ..self.last })
+            }
+            Some(Action::Repeat) => self.publish(Command { source: Source::Repeated.code(), ..self.last }),
+            _ => self.brake(Source::None),
+        }
+    }
+
+    fn advance(&mut self, choice: Choice, seen: &Observed, wishes: &Wishes) -> Option<Action> {
+        let (protocol, action) = self.protocol.step(choice, seen, wishes);
+        self.protocol = protocol;
+        self.step = None;
+        action
+    }
+
+    /// Filter, rate after a brake, peak.
+    fn pass(&mut self, request: &Request) -> Command {
+        let was_active = self.last.mode == Mode::Active.code();
+        if self.last.mode >= Mode::Brake.code() {
+            self.ramp = Some([0.0; MAX_JOINTS]);
+        }
+        self.filter = self.filter.step(&request.torque, self.limits.bandwidth_hz, self.limits.period_s);
+        let mut wanted = self.filter.output;
+        let mut ramped = 0;
+        if let Some(before) = self.ramp {
+            let most = self.limits.ramp_rate * self.limits.period_s;
+            for (i, (wanted, before)) in wanted.iter_mut().zip(before).enumerate().take(self.limits.joints) {
+                let step = *wanted - before;
+                if step.abs() > most {
+                    *wanted = before + most.copysign(step);
+                    ramped |= 1 << i;
+                }
+            }
+        }
+        let (torque, limited) = limit(&wanted, &self.limits.peak);
+        // Once every joint has what it is asked for, the ramp is over.
+        self.ramp = if ramped > 0 { Some(torque) } else { None };
+        if was_active {
+            self.step = self.largest_step(&torque);
+        }
+        self.publish(Command {
+            mode: Mode::Active.code(),
+            source: Source::Fresh.code(),
+            limited,
+            ramped,
+            torque,
+            request: Request { stamp_ns: 0, ..*request },
+            ..self.last
+        })
+    }
+
+    fn largest_step(&self, torque: &[f64; MAX_JOINTS]) -> Option<Step> {
+        (0..self.limits.joints)
+            .map(|joint| Step { joint, size: torque[joint] - self.last.torque[joint] })
+            .filter(|step| step.size.abs() > self.limits.discontinuity)
+            .max_by(|a, b| a.size.abs().total_cmp(&b.size.abs()))
+    }
+
+    /// Controllers start anew from a cleared state, and so does the filter.
+    fn brake(&mut self, source: Source) -> Command {
+        self.filter = LowPass::default();
+        self.ramp = None;
+        let mode = if self.severity() == Severity::Stopped { Mode::Stopped } else { Mode::Brake };
+        let mut request = self.last.request;
+        request.state = ControllerState::default();
+        request.torque = [0.0; MAX_JOINTS];
+        request.force = [0.0; 3];
+        self.publish(Command {
+            mode: mode.code(),
+            source: source.code(),
+            limited: 0,
+            ramped: 0,
+            torque: [0.0; MAX_JOINTS],
+            request,
+            ..self.last
+        })
+    }
+
+    fn publish(&mut self, command: Command) -> Command {
+        self.last = Command { stamp_ns: 0, tick: self.tick(), severity: self.severity().code(), ..command };
+        self.last
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::severity::CLEAR_AFTER;
+    use hapfic_config::Settings;
+    use hapfic_robot::Chain;
+    use nalgebra::Vector3;
+
+    const NOTHING: Wishes = Wishes { stop: false, rearm: false, missing: false };
+    const NOBODY: Observed = Observed { valid: [false; 2], refused: [false; 2], present: [true; 2], overdue: true };
+
+    fn chain() -> Chain {
+        Chain::from_settings(&Settings::load("floor", &[]).unwrap().robot).unwrap()
+    }
+
+    fn gate(bandwidth_hz: Option<f64>) -> Gate {
+        let limits =
+            Limits { joints: 3, bandwidth_hz, peak: [40.0; MAX_JOINTS], period_s: 1e-3, ramp_rate: 2000.0, discontinuity: 10.0 };
+        Gate::new(limits, TorqueCheck::new(chain(), [0.0, 0.0, -9.81]))
+    }
+
+    fn state(gate: &Gate) -> State {
+        let mut state = State { tick: gate.tick(), joints: 3, ..State::default() };
+        state.joint_position[..3].copy_from_slice(&[0.0, 0.9, -1.8]);
+        state
+    }
+
+    fn miss(gate: &mut Gate) -> Command {
+        gate.miss(&NOBODY, &NOTHING)
+    }
+
+    fn accept(gate: &mut Gate, request: &Request) -> Command {
+        gate.accept(Place::First, request, &Observed::alone(), &NOTHING)
+    }
+
+    fn request(tick: i64, torque: f64) -> Request {
+        let mut all = [0.0; MAX_JOINTS];
+        all[..3].fill(torque);
+        Request {
+            tick,
+            state_tick: tick,
+            parameters_version: 1,
+            controller: Process::Controller.code(),
+            joints: 3,
+            torque: all,
+            state: ControllerState { offset: [0.001; 3], ..ControllerState::default() },
+            ..Request::default()
+        }
+    }
+
+    fn feed(gate: &mut Gate, torque: f64) -> Command {
+        let request = request(gate.tick(), torque);
+        accept(gate, &request)
+    }
+
+    #[test]
+    fn it_starts_with_a_command_that_holds_the_brakes_at_tick_minus_one() {
+        let mut gate = gate(None);
+        assert_eq!((gate.last().tick, gate.last().mode), (-1, Mode::Hold.code()));
+        let command = miss(&mut gate);
+        assert_eq!((command.tick, command.mode, command.severity), (0, Mode::Hold.code(), 0));
+    }
+
+    #[test]
+    fn the_peak_limits_and_says_which_joint() {
+        let mut gate = gate(None);
+        let mut request = request(0, 10.0);
+        request.torque[1] = -55.0;
+        let command = accept(&mut gate, &request);
+        assert_eq!(&command.torque[..3], &[10.0, -40.0, 10.0]);
+        assert_eq!(command.limited, 0b010);
+        assert_eq!(command.request.torque[1], -55.0);
+        assert_eq!(command.request.state.offset, [0.001; 3]);
+    }
+
+    #[test]
+    fn the_filter_has_its_bandwidth() {
+        let mut gate = gate(Some(20.0));
+        let alpha = 1.0 - (-2.0 * std::f64::consts::PI * 20.0 * 1e-3_f64).exp();
+        assert!((feed(&mut gate, 10.0).torque[0] - 10.0 * alpha).abs() < 1e-12);
+        for _ in 0..200 {
+            feed(&mut gate, 10.0);
+        }
+        assert!((gate.last().torque[0] - 10.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn one_miss_repeats_and_the_second_brakes_until_twenty_good_ticks() {
+        let mut gate = gate(None);
+        feed(&mut gate, 7.0);
+        let repeated = miss(&mut gate);
+        assert_eq!((repeated.mode, repeated.source, repeated.torque[0]), (Mode::Active.code(), Source::Repeated.code(), 7.0));
+        assert_eq!(gate.severity(), Severity::Degraded);
+        let braked = miss(&mut gate);
+        assert_eq!((braked.mode, braked.torque[0]), (Mode::Brake.code(), 0.0));
+        assert_eq!(braked.request.state, ControllerState::default(), "controllers start anew");
+        for good in 1..=CLEAR_AFTER {
+            let command = feed(&mut gate, 3.0);
+            let active = command.mode == Mode::Active.code();
+            assert_eq!(active, good == CLEAR_AFTER, "after {good} good ticks");
+        }
+        assert_eq!(gate.last().tick, 2 + i64::from(CLEAR_AFTER));
+    }
+
+    #[test]
+    fn requests_of_another_tick_version_or_shape_are_refused() {
+        let gate = gate(None);
+        let state = state(&gate);
+        let chain = chain();
+        let force = [1.0, -2.0, 30.0];
+        let jacobian = chain.jacobian(&chain.kinematics(&state.joint_position[..3]));
+        let torque = jacobian.linear_transpose_mul(&Vector3::from(force));
+        let good = Request { force, torque, ..request(0, 0.0) };
+        assert_eq!(gate.judge(&good, &state, &Parameters { version: 1, ..Parameters::default() }), Ok(()));
+        for bad in [
+            Request { tick: 1, ..good },
+            Request { state_tick: -1, ..good },
+            Request { parameters_version: 2, ..good },
+            Request { joints: 4, ..good },
+            Request { controller: Process::Plant.code(), ..good },
+            Request { force: [f64::NAN, 0.0, 0.0], ..good },
+            Request { torque: [f64::INFINITY; MAX_JOINTS], ..good },
+            Request { torque: [1.0; MAX_JOINTS], ..good },
+            Request { force: [1.0, -2.0, 31.0], ..good },
+        ] {
+            assert!(gate.judge(&bad, &state, &Parameters { version: 1, ..Parameters::default() }).is_err(), "{bad:?}");
+        }
+    }
+
+    #[test]
+    fn after_a_brake_the_torque_ramps_in_and_then_is_free() {
+        let mut gate = gate(None);
+        feed(&mut gate, 30.0);
+        miss(&mut gate);
+        miss(&mut gate);
+        for _ in 1..CLEAR_AFTER {
+            assert_eq!(feed(&mut gate, 30.0).mode, Mode::Brake.code());
+        }
+        let mut before = 0.0;
+        for tick in 1..=15 {
+            let command = feed(&mut gate, 30.0);
+            assert!((command.torque[0] - before - 2.0).abs() < 1e-12, "tick {tick}: {before} -> {}", command.torque[0]);
+            assert_eq!(command.ramped, if tick < 15 { 0b111 } else { 0 });
+            before = command.torque[0];
+        }
+        // Legal torque has steps.
+        let command = feed(&mut gate, -8.0);
+        assert_eq!((command.torque[0], command.ramped), (-8.0, 0));
+        assert_eq!(gate.discontinuity(), Some(Step { joint: 2, size: -38.0 }));
+        feed(&mut gate, -17.0);
+        assert_eq!(gate.discontinuity(), None, "below the size that is told of");
+    }
+
+    #[test]
+    fn a_stop_is_latched_and_left_through_a_brake_with_cleared_state() {
+        let mut gate = gate(None);
+        feed(&mut gate, 5.0);
+        let stop = Wishes { stop: true, ..NOTHING };
+        let first = request(gate.tick(), 5.0);
+        let stopped = gate.accept(Place::First, &first, &Observed::alone(), &stop);
+        assert_eq!((stopped.mode, stopped.source, stopped.torque[0]), (Mode::Stopped.code(), Source::Withheld.code(), 0.0));
+        assert_eq!(stopped.request.state, ControllerState::default());
+        for _ in 0..3 * CLEAR_AFTER {
+            assert_eq!(feed(&mut gate, 5.0).mode, Mode::Stopped.code());
+        }
+        let again = request(gate.tick(), 5.0);
+        let rearmed = gate.accept(Place::First, &again, &Observed::alone(), &Wishes { rearm: true, ..NOTHING });
+        assert_eq!(rearmed.mode, Mode::Brake.code());
+        let mut ticks = 0;
+        while feed(&mut gate, 5.0).mode != Mode::Active.code() {
+            ticks += 1;
+        }
+        assert_eq!((ticks + 1, gate.last().torque[0]), (CLEAR_AFTER, 2.0), "ramping in");
+    }
+}

@@ -1,0 +1,94 @@
+//! After the operator has re-armed, torque comes back for certain: a model without cycles, in which every path ends.
+
+use crate::mutation::{self, Mutation};
+use hapfic_gate::protocol::{Choice, Observed, Patience, Place, Protocol, Wishes};
+use hapfic_gate::severity::Conditions;
+use hapfic_messages::Severity;
+use stateright::{Checker, Model, Property};
+
+/// Ticks within which all is well again.
+const WITHIN: u8 = 20;
+const NOMINAL: &str = "re-armed, it becomes nominal";
+/// How often each may have come about before: more is the same.
+const ABSENT: u32 = 2;
+const MISSED: u32 = 2;
+const GOOD: u32 = 20;
+
+/// The gate from where it was re-armed on. At each tick at least one controller answers.
+#[derive(Clone, Copy, Debug)]
+struct Recovery {
+    mutation: Option<Mutation>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+struct State {
+    protocol: Protocol,
+    ticks: u8,
+}
+
+impl Recovery {
+    fn step(&self, protocol: Protocol, valid: [bool; 2], wishes: &Wishes) -> Protocol {
+        let seen = Observed { valid, refused: [false; 2], present: [true; 2], overdue: true };
+        let choice = mutation::choose(self.mutation, &protocol, &seen, Patience::Deadline);
+        assert_ne!(choice, Choice::Wait, "the deadline is over");
+        mutation::step(self.mutation, protocol, choice, &seen, wishes).0
+    }
+}
+
+impl Model for Recovery {
+    type State = State;
+    type Action = [bool; 2];
+
+    /// Whatever it was stopped in, re-armed at a tick that nobody may have answered.
+    fn init_states(&self) -> Vec<State> {
+        let rearm = Wishes { rearm: true, ..Wishes::default() };
+        let mut states = Vec::new();
+        for primary in Place::BOTH {
+            for (absent, missed, good) in counts() {
+                for opened in [false, true] {
+                    let conditions = Conditions { missed, good, ..Conditions::default() };
+                    let stopped = Protocol { primary, absent, severity: Severity::Stopped, conditions, opened };
+                    for valid in [[false; 2], [true; 2]] {
+                        let state = State { protocol: self.step(stopped, valid, &rearm), ticks: 0 };
+                        if !states.contains(&state) {
+                            states.push(state);
+                        }
+                    }
+                }
+            }
+        }
+        states
+    }
+
+    fn actions(&self, state: &State, actions: &mut Vec<[bool; 2]>) {
+        if state.ticks < WITHIN {
+            actions.extend([[true, false], [false, true], [true, true]]);
+        }
+    }
+
+    fn next_state(&self, state: &State, valid: [bool; 2]) -> Option<State> {
+        Some(State { protocol: self.step(state.protocol, valid, &Wishes::default()), ticks: state.ticks + 1 })
+    }
+
+    fn properties(&self) -> Vec<Property<Self>> {
+        vec![Property::eventually(NOMINAL, |_: &Self, state: &State| state.protocol.severity == Severity::Nominal)]
+    }
+}
+
+fn counts() -> impl Iterator<Item = (u32, u32, u32)> {
+    (0..=ABSENT).flat_map(|absent| (0..=MISSED).flat_map(move |missed| (0..=GOOD).map(move |good| (absent, missed, good))))
+}
+
+#[test]
+fn after_a_rearm_it_becomes_nominal_if_controllers_answer() {
+    let checker = Recovery { mutation: None }.checker().spawn_bfs().join();
+    println!("recovery: {} states", checker.unique_state_count());
+    assert!(checker.unique_state_count() > usize::from(WITHIN));
+    checker.assert_properties();
+}
+
+#[test]
+fn a_brake_that_never_clears_is_found_after_a_rearm() {
+    let checker = Recovery { mutation: Some(Mutation::NeverClears) }.checker().spawn_bfs().join();
+    assert!(checker.discovery(NOMINAL).is_some());
+}

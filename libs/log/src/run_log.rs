@@ -1,0 +1,79 @@
+//! The log of a run as it begins: names, header and attachments from the scenario.
+
+use crate::error::LogError;
+use crate::{Attachment, Names, Writer, WriterOptions};
+use hapfic_config::{PERIOD_S, Settings};
+use hapfic_messages::Clock;
+use hapfic_robot::Chain;
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// What the log of a run begins with.
+#[derive(Clone, Copy, Debug)]
+pub struct RunLog<'a> {
+    /// Where to write it; its folder is made if it is missing.
+    pub path: &'a Path,
+    /// Name of the scenario.
+    pub scenario: &'a str,
+    /// The checked scenario.
+    pub settings: &'a Settings,
+    /// How time passes.
+    pub clock: Clock,
+    /// The robot.
+    pub chain: &'a Chain,
+    /// Names of the plant's bodies, by index.
+    pub body_names: &'a [String],
+    /// Time of tick 0 [ns since the Unix epoch]; zero in lockstep.
+    pub start_unix_ns: u64,
+}
+
+impl Names {
+    /// Names of what messages carry by index.
+    #[must_use]
+    pub fn new(settings: &Settings, chain: &Chain, body_names: &[String]) -> Self {
+        Self {
+            joints: chain.joints().iter().map(|j| j.name.clone()).collect(),
+            bodies: body_names.to_vec(),
+            objects: settings.world.objects.iter().map(|object| object.name.clone()).collect(),
+        }
+    }
+}
+
+/// Creates the log of a run and writes its header and attachments.
+///
+/// # Errors
+/// [`LogError`] if the file or its folder cannot be made.
+pub fn create_run_log(run: &RunLog<'_>) -> Result<Writer, LogError> {
+    if let Some(folder) = run.path.parent()
+        && !folder.as_os_str().is_empty()
+    {
+        std::fs::create_dir_all(folder).map_err(|cause| LogError::Folder { path: folder.to_owned(), cause })?;
+    }
+    let settings = run.settings;
+    let names = Names::new(settings, run.chain, run.body_names);
+    let pairs = [
+        ("version", env!("CARGO_PKG_VERSION").to_owned()),
+        ("scenario", run.scenario.to_owned()),
+        ("title", settings.title.clone()),
+        ("clock", run.clock.name().to_owned()),
+        ("seed", settings.seed.to_string()),
+        ("period_s", PERIOD_S.to_string()),
+        ("duration_ticks", settings.duration_ticks.to_string()),
+        ("start_unix_ns", run.start_unix_ns.to_string()),
+    ];
+    let header: BTreeMap<_, _> = pairs.into_iter().map(|(k, v)| (k.to_owned(), v)).collect();
+    let attachments = [
+        Attachment {
+            name: "scenario.toml".to_owned(),
+            media_type: "application/toml".to_owned(),
+            bytes: settings.effective_toml().into_bytes(),
+        },
+        Attachment {
+            name: "robot.urdf".to_owned(),
+            media_type: "application/xml".to_owned(),
+            bytes: settings.robot.urdf.text.clone().into_bytes(),
+        },
+    ];
+    let options = WriterOptions { start_unix_ns: run.start_unix_ns, chunk_bytes: u64::from(settings.recorder.chunk_kib) * 1024 };
+    Writer::create(run.path, &names, &[("hapfic".to_owned(), header)], &attachments, &options)
+}

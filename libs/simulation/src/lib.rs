@@ -1,0 +1,16 @@
+//! The whole stack in one process, without transport, clock or threads; checks and studies that use it.
+//!
+//! Read [`simulation`] first: one tick after the other. [`stability`] holds a set of gains in free air. A study runs one scenario
+//! ([`study`]) or a grid of settings ([`sweep`], on many threads by [`pool`]), writes a log ([`recording`]) and gives [`figures`].
+
+pub mod extremes;
+pub mod figures;
+pub mod pool;
+pub mod recording;
+#[allow(clippy::module_inception)]
+pub mod simulation;
+pub mod stability;
+pub mod study;
+pub mod sweep;
+
+pub use simulation::{DeadTime, Simulation, SimulationError, Snapshot};

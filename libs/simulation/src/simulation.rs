@@ -1,0 +1,268 @@
+//! The whole stack in one process, without buses, clocks or threads: plant, planner, controller, gate and operator, tick by
+//! tick, as fast as it goes.
+//!
+//! It calls what the processes call, in the order in which lockstep lets them, so its messages are theirs to the last bit
+//! (stamps are zero in both). For studies, checks and searches over parameters.
+
+use hapfic_config::{OperatorChange, Settings};
+use hapfic_controller::answer::{Known, answer};
+use hapfic_gate::parameter_schedule::Timeline;
+use hapfic_gate::protocol::{Observed, Place, Wishes};
+use hapfic_gate::torque_check::TorqueCheck;
+use hapfic_gate::{Gate, Limits};
+use hapfic_messages::{Command, Defect, Mode, Operator, Process, Reference, State};
+use hapfic_planner::Plan;
+use hapfic_plant::{Plant, PlantError};
+use hapfic_robot::Chain;
+use nalgebra::Vector3;
+
+/// Ticks of dead time between a state and the torque that answers it. The stack has [`DeadTime::One`]; the others are for
+/// studies.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum DeadTime {
+    /// The torque acts from the moment of its state on: no real drive does that.
+    None,
+    /// The torque acts from the next tick on.
+    #[default]
+    One,
+    /// A tick later still: a fault.
+    Two,
+}
+
+/// What went through the stack in a tick k.
+#[derive(Clone, Copy, Debug)]
+pub struct Snapshot {
+    /// state(k).
+    pub state: State,
+    /// reference(k).
+    pub reference: Reference,
+    /// command(k), with the request it accepted.
+    pub command: Command,
+    /// The operator's sets as they were known when tick k was answered; [`Operator::at`] k is the one in force.
+    pub operator: Operator,
+}
+
+/// Why a simulation cannot go on.
+#[derive(Debug, thiserror::Error)]
+pub enum SimulationError {
+    /// The plant cannot be built, or left the finite numbers.
+    #[error(transparent)]
+    Plant(#[from] PlantError),
+    /// The controller has no answer to a state.
+    #[error(
+        "tick {tick}: the controller gave no request for the state, expected one; its numbers have overflowed: lower the gains"
+    )]
+    NoRequest {
+        /// The tick.
+        tick: i64,
+    },
+    /// The gate refuses the controller's request.
+    #[error("tick {tick}: the gate refused the controller's request: {defect}; lower the gains")]
+    Refused {
+        /// The tick.
+        tick: i64,
+        /// Why.
+        defect: Defect,
+    },
+}
+
+/// A stack between two ticks. A clone goes on from there on its own.
+#[derive(Clone, Debug)]
+pub struct Simulation {
+    plant: Plant,
+    chain: Chain,
+    gravity: Vector3<f64>,
+    gate: Gate,
+    timeline: Timeline,
+    /// The planner's plan; none before the first tick.
+    plan: Option<Plan>,
+    dead_time: DeadTime,
+    /// command(k - 1) and command(k - 2), for the tick k to come.
+    commands: [Command; 2],
+    snapshot: Snapshot,
+}
+
+impl Simulation {
+    /// A stack as the scenario starts it, with the dead time it has.
+    ///
+    /// # Errors
+    /// [`SimulationError::Plant`] if the robot description or the start posture is no good.
+    pub fn new(settings: &Settings) -> Result<Self, SimulationError> {
+        Self::with_dead_time(settings, DeadTime::default())
+    }
+
+    /// A stack with another dead time than it has.
+    ///
+    /// # Errors
+    /// As for [`new`](Self::new).
+    pub fn with_dead_time(settings: &Settings, dead_time: DeadTime) -> Result<Self, SimulationError> {
+        let plant = Plant::new(settings)?;
+        let gate = Gate::new(
+            Limits::new(settings, plant.chain()),
+            TorqueCheck::new(plant.chain().clone(), settings.world.gravity_m_per_s2),
+        );
+        let state = plant.sample();
+        let mut timeline = Timeline::new(settings, state.foot_position);
+        timeline.announce(-1);
+        let first = *gate.last();
+        Ok(Self {
+            chain: plant.chain().clone(),
+            gravity: Vector3::from(settings.world.gravity_m_per_s2),
+            plan: None,
+            dead_time,
+            commands: [first; 2],
+            snapshot: Snapshot { state, reference: Reference::default(), command: first, operator: *timeline.operator() },
+            plant,
+            gate,
+            timeline,
+        })
+    }
+
+    /// The tick that [`step`](Self::step) does next.
+    #[must_use]
+    pub fn tick(&self) -> i64 {
+        self.gate.tick()
+    }
+
+    /// The plant, for those who want to look closer or set a state between two ticks.
+    #[must_use]
+    pub fn plant(&mut self) -> &mut Plant {
+        &mut self.plant
+    }
+
+    /// What went through in the last tick; before the first one, the state and command everything starts from.
+    #[must_use]
+    pub fn snapshot(&self) -> &Snapshot {
+        &self.snapshot
+    }
+
+    /// The operator's sets as they are known after the last tick, with what was announced in it.
+    #[must_use]
+    pub fn operator(&self) -> &Operator {
+        self.timeline.operator()
+    }
+
+    /// Puts a change of the operator in, to take effect as soon as an announced change can. Returns its version and that tick;
+    /// `None` if too many are waiting.
+    pub fn change(&mut self, change: &OperatorChange) -> Option<(u64, i64)> {
+        self.timeline.insert(change, self.gate.tick())
+    }
+
+    /// Does one tick. Nothing ends it: a scenario's duration is the caller's business.
+    ///
+    /// # Errors
+    /// [`SimulationError`]; the simulation must not be used any more then.
+    pub fn step(&mut self) -> Result<&Snapshot, SimulationError> {
+        let tick = self.gate.tick();
+        let state = self.plant.sample();
+        let operator = *self.timeline.operator();
+        let reference = self.follow(&state, &operator);
+        let known = Known {
+            state: &state,
+            reference_position: reference.position,
+            reference_velocity: reference.velocity,
+            parameters: operator.at(tick),
+            carried: self.commands[0].request.state,
+        };
+        let request =
+            answer(&self.chain, &self.gravity, &known, Process::Controller).ok_or(SimulationError::NoRequest { tick })?;
+        self.gate.judge(&request, &state, operator.at(tick)).map_err(|defect| SimulationError::Refused { tick, defect })?;
+        let command = self.gate.accept(Place::First, &request, &Observed::alone(), &Wishes::default());
+        self.timeline.announce(tick);
+        self.drive(tick, &command);
+        self.plant.advance()?;
+        self.commands = [command, self.commands[0]];
+        self.snapshot = Snapshot { state, reference, command, operator };
+        Ok(&self.snapshot)
+    }
+
+    /// The planner's tick: returns reference(k) and makes the plan of k + 1.
+    fn follow(&mut self, state: &State, operator: &Operator) -> Reference {
+        // As the planner signs them: reference(k) was made at k - 1, that of tick 0 together with that of tick 1.
+        let version = operator.at(state.tick.max(1)).version;
+        let plan = self.plan.unwrap_or_else(|| Plan::resting(0, state.foot_position));
+        let active = self.commands[0].mode == Mode::Active.code();
+        self.plan = Some(Plan::next(Some(plan), state, active, operator));
+        plan.reference(version)
+    }
+
+    /// Passes the command that is due to the drive.
+    fn drive(&mut self, tick: i64, now: &Command) {
+        let due = match self.dead_time {
+            DeadTime::None => now,
+            DeadTime::One => &self.commands[0],
+            DeadTime::Two => &self.commands[1],
+        };
+        // The drive knows one dead time, and counts commands that are missing by their ticks.
+        self.plant.take(&Command { tick: tick - 1, ..*due });
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    fn settings() -> Settings {
+        Settings::load("floor", &[]).unwrap()
+    }
+
+    #[test]
+    fn ticks_follow_each_other_as_between_the_processes() {
+        let mut simulation = Simulation::new(&settings()).unwrap();
+        assert_eq!(simulation.snapshot().command.mode, Mode::Hold.code());
+        for k in 0..300 {
+            assert_eq!(simulation.tick(), k);
+            let s = *simulation.step().unwrap();
+            assert_eq!((s.state.tick, s.reference.tick, s.command.tick, s.command.request.state_tick), (k, k, k, k));
+            assert_eq!(s.state.command_tick, (k - 2).max(-1), "what acted until the state");
+            assert_eq!(s.command.mode, Mode::Active.code());
+            assert_eq!(s.operator.at(k).version, s.command.request.parameters_version);
+        }
+        assert_eq!(simulation.snapshot().operator.at(299).version, 2, "the first change is at 0.2 s");
+    }
+
+    #[test]
+    fn the_brakes_hold_until_the_first_torque_acts() {
+        for (dead_time, held) in [(DeadTime::None, 0), (DeadTime::One, 1), (DeadTime::Two, 2)] {
+            let mut simulation = Simulation::with_dead_time(&settings(), dead_time).unwrap();
+            let start = simulation.snapshot().state.joint_position;
+            let mut moved = None;
+            for k in 0..6 {
+                let state = simulation.step().unwrap().state;
+                if moved.is_none() && state.joint_position != start {
+                    moved = Some(k);
+                }
+            }
+            // The torque that acts from tick `held` on shows in the state after it.
+            assert_eq!(moved, Some(held + 1), "{dead_time:?}");
+        }
+    }
+
+    #[test]
+    fn a_change_put_in_takes_effect_at_the_tick_it_was_told() {
+        let mut simulation = Simulation::new(&settings()).unwrap();
+        for _ in 0..10 {
+            simulation.step().unwrap();
+        }
+        let change = OperatorChange { taper: Some(0.1), ..OperatorChange::default() };
+        let (version, from) = simulation.change(&change).unwrap();
+        for k in 10..30 {
+            let s = simulation.step().unwrap();
+            let set = s.operator.at(k);
+            assert_eq!((set.taper, set.version), if k < from { (0.2, version - 1) } else { (0.1, version) }, "tick {k}");
+        }
+        assert!((10..30).contains(&from));
+    }
+
+    #[test]
+    fn two_simulations_are_the_same_to_the_last_bit() {
+        let settings = settings();
+        let (mut a, mut b) = (Simulation::new(&settings).unwrap(), Simulation::new(&settings).unwrap());
+        for _ in 0..400 {
+            let (a, b) = (a.step().unwrap(), b.step().unwrap());
+            assert_eq!(a.command.torque.map(f64::to_bits), b.command.torque.map(f64::to_bits));
+            assert_eq!(a.state, b.state);
+        }
+    }
+}

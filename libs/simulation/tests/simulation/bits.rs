@@ -1,0 +1,52 @@
+//! The numbers of a tick, to the last bit.
+
+use hapfic_simulation::Snapshot;
+
+/// Every number that plant, planner, controller and gate made in a tick, bit by bit.
+pub fn bits(snapshot: &Snapshot) -> Vec<u64> {
+    let Snapshot { state, reference, command, operator } = snapshot;
+    let mut all = Vec::with_capacity(256);
+    let mut add = |values: &[f64]| all.extend(values.iter().map(|value| value.to_bits()));
+    for values in [&state.joint_position, &state.joint_velocity, &state.joint_torque, &command.torque, &command.request.torque] {
+        add(values);
+    }
+    let (request, carried) = (&command.request, &command.request.state);
+    for values in [
+        &state.foot_position,
+        &state.foot_velocity,
+        &state.foot_force,
+        &reference.position,
+        &reference.velocity,
+        &request.error,
+        &request.error_rate,
+        &request.force,
+        &carried.offset,
+        &carried.x_max,
+        &carried.stiffness,
+        &carried.max_force,
+        &carried.position_bound,
+        &carried.force,
+    ] {
+        add(values);
+    }
+    for axis in &reference.planner.axes {
+        add(&[axis.target, axis.start, axis.start_velocity, axis.brake_acceleration, axis.brake_time]);
+        add(&[axis.amplitude, axis.rate, axis.phase]);
+    }
+    for body in &state.objects[..state.object_count as usize] {
+        add(&body.position);
+        add(&body.orientation);
+        add(&body.linear_velocity);
+        add(&body.angular_velocity);
+    }
+    for contact in &state.contacts[..state.contact_count as usize] {
+        add(&contact.point);
+        add(&contact.force);
+        add(&[contact.depth]);
+    }
+    add(&[state.physics.energy_j, state.physics.contact_work_j, state.physics.contact_stored_j]);
+    all.extend(carried.converging.map(u64::from));
+    all.extend(carried.still_ticks.map(u64::from));
+    all.extend([state.tick as u64, request.parameters_version, operator.next.version]);
+    all
+}

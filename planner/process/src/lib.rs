@@ -1,0 +1,126 @@
+//! The planner as a process: state(k) in, reference(k + 1) out, one tick ahead, so that the controller never waits for it.
+//!
+//! While the drive is not under torque (before the first command, and braking) the reference is where the foot is.
+
+use hapfic_config::Settings;
+use hapfic_ipc::inject::Injector;
+use hapfic_ipc::realtime::Wish;
+use hapfic_ipc::{Context, Gaps, Input, IpcError, Output, Tick, Wait, Wakes, clock, topic};
+use hapfic_messages::{Clock, Command, Mode, Operator, Recent, Reference, State};
+use hapfic_planner::Plan;
+
+struct Ports {
+    state: Input<State>,
+    command: Input<Command>,
+    operator: Input<Operator>,
+    reference: Output<Reference>,
+    injector: Injector<Reference>,
+}
+
+/// Runs the planner until its last tick or its end.
+///
+/// # Errors
+/// [`IpcError`] if messaging fails.
+pub fn run(context: &mut Context, settings: &Settings) -> Result<(), IpcError> {
+    let mut ports = Ports {
+        state: context.bus.input(&topic::STATE, Wait::Yes)?,
+        command: context.bus.input(&topic::COMMAND, if context.clock == Clock::Lockstep { Wait::Yes } else { Wait::No })?,
+        operator: context.bus.input(&topic::OPERATOR, Wait::No)?,
+        reference: context.bus.output(&topic::REFERENCE)?,
+        injector: Injector::open(context)?,
+    };
+    let handed_over = match context.start.resume {
+        Some(tick) => Some(context.bus.input(&topic::REFERENCE, Wait::Yes)?).zip(Some(tick)),
+        None => None,
+    };
+    context.ready(Wish::new(settings.realtime.priority_planner, settings.realtime.core_planner))?;
+    let last_tick = settings.duration_ticks as i64 - 1;
+    let mut plan: Option<Plan> = None;
+    let mut commands = Recent::<Command>::default();
+    let mut operator: Option<Operator> = None;
+    let mut seen = -1;
+    if let Some((mut input, tick)) = handed_over {
+        let Some(last) = context.handed_over(&mut input, |r: &Reference| r.tick == tick)? else { return Ok(()) };
+        plan = Some(Plan::resumed(&last));
+        // It was made from the state one tick before.
+        seen = tick - 1;
+    }
+
+    let answered = (context.clock == Clock::Realtime).then(|| context.bus.listener(topic::ANSWERED));
+    let instead = answered.as_ref().map(|a| a as &dyn Wakes);
+    while let Some(state) = context.next_state(&mut ports.state, seen, Gaps::Never, instead, || {
+        ports.reference.prepare();
+        ports.command.prepare();
+        ports.operator.prepare();
+    })? {
+        let wake = clock::now_ns();
+        context.begin();
+        seen = state.tick;
+        if !fill(context, &mut ports, &mut commands, &mut operator, state.tick - 1)? {
+            break;
+        }
+        let Some(operator) = operator else {
+            // Nobody has said what to do yet.
+            context.refuse();
+            continue;
+        };
+        let parameters = operator.at(state.tick + 1);
+        let active = commands.before(state.tick).is_some_and(|c| c.mode == Mode::Active.code());
+        if state.tick == 0 {
+            // Tick 0 has no tick before it in which its reference could have been made.
+            let first = Plan::resting(0, state.foot_position);
+            plan = Some(first);
+            send(context, &mut ports, &first, parameters.version)?;
+        }
+        let next = Plan::next(plan, &state, active, &operator);
+        plan = Some(next);
+        let mut published = 0;
+        if next.tick <= last_tick {
+            published = send(context, &mut ports, &next, parameters.version)?;
+        }
+        context.account(Tick {
+            tick: state.tick,
+            due_ns: state.stamp_ns,
+            wake_ns: wake,
+            publish_ns: published,
+            latency_ns: 0,
+        })?;
+        ports.reference.prepare();
+        ports.state.prepare();
+        ports.command.prepare();
+        let unmet = ports.reference.unmet() + ports.state.unmet() + ports.command.unmet() + ports.operator.unmet();
+        context.tell_unmet(unmet);
+        ports.injector.listen()?;
+        if state.tick >= last_tick {
+            context.finish(state.tick)?;
+            break;
+        }
+    }
+    Ok(())
+}
+
+fn send(context: &Context, ports: &mut Ports, plan: &Plan, parameters_version: u64) -> Result<u64, IpcError> {
+    let reference = Reference { stamp_ns: context.stamp(), ..plan.reference(parameters_version) };
+    ports.injector.send(&mut ports.reference, &reference, plan.tick)
+}
+
+/// Takes what there is; in lockstep waits for the command of `tick`, and for the operator's parameters. Says whether to go on.
+fn fill(
+    context: &mut Context,
+    ports: &mut Ports,
+    commands: &mut Recent<Command>,
+    operator: &mut Option<Operator>,
+    tick: i64,
+) -> Result<bool, IpcError> {
+    loop {
+        context.drain(&mut ports.command, |new| commands.keep(new))?;
+        context.drain(&mut ports.operator, |new| *operator = Some(new))?;
+        if context.clock == Clock::Realtime || (commands.at(tick).is_some() && operator.is_some()) {
+            return Ok(true);
+        }
+        ports.reference.prepare();
+        if !context.wait(&[&ports.command], tick)? {
+            return Ok(false);
+        }
+    }
+}
