@@ -71,6 +71,7 @@ impl Grid {
 
     /// Runs.
     #[must_use]
+    #[allow(clippy::len_without_is_empty)] // A grid has at least one run.
     pub fn len(&self) -> usize {
         self.sweeps.iter().map(|sweep| sweep.values.len()).product()
     }
