@@ -33,13 +33,13 @@ pub fn main() -> ExitCode {
             print(&hapfic_config::json_schema());
             Ok(Outcome::Done)
         }
-        cli::Command::Set { run, changes } => commands::order::order(run.as_deref(), OperatorKind::Set, &changes),
+        cli::Command::Set { run, changes } => commands::control::order(run.as_deref(), OperatorKind::Set, &changes),
         cli::Command::Status { run, json, once } => commands::status::status(run.as_deref(), json, once),
         cli::Command::Stop { run } => commands::stop::stop(run.as_deref()),
-        cli::Command::Estop { run } => commands::order::order(run.as_deref(), OperatorKind::EmergencyStop, &[]),
-        cli::Command::Rearm { run } => commands::order::order(run.as_deref(), OperatorKind::Rearm, &[]),
-        cli::Command::Inject { run, fault } => commands::order::order(run.as_deref(), OperatorKind::Inject, &fault),
-        cli::Command::Nuisance { supervisor, what } => commands::nuisance::nuisance(supervisor, &what),
+        cli::Command::Estop { run } => commands::control::order(run.as_deref(), OperatorKind::EmergencyStop, &[]),
+        cli::Command::Rearm { run } => commands::control::order(run.as_deref(), OperatorKind::Rearm, &[]),
+        cli::Command::Inject { run, fault } => commands::control::order(run.as_deref(), OperatorKind::Inject, &fault),
+        cli::Command::Nuisance { supervisor, what } => commands::stressor::nuisance(supervisor, &what),
         cli::Command::Doctor { seconds, json } => commands::doctor::doctor(seconds, json),
         cli::Command::Bench { what } => commands::bench::bench(&what),
         cli::Command::BenchChain { words } => commands::bench::chain(&words),

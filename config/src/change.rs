@@ -1,7 +1,7 @@
 //! A change of a running stack, from `key=value` pairs: the keys of an operator's entry, checked as such an entry is.
 
 use crate::check;
-use crate::error::{ConfigError, Place};
+use crate::error::{ConfigError, Location};
 use crate::overrides::{complain, parse};
 use crate::ranges;
 use crate::raw::RawOperator;
@@ -49,7 +49,7 @@ impl OperatorChange {
     /// # Errors
     /// The first thing that is wrong, with the pair it is in.
     pub fn from_pairs(pairs: &[&str], base: &Parameters) -> Result<Asked, ConfigError> {
-        let place = Place::Change(pairs.join(" ").into());
+        let place = Location::Change(pairs.join(" ").into());
         let known = table(base)?;
         let mut entry = Entry { known: &known, keys: BTreeMap::new(), axes: Vec::new() };
         pairs.iter().try_for_each(|pair| entry.add(pair))?;
@@ -74,7 +74,7 @@ fn read_one(root: &Node) -> Result<Option<OperatorChange>, ConfigError> {
 }
 
 /// A scenario with one entry in one list and nothing else.
-pub(crate) fn only_entry(list: &str, keys: BTreeMap<String, Node>, place: &Place) -> Node {
+pub(crate) fn only_entry(list: &str, keys: BTreeMap<String, Node>, place: &Location) -> Node {
     let node = |value| Node { place: place.clone(), value };
     let entries = node(Value::List(vec![node(Value::Table(keys))]));
     node(Value::Table(BTreeMap::from([(list.to_owned(), entries)])))
@@ -100,7 +100,7 @@ struct Entry<'a> {
 
 impl Entry<'_> {
     fn add(&mut self, pair: &str) -> Result<(), ConfigError> {
-        let place = Place::Change(pair.into());
+        let place = Location::Change(pair.into());
         let Some((path, text)) = pair.split_once('=') else {
             return Err(complain(&place, "", "no =", "KEY=VALUE", "write for example desired_force.z=80"));
         };
@@ -128,7 +128,7 @@ impl Entry<'_> {
         }
     }
 
-    fn add_axis(&mut self, name: &str, axis: &str, path: &str, value: Node, place: &Place) -> Result<(), ConfigError> {
+    fn add_axis(&mut self, name: &str, axis: &str, path: &str, value: Node, place: &Location) -> Result<(), ConfigError> {
         let Some(Node { value: Value::List(known), .. }) = self.known.get(name) else {
             if self.known.contains_key(name) {
                 let help = "set the key itself, without an axis";
@@ -163,7 +163,7 @@ impl Entry<'_> {
     }
 }
 
-pub(crate) fn twice(place: &Place, path: &str) -> ConfigError {
+pub(crate) fn twice(place: &Location, path: &str) -> ConfigError {
     complain(place, path, "a key that another pair gives, too", "each value once", "remove one of the two")
 }
 
@@ -185,7 +185,7 @@ pub fn differences(before: &Parameters, after: &Parameters) -> Result<Vec<Differ
 fn table(set: &Parameters) -> Result<BTreeMap<String, Node>, ConfigError> {
     const ORIGIN: &str = "parameters in force";
     let text = toml::to_string(set).map_err(|error| {
-        complain(&Place::whole(ORIGIN), "", &error.to_string(), "parameters that TOML can hold", "report this")
+        complain(&Location::whole(ORIGIN), "", &error.to_string(), "parameters that TOML can hold", "report this")
     })?;
     match tree::Node::parse(&text, ORIGIN)?.value {
         Value::Table(table) => {

@@ -262,7 +262,7 @@ impl At<'_> {
             priority_controller: raw.priority_controller,
             priority_planner: raw.priority_planner,
             placement: raw.placement,
-            look_out_us: raw.look_out_us,
+            busy_poll_lead_us: raw.busy_poll_lead_us,
             core_plant: raw.core_plant,
             core_gate: raw.core_gate,
             core_controller: raw.core_controller,

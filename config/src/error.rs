@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 /// Where a value was written.
 #[derive(Clone, Debug, Eq, PartialEq)]
-pub enum Place {
+pub enum Location {
     /// In a file.
     File {
         /// The file, as the user named it.
@@ -21,14 +21,14 @@ pub enum Place {
     Injection(Arc<str>),
 }
 
-impl Place {
+impl Location {
     /// A whole file.
     pub(crate) fn whole(name: &str) -> Self {
         Self::File { name: name.into(), line: None }
     }
 }
 
-impl fmt::Display for Place {
+impl fmt::Display for Location {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::File { name, line: Some(line) } => write!(f, "{name}:{line}"),
@@ -44,7 +44,7 @@ impl fmt::Display for Place {
 #[derive(Clone, Debug, Eq, PartialEq)]
 pub struct Complaint {
     /// Where it was written.
-    pub place: Place,
+    pub place: Location,
     /// Path of the key, such as `controller.stiffness_n_per_m[1]`; empty if it is about no key.
     pub key: String,
     /// What stands there.
@@ -101,7 +101,7 @@ pub enum ConfigError {
 }
 
 impl ConfigError {
-    /// Place, key, found, expected and what to do, one by one.
+    /// Location, key, found, expected and what to do, one by one.
     #[must_use]
     pub fn complaint(&self) -> &Complaint {
         match self {

@@ -2,7 +2,7 @@
 
 use crate::change::{only_entry, plain_keys, twice};
 use crate::check;
-use crate::error::{ConfigError, Place};
+use crate::error::{ConfigError, Location};
 use crate::fault::{Fault, FaultKind};
 use crate::overrides::{complain, parse};
 use crate::ranges;
@@ -40,7 +40,7 @@ impl Fault {
     /// # Errors
     /// The first thing that is wrong, with the pair it is in.
     pub fn from_pairs(pairs: &[&str]) -> Result<Self, ConfigError> {
-        let place = Place::Injection(pairs.join(" ").into());
+        let place = Location::Injection(pairs.join(" ").into());
         if pairs.is_empty() {
             let help = "say what shall happen, for example kind=stop process=planner for_ms=50";
             return Err(complain(&place, "", "no fault", "kind=KIND and what belongs to it", help));
@@ -52,7 +52,7 @@ impl Fault {
 }
 
 fn add(keys: &mut BTreeMap<String, Node>, pair: &str) -> Result<(), ConfigError> {
-    let place = Place::Injection(pair.into());
+    let place = Location::Injection(pair.into());
     let example = "write for example kind=kill process=controller";
     let Some((key, text)) = pair.split_once('=') else {
         return Err(complain(&place, "", "no =", "KEY=VALUE", example));

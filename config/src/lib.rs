@@ -33,7 +33,7 @@ mod tree;
 
 pub use change::{Asked, Difference, differences};
 pub use embedded::{Scenario, robots, scenarios};
-pub use error::{Complaint, ConfigError, Place};
+pub use error::{Complaint, ConfigError, Location};
 pub use fault::{Fault, FaultKind, FaultTarget};
 pub use policy::{Fidelity, OnLoss, Placement, ResetPolicy, Saturation, Search};
 pub use schema::json_schema;

@@ -3,7 +3,7 @@
 use crate::alias;
 use crate::check;
 use crate::embedded;
-use crate::error::{Complaint, ConfigError, Place, nearest};
+use crate::error::{Complaint, ConfigError, Location, nearest};
 use crate::overrides;
 use crate::ranges;
 use crate::raw::RawScenario;
@@ -29,7 +29,7 @@ impl Settings {
         }
         let text = std::fs::read_to_string(path).map_err(|error| {
             ConfigError::Read(Box::new(Complaint {
-                place: Place::whole(what),
+                place: Location::whole(what),
                 key: String::new(),
                 found: format!("a file that cannot be read ({error})"),
                 expected: "a scenario, UTF-8 text in TOML".to_owned(),
@@ -111,7 +111,7 @@ fn unknown_scenario(what: &str) -> ConfigError {
         None => "give the path of a file with a / or the ending .toml".to_owned(),
     };
     ConfigError::UnknownScenario(Box::new(Complaint {
-        place: Place::whole(what),
+        place: Location::whole(what),
         key: String::new(),
         found: "no scenario of this name".to_owned(),
         expected: format!("one of {}, or a file", names.join(", ")),

@@ -1,7 +1,7 @@
 //! `--set key.path=value`: replaces a value of the scenario before it is checked.
 
 use crate::alias;
-use crate::error::{Complaint, ConfigError, Place};
+use crate::error::{Complaint, ConfigError, Location};
 use crate::raw::RawScenario;
 use crate::tree::{Node, Value, join};
 use std::collections::BTreeMap;
@@ -16,7 +16,7 @@ pub(crate) fn apply(root: &mut Node, arguments: &[String]) -> Result<(), ConfigE
 }
 
 fn apply_one(root: &mut Node, defaults: &Node, argument: &str) -> Result<(), ConfigError> {
-    let place = Place::Override(argument.into());
+    let place = Location::Override(argument.into());
     let Some((path, text)) = argument.split_once('=') else {
         return Err(complain(&place, "", "no =", "KEY=VALUE", "write for example --set controller.taper=0.1"));
     };
@@ -37,7 +37,7 @@ fn apply_one(root: &mut Node, defaults: &Node, argument: &str) -> Result<(), Con
 }
 
 /// TOML, or a word that needs no quotes.
-pub(crate) fn parse(text: &str, path: &str, place: &Place) -> Result<Node, ConfigError> {
+pub(crate) fn parse(text: &str, path: &str, place: &Location) -> Result<Node, ConfigError> {
     // A number for TOML, and a kind of fault here.
     if text == "nan" && path.rsplit('.').next() == Some("kind") {
         return Ok(Node { place: place.clone(), value: Value::Text(text.to_owned()) });
@@ -56,7 +56,7 @@ pub(crate) fn parse(text: &str, path: &str, place: &Place) -> Result<Node, Confi
 }
 
 struct Setter<'a> {
-    place: &'a Place,
+    place: &'a Location,
     defaults: &'a Node,
 }
 
@@ -108,14 +108,14 @@ impl Setter<'_> {
 
 /// A scenario of nothing but defaults.
 fn defaults() -> Result<Node, ConfigError> {
-    let place = Place::whole("defaults");
+    let place = Location::whole("defaults");
     match toml::to_string(&RawScenario::default()) {
         Ok(text) => Node::parse(&text, "defaults"),
         Err(error) => Err(complain(&place, "", &error.to_string(), "defaults that TOML can hold", "report this")),
     }
 }
 
-pub(crate) fn complain(place: &Place, key: &str, found: &str, expected: &str, help: &str) -> ConfigError {
+pub(crate) fn complain(place: &Location, key: &str, found: &str, expected: &str, help: &str) -> ConfigError {
     ConfigError::Override(Box::new(Complaint {
         place: place.clone(),
         key: key.to_owned(),

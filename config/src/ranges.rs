@@ -82,7 +82,7 @@ pub(crate) const RANGES: &[(&str, Range)] = &[
     ("realtime.priority_gate", whole(1, 98)),
     ("realtime.priority_controller", whole(1, 98)),
     ("realtime.priority_planner", whole(1, 98)),
-    ("realtime.look_out_us", whole(0, 500)),
+    ("realtime.busy_poll_lead_us", whole(0, 500)),
     ("realtime.core_plant", whole(0, 1023)),
     ("realtime.core_gate", whole(0, 1023)),
     ("realtime.core_controller", whole(0, 1023)),

@@ -1,6 +1,6 @@
 //! Reads a [`Node`] into serde's structures; an error knows path and place of the value it is about.
 
-use crate::error::{Complaint, ConfigError, Place, nearest};
+use crate::error::{Complaint, ConfigError, Location, nearest};
 use crate::tree::{Node, Value, join};
 use serde::de::value::StrDeserializer;
 use serde::de::{self, DeserializeOwned, DeserializeSeed, Expected, IntoDeserializer, Unexpected, Visitor};
@@ -28,7 +28,7 @@ struct Content {
 #[derive(Debug)]
 struct At {
     path: String,
-    place: Place,
+    place: Location,
     found: String,
 }
 
@@ -185,7 +185,7 @@ impl<'de> de::Deserializer<'de> for Reader<'_> {
         visitor.visit_newtype_struct(self)
     }
 
-    /// A list in place of a table would be taken key by key: refused.
+    /// A list in place of a table would be taken key by key: rejected.
     fn deserialize_struct<V: Visitor<'de>>(
         self,
         _: &'static str,

@@ -321,7 +321,7 @@ pub struct Realtime {
     /// Where threads without a core run.
     pub placement: Placement,
     /// How long before a state is due those who answer it are awake, us; 0: they sleep until it comes.
-    pub look_out_us: u32,
+    pub busy_poll_lead_us: u32,
     /// Of the plant.
     pub core_plant: Option<u32>,
     /// Of the gate.

@@ -1,6 +1,6 @@
 //! A scenario as a tree in which every value knows where it was written.
 
-use crate::error::{Complaint, ConfigError, Place};
+use crate::error::{Complaint, ConfigError, Location};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use toml::Spanned;
@@ -9,7 +9,7 @@ use toml::de::{DeTable, DeValue};
 /// A value and its place.
 #[derive(Clone, Debug)]
 pub(crate) struct Node {
-    pub(crate) place: Place,
+    pub(crate) place: Location,
     pub(crate) value: Value,
 }
 
@@ -30,9 +30,11 @@ impl Node {
     pub(crate) fn parse(text: &str, origin: &str) -> Result<Self, ConfigError> {
         let lines = Lines::new(text, origin);
         match DeTable::parse(text) {
-            Ok(table) => Ok(Self { place: Place::whole(origin), value: table_value(table.into_inner(), &|at| lines.place(at)) }),
+            Ok(table) => {
+                Ok(Self { place: Location::whole(origin), value: table_value(table.into_inner(), &|at| lines.place(at)) })
+            }
             Err(error) => Err(ConfigError::NotToml(Box::new(Complaint {
-                place: error.span().map_or_else(|| Place::whole(origin), |span| lines.place(span.start)),
+                place: error.span().map_or_else(|| Location::whole(origin), |span| lines.place(span.start)),
                 key: String::new(),
                 found: format!("text that is not TOML ({})", error.message().replace('\n', ", ")),
                 expected: "`key = value`, `[table]`, `[[table]]` or `# comment`".to_owned(),
@@ -42,7 +44,7 @@ impl Node {
     }
 
     /// Reads a single value, all of it written at one place. None if it is not a TOML value.
-    pub(crate) fn parse_value(text: &str, place: &Place) -> Option<Self> {
+    pub(crate) fn parse_value(text: &str, place: &Location) -> Option<Self> {
         let value = DeValue::parse(text).ok()?;
         // The parser stands in an empty span for what it did not find.
         if value.span().is_empty() {
@@ -57,7 +59,7 @@ impl Node {
     }
 
     /// Where the value at a path was written; where it is not given, the nearest table around it.
-    pub(crate) fn place(&self, path: &str) -> Place {
+    pub(crate) fn place(&self, path: &str) -> Location {
         let mut node = self;
         for step in steps(path) {
             match node.child(step) {
@@ -119,7 +121,7 @@ fn steps(path: &str) -> impl Iterator<Item = &str> {
     path.split(['.', '[']).map(|step| step.trim_end_matches(']'))
 }
 
-fn convert(value: Spanned<DeValue<'_>>, place: &dyn Fn(usize) -> Place) -> Node {
+fn convert(value: Spanned<DeValue<'_>>, place: &dyn Fn(usize) -> Location) -> Node {
     let at = place(value.span().start);
     let value = match value.into_inner() {
         DeValue::String(text) => Value::Text(text.into_owned()),
@@ -133,7 +135,7 @@ fn convert(value: Spanned<DeValue<'_>>, place: &dyn Fn(usize) -> Place) -> Node 
     Node { place: at, value }
 }
 
-fn table_value(table: DeTable<'_>, place: &dyn Fn(usize) -> Place) -> Value {
+fn table_value(table: DeTable<'_>, place: &dyn Fn(usize) -> Location) -> Value {
     Value::Table(table.into_iter().map(|(key, value)| (key.into_inner().into_owned(), convert(value, place))).collect())
 }
 
@@ -154,8 +156,8 @@ impl Lines {
         Self { name: origin.into(), ends: text.match_indices('\n').map(|(at, _)| at).collect() }
     }
 
-    fn place(&self, at: usize) -> Place {
+    fn place(&self, at: usize) -> Location {
         let line = self.ends.partition_point(|end| *end < at) + 1;
-        Place::File { name: Arc::clone(&self.name), line: Some(line) }
+        Location::File { name: Arc::clone(&self.name), line: Some(line) }
     }
 }

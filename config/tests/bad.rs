@@ -1,4 +1,4 @@
-//! Scenarios that are refused: each message tells place, key, what was found, and what was expected.
+//! Scenarios that are rejected: each message tells place, key, what was found, and what was expected.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod common;

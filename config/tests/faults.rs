@@ -1,4 +1,4 @@
-//! Faults on purpose: what they load to, that a seed always draws the same, and what is refused.
+//! Faults on purpose: what they load to, that a seed always draws the same, and what is rejected.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod common;

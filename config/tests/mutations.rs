@@ -1,4 +1,4 @@
-//! Damaged scenarios: refused or loaded, never a panic.
+//! Damaged scenarios: rejected or loaded, never a panic.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod common;

@@ -14,7 +14,7 @@ const SATURATED: f64 = 0.999;
 /// Not `dx K0_old / K0_new`: where the target lies in a body, the distance carries a part of the force, and would carry it
 /// `K0_new / K0_old` times over; and what F_max held back would come at once when F_max is raised.
 #[must_use]
-pub fn refitted(distance: f64, force: f64, profile: &ForceProfile) -> f64 {
+pub fn bumpless_offset(distance: f64, force: f64, profile: &ForceProfile) -> f64 {
     let bound = profile.position_bound;
     let bound = if bound.is_finite() { bound.max(0.0) } else { 0.0 };
     let wanted = profile.error_for(force) - distance;
@@ -30,7 +30,7 @@ pub fn refitted(distance: f64, force: f64, profile: &ForceProfile) -> f64 {
 /// The attractor's force decides, not the profile's, because it is what acts: in convergence it may be far below F_max beyond
 /// x_b too, and to hold the offset there could leave a contact short of its force for good.
 #[must_use]
-pub fn held_back(before: f64, wanted: f64, force: f64, max_force: f64) -> f64 {
+pub fn conditional_integration(before: f64, wanted: f64, force: f64, max_force: f64) -> f64 {
     let saturated = force.abs() >= SATURATED * max_force;
     // Signs, not products: a product of small numbers could vanish.
     let deeper = (wanted > before && force > 0.0) || (wanted < before && force < 0.0);

@@ -53,12 +53,12 @@ impl HapticSearch {
 
 /// The offset of the next tick, before its bound. Forces are finite.
 fn search(offset: f64, desired: f64, measured: f64, p: &HapticParameters) -> f64 {
-    let missing = desired - measured;
-    if missing.abs() >= p.force_resolution && desired != 0.0 {
+    let force_error = desired - measured;
+    if force_error.abs() >= p.force_resolution && desired != 0.0 {
         if measured.abs() <= p.force_resolution {
             return 0.0;
         }
-        return offset - direction(missing) * step_length(desired, missing, p);
+        return offset - direction(force_error) * step_length(desired, force_error, p);
     }
     match p.reset_policy {
         ResetPolicy::ContactLoss if desired == 0.0 => 0.0,
@@ -70,12 +70,12 @@ fn search(offset: f64, desired: f64, measured: f64, p: &HapticParameters) -> f64
 /// How far the offset moves in this tick, m.
 ///
 /// Algorithm 1 prints sigma F_d / K0; the absolute value is taken because a negative F_d would search away from its target.
-fn step_length(desired: f64, missing: f64, p: &HapticParameters) -> f64 {
+fn step_length(desired: f64, force_error: f64, p: &HapticParameters) -> f64 {
     let per_newton = p.period_s / PAPER_PERIOD_S / p.stiffness;
     let full = p.search_scale * desired.abs() * per_newton;
     let length = match p.search {
         Search::Sign => full,
-        Search::Tapered => full.min(p.taper * missing.abs() * per_newton),
+        Search::Tapered => full.min(p.taper * force_error.abs() * per_newton),
     };
     // Without a stiffness no offset makes a force: there is nothing to search.
     if length.is_finite() { length } else { 0.0 }

@@ -22,19 +22,19 @@
 //! # Ok::<(), hapfic_controller::task_space::TaskSpaceError>(())
 //! ```
 
-pub mod answer;
 mod anti_windup;
 mod attractor;
 pub mod conditioning;
+pub mod control_step;
 mod haptic;
 pub mod parameters;
 mod profile;
-mod stall;
+mod stall_release;
 pub mod task_space;
 
-pub use anti_windup::{held_back, refitted};
+pub use anti_windup::{bumpless_offset, conditional_integration};
 pub use attractor::Attractor;
 pub use conditioning::{LowPass, limit};
 pub use haptic::{HapticParameters, HapticSearch};
 pub use profile::ForceProfile;
-pub use stall::{Stall, StallInput};
+pub use stall_release::{Stall, StallInput};

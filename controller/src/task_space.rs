@@ -1,10 +1,10 @@
 //! Task-space FIC: haptic search, error and attractor on the three axes of the world frame (eqs. 1, 4, 5; Algorithm 1).
 
-use crate::anti_windup::{held_back, refitted};
+use crate::anti_windup::{bumpless_offset, conditional_integration};
 use crate::attractor::Attractor;
 use crate::haptic::{HapticParameters, HapticSearch};
 use crate::profile::ForceProfile;
-use crate::stall::{Stall, StallInput};
+use crate::stall_release::{Stall, StallInput};
 use hapfic_messages::{ControllerState, Parameters, ResetPolicy, Saturation, Search};
 
 /// Why the law gives no force.
@@ -50,7 +50,7 @@ pub struct Policies {
     pub saturation: Saturation,
     /// The step of the haptic search.
     pub search: Search,
-    /// Whether dx is kept from winding up at F_max, and refitted to new gains so that the force stays.
+    /// Whether dx is kept from winding up at F_max, and bumpless_offset to new gains so that the force stays.
     pub offset_anti_windup: bool,
     /// Whether a convergence that has come to a standstill starts anew from there.
     pub stall_release: bool,
@@ -131,16 +131,16 @@ pub fn step(state: ControllerState, input: &Input, p: &Parameters, period_s: f64
             // Only where a force is held: in the air, and without a wish, the position is what counts.
             if changed && p.desired_force[axis] != 0.0 && input.contact_force[axis].abs() > p.force_resolution {
                 // What the wall would answer if dx stayed: it gives back what F_c gains.
-                let (_, unfitted) = attractor.step(error_at(before), error_rate, &profile);
-                let foreseen = input.contact_force[axis] - (unfitted - state.force[axis]);
-                if off_the_wish(p, axis, input.contact_force[axis]) <= off_the_wish(p, axis, foreseen) {
-                    before = refitted(error_at(0.0), state.force[axis], &profile);
+                let (_, force_without_rescale) = attractor.step(error_at(before), error_rate, &profile);
+                let predicted_force = input.contact_force[axis] - (force_without_rescale - state.force[axis]);
+                if force_error_abs(p, axis, input.contact_force[axis]) <= force_error_abs(p, axis, predicted_force) {
+                    before = bumpless_offset(error_at(0.0), state.force[axis], &profile);
                     // A convergence that goes on goes on from here: where it is entered, its force is the profile's.
                     attractor = Attractor::default();
                 }
             }
             let (_, force) = attractor.step(error_at(before), error_rate, &profile);
-            held_back(before, search(before), force, p.max_force[axis])
+            conditional_integration(before, search(before), force, p.max_force[axis])
         } else {
             search(state.offset[axis])
         };
@@ -156,7 +156,7 @@ pub fn step(state: ControllerState, input: &Input, p: &Parameters, period_s: f64
                 force_resolution: p.force_resolution,
                 period_s,
             };
-            let before = Stall { still_ticks: state.still_ticks[axis] };
+            let before = Stall { at_rest_ticks: state.at_rest_ticks[axis] };
             (stall, attractor, force) = before.step(attractor, &seen, &profile);
         }
 
@@ -168,19 +168,19 @@ pub fn step(state: ControllerState, input: &Input, p: &Parameters, period_s: f64
         output.state.position_bound[axis] = p.position_bound[axis];
         output.state.force[axis] = force;
         output.state.converging[axis] = u32::from(attractor.converging);
-        output.state.still_ticks[axis] = stall.still_ticks;
+        output.state.at_rest_ticks[axis] = stall.at_rest_ticks;
         output.error[axis] = error;
         output.error_rate[axis] = error_rate;
         output.force[axis] = force;
     }
-    // Finite numbers near the largest can still overflow in a difference.
+    // Finite numbers near the largest can at_rest overflow in a difference.
     check_finite("error", &output.error)?;
     check_finite("error_rate", &output.error_rate)?;
     Ok(output)
 }
 
 /// How far a contact force is off the one that is wished, N.
-fn off_the_wish(p: &Parameters, axis: usize, force: f64) -> f64 {
+fn force_error_abs(p: &Parameters, axis: usize, force: f64) -> f64 {
     (p.desired_force[axis] - force).abs()
 }
 

@@ -97,10 +97,10 @@ fn only_standing_still_in_convergence_without_contact_counts() {
     let stalled = Attractor { x_max_m: 0.2, converging: true };
     let seen =
         StallInput { error: 0.1, error_rate: 0.0, force: 0.0, contact_force: 0.0, force_resolution: 0.01, period_s: PERIOD_S };
-    let nearly = Stall { still_ticks: 19 };
+    let nearly = Stall { at_rest_ticks: 19 };
     let (after, attractor, force) = nearly.step(stalled, &seen, &profile);
     assert_eq!((after, attractor.x_max_m, force), (Stall::default(), 0.1, profile.force(0.1)));
-    let (after, attractor, force) = Stall { still_ticks: 18 }.step(stalled, &seen, &profile);
+    let (after, attractor, force) = Stall { at_rest_ticks: 18 }.step(stalled, &seen, &profile);
     assert_eq!((after, attractor, force), (nearly, stalled, 0.0));
     let diverging = Attractor { converging: false, ..stalled };
     for (attractor, input) in [
@@ -114,7 +114,7 @@ fn only_standing_still_in_convergence_without_contact_counts() {
     }
     // A force that has nothing to gain: it goes on standing, and counting.
     let held = StallInput { force: profile.force(0.1) - 0.005, ..seen };
-    assert_eq!(nearly.step(stalled, &held, &profile), (Stall { still_ticks: 20 }, stalled, held.force));
+    assert_eq!(nearly.step(stalled, &held, &profile), (Stall { at_rest_ticks: 20 }, stalled, held.force));
 }
 
 /// An operator who first wants more than F_max allows from a rigid wall, then 10 N: the offset at the end of the first part, m,

@@ -1,16 +1,16 @@
 //! The torque gate without its thread: from requests, or their absence, to commands.
 
 use crate::limits::Limits;
-use crate::protocol::{Action, Choice, Observed, Patience, Place, Protocol, Wishes};
+use crate::protocol::{Choice, ControllerSlot, GateInputs, Observation, Protocol, TickAction, WaitPolicy};
 use crate::torque_check::TorqueCheck;
 use hapfic_controller::conditioning::{LowPass, limit};
 use hapfic_messages::{
-    Check, Command, ControllerState, Defect, MAX_JOINTS, Mode, Parameters, Process, Request, Severity, Source, State,
+    Check, Command, ControllerState, MAX_JOINTS, Mode, Parameters, Process, Request, Severity, Source, State, ValidationError,
 };
 
 /// A step of a joint's torque from one tick to the next, larger than [`Limits::discontinuity`].
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Step {
+pub struct TorqueStep {
     /// Which joint, from the base.
     pub joint: usize,
     /// The new torque less the old one, N m.
@@ -26,7 +26,7 @@ pub struct Gate {
     protocol: Protocol,
     /// The torque while it ramps in after a brake, as it went out last.
     ramp: Option<[f64; MAX_JOINTS]>,
-    step: Option<Step>,
+    step: Option<TorqueStep>,
     last: Command,
 }
 
@@ -66,7 +66,7 @@ impl Gate {
 
     /// Whose request counts if both controllers have answered.
     #[must_use]
-    pub fn primary(&self) -> Place {
+    pub fn primary(&self) -> ControllerSlot {
         self.protocol.primary
     }
 
@@ -78,7 +78,7 @@ impl Gate {
 
     /// The largest step of a joint's torque in the last command, if it is worth telling of.
     #[must_use]
-    pub fn discontinuity(&self) -> Option<Step> {
+    pub fn discontinuity(&self) -> Option<TorqueStep> {
         self.step
     }
 
@@ -86,27 +86,27 @@ impl Gate {
     ///
     /// # Errors
     /// What is wrong with it.
-    pub fn judge(&self, request: &Request, state: &State, parameters: &Parameters) -> Result<(), Defect> {
+    pub fn validate(&self, request: &Request, state: &State, parameters: &Parameters) -> Result<(), ValidationError> {
         request.check()?;
         let same = |field, found: i64, expected: i64| {
-            if found == expected { Ok(()) } else { Err(Defect::Tick { field, found, expected }) }
+            if found == expected { Ok(()) } else { Err(ValidationError::Tick { field, found, expected }) }
         };
         same("tick", request.tick, self.tick())?;
         same("state_tick", request.state_tick, self.tick())?;
         let count = |field, found: u64, expected: u64| {
-            if found == expected { Ok(()) } else { Err(Defect::Count { field, found, expected }) }
+            if found == expected { Ok(()) } else { Err(ValidationError::Count { field, found, expected }) }
         };
         count("joints", request.joints.into(), self.limits.joints as u64)?;
         count("parameters_version", request.parameters_version, parameters.version)?;
         match Process::from_code(request.controller) {
             Some(Process::Controller | Process::Standby) => {}
-            _ => return Err(Defect::Code { field: "controller", found: request.controller }),
+            _ => return Err(ValidationError::Code { field: "controller", found: request.controller }),
         }
         self.check.check(state, request, parameters)
     }
 
     /// Goes through what a request will go through, and changes nothing.
-    pub fn rehearse(&self, request: &Request, state: &State, parameters: &Parameters) {
+    pub fn warm_up(&self, request: &Request, state: &State, parameters: &Parameters) {
         let good = state.check().is_ok() && request.check().is_ok();
         let checked = self.check.check(state, request, parameters).is_ok();
         let filtered = self.filter.step(&request.torque, self.limits.bandwidth_hz, self.limits.period_s);
@@ -115,32 +115,32 @@ impl Gate {
 
     /// What to do about the tick that is due.
     #[must_use]
-    pub fn choose(&self, seen: &Observed, patience: Patience) -> Choice {
-        self.protocol.choose(seen, patience)
+    pub fn choose(&self, seen: &Observation, policy: WaitPolicy) -> Choice {
+        self.protocol.choose(seen, policy)
     }
 
     /// The command of the tick that is due, from a request of a place that [`judge`](Self::judge) let pass.
-    pub fn accept(&mut self, place: Place, request: &Request, seen: &Observed, wishes: &Wishes) -> Command {
-        match self.advance(Choice::Take(place), seen, wishes) {
-            Some(Action::Pass(_)) => self.pass(request),
-            _ => self.brake(Source::Withheld),
+    pub fn accept(&mut self, place: ControllerSlot, request: &Request, seen: &Observation, inputs: &GateInputs) -> Command {
+        match self.advance(Choice::Take(place), seen, inputs) {
+            Some(TickAction::Pass(_)) => self.pass(request),
+            _ => self.brake(Source::Suppressed),
         }
     }
 
     /// The command of the tick that is due when no valid request came in time: the last one once more, then brake.
-    pub fn miss(&mut self, seen: &Observed, wishes: &Wishes) -> Command {
-        match self.advance(Choice::Miss, seen, wishes) {
-            Some(Action::Hold) => {
+    pub fn miss(&mut self, seen: &Observation, inputs: &GateInputs) -> Command {
+        match self.advance(Choice::Miss, seen, inputs) {
+            Some(TickAction::Hold) => {
                 // Nothing has ever been commanded: the drive's own brakes hold.
                 self.publish(Command { source: Source::None.code(), ..self.last })
             }
-            Some(Action::Repeat) => self.publish(Command { source: Source::Repeated.code(), ..self.last }),
+            Some(TickAction::Repeat) => self.publish(Command { source: Source::Repeated.code(), ..self.last }),
             _ => self.brake(Source::None),
         }
     }
 
-    fn advance(&mut self, choice: Choice, seen: &Observed, wishes: &Wishes) -> Option<Action> {
-        let (protocol, action) = self.protocol.step(choice, seen, wishes);
+    fn advance(&mut self, choice: Choice, seen: &Observation, inputs: &GateInputs) -> Option<TickAction> {
+        let (protocol, action) = self.protocol.step(choice, seen, inputs);
         self.protocol = protocol;
         self.step = None;
         action
@@ -182,9 +182,9 @@ impl Gate {
         })
     }
 
-    fn largest_step(&self, torque: &[f64; MAX_JOINTS]) -> Option<Step> {
+    fn largest_step(&self, torque: &[f64; MAX_JOINTS]) -> Option<TorqueStep> {
         (0..self.limits.joints)
-            .map(|joint| Step { joint, size: torque[joint] - self.last.torque[joint] })
+            .map(|joint| TorqueStep { joint, size: torque[joint] - self.last.torque[joint] })
             .filter(|step| step.size.abs() > self.limits.discontinuity)
             .max_by(|a, b| a.size.abs().total_cmp(&b.size.abs()))
     }
@@ -224,8 +224,8 @@ mod tests {
     use hapfic_robot::Chain;
     use nalgebra::Vector3;
 
-    const NOTHING: Wishes = Wishes { stop: false, rearm: false, missing: false };
-    const NOBODY: Observed = Observed { valid: [false; 2], refused: [false; 2], present: [true; 2], overdue: true };
+    const NOTHING: GateInputs = GateInputs { stop: false, rearm: false, missing: false };
+    const NOBODY: Observation = Observation { valid: [false; 2], rejected: [false; 2], present: [true; 2], overdue: true };
 
     fn chain() -> Chain {
         Chain::from_settings(&Settings::load("floor", &[]).unwrap().robot).unwrap()
@@ -248,7 +248,7 @@ mod tests {
     }
 
     fn accept(gate: &mut Gate, request: &Request) -> Command {
-        gate.accept(Place::First, request, &Observed::alone(), &NOTHING)
+        gate.accept(ControllerSlot::First, request, &Observation::alone(), &NOTHING)
     }
 
     fn request(tick: i64, torque: f64) -> Request {
@@ -329,7 +329,7 @@ mod tests {
         let jacobian = chain.jacobian(&chain.kinematics(&state.joint_position[..3]));
         let torque = jacobian.linear_transpose_mul(&Vector3::from(force));
         let good = Request { force, torque, ..request(0, 0.0) };
-        assert_eq!(gate.judge(&good, &state, &Parameters { version: 1, ..Parameters::default() }), Ok(()));
+        assert_eq!(gate.validate(&good, &state, &Parameters { version: 1, ..Parameters::default() }), Ok(()));
         for bad in [
             Request { tick: 1, ..good },
             Request { state_tick: -1, ..good },
@@ -341,7 +341,7 @@ mod tests {
             Request { torque: [1.0; MAX_JOINTS], ..good },
             Request { force: [1.0, -2.0, 31.0], ..good },
         ] {
-            assert!(gate.judge(&bad, &state, &Parameters { version: 1, ..Parameters::default() }).is_err(), "{bad:?}");
+            assert!(gate.validate(&bad, &state, &Parameters { version: 1, ..Parameters::default() }).is_err(), "{bad:?}");
         }
     }
 
@@ -364,7 +364,7 @@ mod tests {
         // Legal torque has steps.
         let command = feed(&mut gate, -8.0);
         assert_eq!((command.torque[0], command.ramped), (-8.0, 0));
-        assert_eq!(gate.discontinuity(), Some(Step { joint: 2, size: -38.0 }));
+        assert_eq!(gate.discontinuity(), Some(TorqueStep { joint: 2, size: -38.0 }));
         feed(&mut gate, -17.0);
         assert_eq!(gate.discontinuity(), None, "below the size that is told of");
     }
@@ -373,16 +373,16 @@ mod tests {
     fn a_stop_is_latched_and_left_through_a_brake_with_cleared_state() {
         let mut gate = gate(None);
         feed(&mut gate, 5.0);
-        let stop = Wishes { stop: true, ..NOTHING };
+        let stop = GateInputs { stop: true, ..NOTHING };
         let first = request(gate.tick(), 5.0);
-        let stopped = gate.accept(Place::First, &first, &Observed::alone(), &stop);
-        assert_eq!((stopped.mode, stopped.source, stopped.torque[0]), (Mode::Stopped.code(), Source::Withheld.code(), 0.0));
+        let stopped = gate.accept(ControllerSlot::First, &first, &Observation::alone(), &stop);
+        assert_eq!((stopped.mode, stopped.source, stopped.torque[0]), (Mode::Stopped.code(), Source::Suppressed.code(), 0.0));
         assert_eq!(stopped.request.state, ControllerState::default());
         for _ in 0..3 * CLEAR_AFTER {
             assert_eq!(feed(&mut gate, 5.0).mode, Mode::Stopped.code());
         }
         let again = request(gate.tick(), 5.0);
-        let rearmed = gate.accept(Place::First, &again, &Observed::alone(), &Wishes { rearm: true, ..NOTHING });
+        let rearmed = gate.accept(ControllerSlot::First, &again, &Observation::alone(), &GateInputs { rearm: true, ..NOTHING });
         assert_eq!(rearmed.mode, Mode::Brake.code());
         let mut ticks = 0;
         while feed(&mut gate, 5.0).mode != Mode::Active.code() {

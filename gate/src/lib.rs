@@ -13,7 +13,7 @@ pub mod restart;
 pub mod severity;
 pub mod torque_check;
 
-pub use gate::{Gate, Step};
+pub use gate::{Gate, TorqueStep};
 pub use limits::Limits;
-pub use parameter_schedule::Timeline;
+pub use parameter_schedule::ParameterSchedule;
 pub use torque_check::TorqueCheck;

@@ -17,7 +17,7 @@ pub struct Limits {
     pub period_s: f64,
     /// Most that a joint's torque may change in a second while ramping in after a brake, N m/s.
     pub ramp_rate: f64,
-    /// Step of a joint's torque from one tick to the next that is told of, N m.
+    /// TorqueStep of a joint's torque from one tick to the next that is told of, N m.
     pub discontinuity: f64,
 }
 

@@ -6,11 +6,11 @@ use hapfic_messages::Operator;
 use std::collections::VecDeque;
 
 /// Changes that may be waiting beside those of the script. The room is there from the start: the gate does not allocate.
-const ROOM: usize = 16;
+const CAPACITY: usize = 16;
 
 /// The sets in force and to come.
 #[derive(Debug)]
-pub struct Timeline {
+pub struct ParameterSchedule {
     operator: Operator,
     /// What `operator.next` was made from.
     next: Parameters,
@@ -18,7 +18,7 @@ pub struct Timeline {
     waiting: VecDeque<OperatorChange>,
 }
 
-impl Clone for Timeline {
+impl Clone for ParameterSchedule {
     /// With the room for further changes, which a clone of the queue alone would not have.
     fn clone(&self) -> Self {
         let mut waiting = VecDeque::with_capacity(self.waiting.capacity());
@@ -29,7 +29,7 @@ impl Clone for Timeline {
 
 /// Where a change that comes now would go.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Slot {
+pub struct ScheduleSlot {
     /// First tick at which it would be in force.
     pub effective_tick: i64,
     /// The version it would have.
@@ -40,12 +40,12 @@ pub struct Slot {
     index: usize,
 }
 
-impl Timeline {
+impl ParameterSchedule {
     /// The scripted operator of a scenario; `here` is where the foot starts, its target until another is given.
     #[must_use]
     pub fn new(settings: &Settings, here: [f64; 3]) -> Self {
         let first = parameters::parameters(&settings.initial, 1, 0, here);
-        let mut waiting = VecDeque::with_capacity(settings.operator.len() + ROOM);
+        let mut waiting = VecDeque::with_capacity(settings.operator.len() + CAPACITY);
         waiting.extend(settings.operator.iter().copied());
         Self { operator: Operator { current: first, next: first }, next: settings.initial, here, waiting }
     }
@@ -72,15 +72,16 @@ impl Timeline {
     /// The first free place for a change that comes before the command of `tick` is due: [`MIN_SPACING_TICKS`] ahead, as far from
     /// the set announced last, and behind what is scripted closer than that.
     #[must_use]
-    pub fn slot(&self, tick: i64) -> Slot {
+    pub fn slot(&self, tick: i64) -> ScheduleSlot {
         let earliest = tick.max(self.operator.next.effective_tick) + MIN_SPACING_TICKS;
-        let first = Slot { effective_tick: earliest, version: self.operator.next.version + 1, before: self.next, index: 0 };
+        let first =
+            ScheduleSlot { effective_tick: earliest, version: self.operator.next.version + 1, before: self.next, index: 0 };
         self.waiting.iter().fold(first, |slot, waiting| {
             // The script is in order: what comes after a gap comes after it all.
             if slot.effective_tick + MIN_SPACING_TICKS <= waiting.at_tick {
                 return slot;
             }
-            Slot {
+            ScheduleSlot {
                 effective_tick: slot.effective_tick.max(waiting.at_tick + MIN_SPACING_TICKS),
                 version: slot.version + 1,
                 before: slot.before.with(waiting),
@@ -110,19 +111,19 @@ mod tests {
         OperatorChange { at_tick, desired_force: Some([0.0, 0.0, force]), ..OperatorChange::default() }
     }
 
-    fn scripted(script: &[(i64, f64)]) -> Timeline {
+    fn scripted(script: &[(i64, f64)]) -> ParameterSchedule {
         let mut settings = Settings::load("floor", &[]).unwrap();
         settings.initial.desired_force = [0.0, 0.0, 1.0];
         settings.operator = script.iter().map(|(at_tick, f)| force(*at_tick, *f)).collect();
-        Timeline::new(&settings, [0.1, 0.2, 0.3])
+        ParameterSchedule::new(&settings, [0.1, 0.2, 0.3])
     }
 
     #[test]
     fn every_tick_of_the_run_knows_its_set_before_it_comes() {
-        let mut timeline = scripted(&[(3, 2.0), (8, 3.0), (100, 4.0)]);
-        assert_eq!(timeline.operator().at(0).target_position, [0.1, 0.2, 0.3]);
+        let mut schedule = scripted(&[(3, 2.0), (8, 3.0), (100, 4.0)]);
+        assert_eq!(schedule.operator().at(0).target_position, [0.1, 0.2, 0.3]);
         for tick in -1..150 {
-            timeline.announce(tick);
+            schedule.announce(tick);
             let at = tick + 1;
             let expected = match at {
                 ..3 => 1.0,
@@ -130,7 +131,7 @@ mod tests {
                 8..100 => 3.0,
                 _ => 4.0,
             };
-            let set = timeline.operator().at(at);
+            let set = schedule.operator().at(at);
             assert_eq!(set.desired_force[2], expected, "tick {at}");
             assert_eq!(set.version as f64, expected);
             assert!(set.effective_tick <= at);
@@ -139,41 +140,41 @@ mod tests {
 
     #[test]
     fn a_change_takes_effect_as_far_ahead_as_the_script_is_announced() {
-        let mut timeline = scripted(&[]);
-        timeline.announce(99);
-        assert_eq!(timeline.insert(&force(0, 9.0), 100), Some((2, 105)));
+        let mut schedule = scripted(&[]);
+        schedule.announce(99);
+        assert_eq!(schedule.insert(&force(0, 9.0), 100), Some((2, 105)));
         // The next one keeps its distance.
-        assert_eq!(timeline.insert(&force(0, 8.0), 101), Some((3, 110)));
+        assert_eq!(schedule.insert(&force(0, 8.0), 101), Some((3, 110)));
         for tick in 100..120 {
-            timeline.announce(tick);
+            schedule.announce(tick);
             let expected = match tick + 1 {
                 ..105 => 1.0,
                 105..110 => 9.0,
                 _ => 8.0,
             };
-            assert_eq!(timeline.operator().at(tick + 1).desired_force[2], expected, "tick {}", tick + 1);
+            assert_eq!(schedule.operator().at(tick + 1).desired_force[2], expected, "tick {}", tick + 1);
         }
     }
 
     #[test]
     fn wherever_a_change_falls_into_the_script_all_keep_their_distance_and_versions_count_up() {
         for tick in 0..60 {
-            let mut timeline = scripted(&[(20, 2.0), (25, 3.0), (38, 4.0), (50, 5.0)]);
+            let mut schedule = scripted(&[(20, 2.0), (25, 3.0), (38, 4.0), (50, 5.0)]);
             let mut promised = None;
             let mut announced = vec![(1, 0)];
             for now in -1..80 {
                 if now == tick {
                     // As the gate does: in the slack before the command of `now`.
                     let change = OperatorChange { taper: Some(0.123), ..OperatorChange::default() };
-                    promised = timeline.insert(&change, now);
+                    promised = schedule.insert(&change, now);
                 }
-                if let Some(operator) = timeline.announce(now) {
+                if let Some(operator) = schedule.announce(now) {
                     announced.push((operator.next.version, operator.next.effective_tick));
                     assert!(operator.next.effective_tick - now <= MIN_SPACING_TICKS, "announced too early");
                     assert!(operator.next.effective_tick > now + 1, "announced too late");
                 }
                 if let Some((version, effective)) = promised {
-                    let changed = timeline.operator().at(now + 1).taper == 0.123;
+                    let changed = schedule.operator().at(now + 1).taper == 0.123;
                     assert_eq!(changed, now + 1 >= effective, "asked at {tick}, now {now}");
                     assert!(effective >= tick + MIN_SPACING_TICKS);
                     assert!(version >= 2);
@@ -186,33 +187,33 @@ mod tests {
                 assert!(pair[1].1 >= pair[0].1 + MIN_SPACING_TICKS, "{announced:?}");
             }
             // The script goes on on top of it.
-            assert_eq!(timeline.operator().at(79).desired_force[2], 5.0);
-            assert_eq!(timeline.operator().at(79).taper, 0.123);
+            assert_eq!(schedule.operator().at(79).desired_force[2], 5.0);
+            assert_eq!(schedule.operator().at(79).taper, 0.123);
         }
     }
 
     #[test]
     fn a_slot_tells_the_set_it_follows() {
-        let timeline = scripted(&[(20, 2.0)]);
-        assert_eq!(timeline.slot(5).before.desired_force[2], 1.0);
-        let behind = timeline.slot(14);
+        let schedule = scripted(&[(20, 2.0)]);
+        assert_eq!(schedule.slot(5).before.desired_force[2], 1.0);
+        let behind = schedule.slot(14);
         assert_eq!((behind.effective_tick, behind.version, behind.before.desired_force[2]), (25, 3, 2.0));
     }
 
     #[test]
     fn there_is_room_for_so_many_and_no_more() {
-        let mut timeline = scripted(&[(20, 2.0)]);
-        let room = timeline.waiting.capacity();
-        let taken = (0..room + 5).filter(|_| timeline.insert(&force(0, 3.0), 0).is_some()).count();
-        assert_eq!((taken, timeline.waiting.capacity()), (room - 1, room));
+        let mut schedule = scripted(&[(20, 2.0)]);
+        let room = schedule.waiting.capacity();
+        let taken = (0..room + 5).filter(|_| schedule.insert(&force(0, 3.0), 0).is_some()).count();
+        assert_eq!((taken, schedule.waiting.capacity()), (room - 1, room));
     }
 
     #[test]
     fn a_clone_has_the_same_room() {
-        let timeline = scripted(&[(20, 2.0)]);
-        let mut clone = timeline.clone();
-        assert_eq!(clone.waiting.capacity(), timeline.waiting.capacity());
+        let schedule = scripted(&[(20, 2.0)]);
+        let mut clone = schedule.clone();
+        assert_eq!(clone.waiting.capacity(), schedule.waiting.capacity());
         assert_eq!(clone.insert(&force(0, 3.0), 5), Some((2, 10)));
-        assert_eq!(timeline.waiting.len(), 1, "the original must not change");
+        assert_eq!(schedule.waiting.len(), 1, "the original must not change");
     }
 }

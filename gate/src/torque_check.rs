@@ -1,9 +1,9 @@
 //! Whether a request's torque is what its own force asks for: tau = J(q)^T F_c, and g(q) on top where gravity is compensated.
 //!
 //! The gate knows state(k), so it can recompute what the controller should have. A controller whose numbers went wrong after its
-//! law (a bit flip, another robot's description, a programming error in a foreign one) is refused here, like one that sends NaN.
+//! law (a bit flip, another robot's description, a programming error in a foreign one) is rejected here, like one that sends NaN.
 
-use hapfic_messages::{Defect, MAX_JOINTS, Parameters, Request, State};
+use hapfic_messages::{MAX_JOINTS, Parameters, Request, State, ValidationError};
 use hapfic_robot::Chain;
 use nalgebra::Vector3;
 
@@ -27,11 +27,11 @@ impl TorqueCheck {
     /// Compares a request's torque with that of its force, in the state it answers.
     ///
     /// # Errors
-    /// [`Defect::Torque`] naming the first joint that differs; [`Defect::Count`] if the state is another robot's.
-    pub fn check(&self, state: &State, request: &Request, parameters: &Parameters) -> Result<(), Defect> {
+    /// [`ValidationError::Torque`] naming the first joint that differs; [`ValidationError::Count`] if the state is another robot's.
+    pub fn check(&self, state: &State, request: &Request, parameters: &Parameters) -> Result<(), ValidationError> {
         let n = self.chain.dof();
         if state.joints as usize != n {
-            return Err(Defect::Count { field: "joints", found: state.joints.into(), expected: n as u64 });
+            return Err(ValidationError::Count { field: "joints", found: state.joints.into(), expected: n as u64 });
         }
         let kin = self.chain.kinematics(&state.joint_position[..n]);
         let jacobian = self.chain.jacobian(&kin);
@@ -49,7 +49,7 @@ impl TorqueCheck {
             apart.is_nan() || apart > TOLERANCE * (1.0 + expected.abs())
         };
         match (0..n).find(differs) {
-            Some(joint) => Err(Defect::Torque { joint, found: request.torque[joint], expected: expected[joint] }),
+            Some(joint) => Err(ValidationError::Torque { joint, found: request.torque[joint], expected: expected[joint] }),
             None => Ok(()),
         }
     }

@@ -19,7 +19,7 @@ pub struct Plan {
 impl Plan {
     /// A reference that rests where the foot is, for a tick.
     #[must_use]
-    pub fn resting(tick: i64, foot_position: [f64; 3]) -> Self {
+    pub fn at_rest(tick: i64, foot_position: [f64; 3]) -> Self {
         Self { tick, state: hold(foot_position) }
     }
 
@@ -40,9 +40,9 @@ impl Plan {
             Some(plan) if active && tick.saturating_sub(plan.tick) <= CATCH_UP => plan.advanced(tick, operator),
             Some(plan) if active => {
                 // Long away: the controllers have held the last position since.
-                Self::resting(state.tick, setpoint(&plan.state, PERIOD_S).position_m).advanced(tick, operator)
+                Self::at_rest(state.tick, setpoint(&plan.state, PERIOD_S).position_m).advanced(tick, operator)
             }
-            _ => Self::resting(tick, state.foot_position),
+            _ => Self::at_rest(tick, state.foot_position),
         }
     }
 

@@ -6,7 +6,7 @@ use hapfic_messages::PlannerState;
 /// Peak speed of a harmonic trajectory over its desired mean speed (the paper's ratio).
 pub const PEAK_TO_MEAN: f64 = 1.596;
 
-/// Coordinates beyond this are refused as if they were not finite, m: it keeps every product in the plan representable.
+/// Coordinates beyond this are rejected as if they were not finite, m: it keeps every product in the plan representable.
 const LARGEST_COORDINATE_M: f64 = 1e100;
 
 /// How fast the reference may move. Counts for the next accepted target, never for the one under way.
@@ -57,8 +57,8 @@ pub fn setpoint(state: &PlannerState, period_s: f64) -> Setpoint {
 pub fn step(state: PlannerState, target: [f64; 3], p: &PlannerParameters, period_s: f64) -> (PlannerState, Setpoint) {
     let mut next = state;
     if is_positive(period_s) {
-        let under_way = state.axes.map(|plan| plan.target);
-        if target != under_way {
+        let active = state.axes.map(|plan| plan.target);
+        if target != active {
             next = accept(target, &setpoint(&state, period_s), p).unwrap_or(state);
         }
         next.ticks = next.ticks.saturating_add(1);

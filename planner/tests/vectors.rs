@@ -14,7 +14,7 @@ fn assert_close(what: &str, actual: f64, expected: f64, case: &str, tick: &str) 
 #[test]
 fn motions_match_the_vectors() {
     let mut state = hold([0.0; 3]);
-    let mut under_way = "";
+    let mut active = "";
     let mut rows = 0;
     for line in VECTORS.lines().skip(1) {
         let mut texts = line.split(',');
@@ -24,9 +24,9 @@ fn motions_match_the_vectors() {
             panic!("case {case}, tick {tick}: too few columns");
         };
         let (position, velocity) = ([*px, *py, *pz], [*vx, *vy, *vz]);
-        if case != under_way {
+        if case != active {
             state = hold(position);
-            under_way = case;
+            active = case;
         }
         let now = setpoint(&state, PERIOD_S);
         for axis in 0..3 {

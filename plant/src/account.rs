@@ -1,7 +1,7 @@
 //! What a tick's sub-steps add up to: the sensor, the contacts, the integrator's own account.
 
+use crate::contact_point::ContactPoint;
 use crate::scene::Pair;
-use crate::touch::Touch;
 use hapfic_messages::{ContactState, MAX_CONTACTS, Physics};
 use hapfic_robot::JointVector;
 use nalgebra::Vector3;
@@ -58,7 +58,7 @@ impl Account {
     }
 
     /// Adds the force that acts at a point of a pair for `h`, s.
-    pub(crate) fn add(&mut self, pair: usize, sensed: bool, touch: &Touch, force: Vector3<f64>, h: f64) {
+    pub(crate) fn add(&mut self, pair: usize, sensed: bool, touch: &ContactPoint, force: Vector3<f64>, h: f64) {
         if sensed {
             self.sensed += force * h;
         }

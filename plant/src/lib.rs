@@ -5,20 +5,20 @@
 
 mod account;
 mod cholesky;
+mod collider;
 mod contact_law;
+mod contact_point;
+mod contact_step;
 mod drive;
 mod error;
-mod flight;
+mod free_step;
 mod newton;
 mod object;
-mod placed;
+mod pair_cache;
 #[allow(clippy::module_inception)]
 mod plant;
 mod point;
-mod press;
 mod scene;
-mod touch;
-mod watch;
 mod world;
 
 pub use account::Advance;

@@ -34,7 +34,7 @@ const TOLERANCE_FORCE: f64 = 5e-6;
 const KEEP: f64 = 0.1;
 
 /// A value for each velocity.
-pub(crate) type Row = [f64; MAX_SPEEDS];
+pub(crate) type VelocityVector = [f64; MAX_SPEEDS];
 
 /// Force of a contact point: normal, and the two components of friction, N.
 pub(crate) type PointForce = Vector3<f64>;
@@ -54,7 +54,7 @@ struct Known {
     /// Number of velocities, and length, s, of that sub-step; with others all else is void.
     size: (usize, f64),
     /// How the velocities changed.
-    change: Row,
+    change: VelocityVector,
     /// Whether the matrix holds a factor.
     factored: bool,
 }
@@ -71,13 +71,13 @@ pub(crate) struct Newton {
     /// Masses, kg, and inertias, kg m^2, of the bodies.
     pub(crate) bodies: [(f64, Matrix3<f64>); MAX_OBJECTS],
     /// M v0 + h (tau - bias).
-    pub(crate) impulse: Row,
+    pub(crate) impulse: VelocityVector,
     /// Velocities at the start.
-    pub(crate) v0: Row,
+    pub(crate) v0: VelocityVector,
     /// Separation speeds of the points at the start, m/s.
     before: [f64; MAX_POINTS],
-    residual: Row,
-    matrix: [Row; MAX_SPEEDS],
+    residual: VelocityVector,
+    matrix: [VelocityVector; MAX_SPEEDS],
     known: Known,
 }
 
@@ -109,7 +109,7 @@ impl Newton {
     }
 
     /// Velocities at the end of the sub-step, and the force of every point.
-    pub(crate) fn solve(&mut self, h: f64, points: &[Point], v: &mut Row, forces: &mut [PointForce]) -> Solved {
+    pub(crate) fn solve(&mut self, h: f64, points: &[Point], v: &mut VelocityVector, forces: &mut [PointForce]) -> Solved {
         let n = self.n();
         if self.known.size != (n, h) {
             self.known.size = (n, h);
@@ -162,7 +162,7 @@ impl Newton {
     }
 
     /// Fills forces and residual at velocities `v`; returns the largest residual, N s.
-    fn weigh(&mut self, h: f64, points: &[Point], v: &Row, forces: &mut [PointForce]) -> f64 {
+    fn weigh(&mut self, h: f64, points: &[Point], v: &VelocityVector, forces: &mut [PointForce]) -> f64 {
         let n = self.n();
         let (residual, impulse) = (&mut self.residual, &self.impulse);
         for i in 0..self.leg {
@@ -181,7 +181,7 @@ impl Newton {
             *force = point.force(h, *before, &point.speeds(v));
             // Also for what is not a number.
             if force.x != 0.0 {
-                point.pull(&(*force * h), residual);
+                point.apply_jacobian_transpose(&(*force * h), residual);
             }
         }
         // Not a number must not pass for solved.
@@ -189,7 +189,7 @@ impl Newton {
     }
 
     /// Fills the lower triangle of the matrix at velocities `v`.
-    fn assemble(&mut self, h: f64, points: &[Point], v: &Row) {
+    fn assemble(&mut self, h: f64, points: &[Point], v: &VelocityVector) {
         let n = self.n();
         let matrix = &mut self.matrix;
         for (i, row) in matrix[..n].iter_mut().enumerate() {
@@ -211,7 +211,7 @@ impl Newton {
         }
         for (point, before) in points.iter().zip(&self.before) {
             if let Some(slope) = point.slope(h, *before, &point.speeds(v)) {
-                point.stiffen(&(slope * h), matrix);
+                point.add_stiffness(&(slope * h), matrix);
             }
         }
     }

@@ -82,7 +82,7 @@ impl FreeBody {
     }
 
     /// Angular velocity that goes with an angular momentum in an orientation.
-    fn turning(&self, rotation: &UnitQuaternion<f64>, momentum: &Vector3<f64>) -> Vector3<f64> {
+    fn angular_velocity_of(&self, rotation: &UnitQuaternion<f64>, momentum: &Vector3<f64>) -> Vector3<f64> {
         rotation * (rotation.inverse() * momentum).component_div(&self.inertia)
     }
 
@@ -95,14 +95,14 @@ impl FreeBody {
 
     /// Moves without contact for `h`, s: a parabola, and a turn that keeps the angular momentum (the gyroscopic torque is what
     /// that amounts to), by the fourth-order Runge-Kutta method on the orientation.
-    pub(crate) fn fly(&mut self, gravity: &Vector3<f64>, h: f64) {
+    pub(crate) fn free_step(&mut self, gravity: &Vector3<f64>, h: f64) {
         self.position += h * (self.velocity + 0.5 * h * gravity);
         self.velocity += h * gravity;
         let momentum = self.angular_momentum();
         let q0 = self.rotation.into_inner();
         // q' = omega q / 2, with omega a function of q alone.
         let rate = |q: &Quaternion<f64>| {
-            let omega = self.turning(&UnitQuaternion::new_normalize(*q), &momentum);
+            let omega = self.angular_velocity_of(&UnitQuaternion::new_normalize(*q), &momentum);
             Quaternion::from_parts(0.0, omega) * q * 0.5
         };
         let k1 = rate(&q0);
@@ -110,7 +110,7 @@ impl FreeBody {
         let k3 = rate(&(q0 + k2 * (0.5 * h)));
         let k4 = rate(&(q0 + k3 * h));
         self.rotation = UnitQuaternion::new_normalize(q0 + (k1 + (k2 + k3) * 2.0 + k4) * (h / 6.0));
-        self.angular_velocity = self.turning(&self.rotation, &momentum);
+        self.angular_velocity = self.angular_velocity_of(&self.rotation, &momentum);
     }
 
     /// Takes the velocities that contacts left after `h`, s. `solved` is an angular velocity under the inertia of the start: it
@@ -121,10 +121,10 @@ impl FreeBody {
         let before = self.angular_momentum();
         let after = self.world_inertia() * solved;
         let half = UnitQuaternion::from_scaled_axis(0.5 * h * self.angular_velocity) * self.rotation;
-        let middle = self.turning(&half, &(0.5 * (before + after)));
+        let middle = self.angular_velocity_of(&half, &(0.5 * (before + after)));
         self.rotation =
             UnitQuaternion::new_normalize((UnitQuaternion::from_scaled_axis(h * middle) * self.rotation).into_inner());
-        self.angular_velocity = self.turning(&self.rotation, &after);
+        self.angular_velocity = self.angular_velocity_of(&self.rotation, &after);
     }
 }
 
@@ -152,7 +152,7 @@ mod tests {
         let axis = body.rotation.inverse() * body.angular_velocity.normalize();
         let mut flipped = false;
         for _ in 0..50_000 {
-            body.fly(&gravity, 1e-4);
+            body.free_step(&gravity, 1e-4);
             flipped |= (body.rotation.inverse() * body.angular_velocity.normalize()).dot(&axis) < -0.9;
         }
         assert!(flipped, "without gyroscopic torque it would not");
@@ -169,7 +169,7 @@ mod tests {
         for _ in 0..10_000 {
             let (velocity, solved) = (pushed.velocity, pushed.angular_velocity);
             pushed.push(velocity, solved, h);
-            flown.fly(&Vector3::zeros(), h);
+            flown.free_step(&Vector3::zeros(), h);
         }
         assert!(pushed.rotation.angle_to(&flown.rotation) < 1e-6, "{}", pushed.rotation.angle_to(&flown.rotation));
         assert!((pushed.position - flown.position).norm() < 1e-12);
@@ -189,7 +189,7 @@ mod tests {
         let axis = Vector3::z();
         let steps = 2000;
         for _ in 0..steps {
-            body.fly(&Vector3::zeros(), period / f64::from(steps));
+            body.free_step(&Vector3::zeros(), period / f64::from(steps));
         }
         assert!((body.rotation * axis - axis).norm() < 1e-8);
     }

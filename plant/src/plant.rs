@@ -1,10 +1,10 @@
 //! The simulated robot and its world, tick by tick.
 
 use crate::account::Advance;
+use crate::collider::{Body, Collider};
 use crate::drive::DriveState;
 use crate::error::PlantError;
 use crate::object::FreeBody;
-use crate::placed::{Carrier, Side};
 use crate::scene::Scene;
 use crate::world::{Substeps, World};
 use hapfic_config::Settings;
@@ -196,13 +196,13 @@ fn refuse_inside(scene: &mut Scene, q: &[f64], objects: &[FreeBody], gravity: &V
     for (index, touch) in found {
         let pair = &scene.pairs[index];
         let weight = |carrier| match carrier {
-            Carrier::Object(i) => objects[i].mass * gravity.norm(),
-            Carrier::World | Carrier::Link(_) => 0.0,
+            Body::Object(i) => objects[i].mass * gravity.norm(),
+            Body::World | Body::Link(_) => 0.0,
         };
         let load = weight(pair.body.carrier) + weight(pair.against.carrier);
         let limit_m = pair.law.transition_width + pair.law.depth_at(load);
         if touch.depth > limit_m {
-            let name = |side: &Side| scene.names[side.name].clone();
+            let name = |side: &Collider| scene.names[side.name].clone();
             return Err(PlantError::StartsInside {
                 depth_m: touch.depth,
                 body: name(&pair.body),

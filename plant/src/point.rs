@@ -1,7 +1,7 @@
 //! A contact point: which speeds it depends on, its force, and how that force changes with the speeds.
 
 use crate::contact_law::ContactLaw;
-use crate::newton::{MAX_SPEEDS, Row};
+use crate::newton::{MAX_SPEEDS, VelocityVector};
 use arrayvec::ArrayVec;
 use hapfic_messages::MAX_JOINTS;
 use nalgebra::{Matrix3, Vector3};
@@ -47,20 +47,20 @@ impl Point {
 
     /// Speeds at the point.
     #[inline]
-    pub(crate) fn speeds(&self, v: &Row) -> Vector3<f64> {
+    pub(crate) fn speeds(&self, v: &VelocityVector) -> Vector3<f64> {
         self.columns.iter().fold(Vector3::zeros(), |sum, column| sum + column.by * v[column.index])
     }
 
     /// `residual -= J^T impulse`.
     #[inline]
-    pub(crate) fn pull(&self, impulse: &Vector3<f64>, residual: &mut Row) {
+    pub(crate) fn apply_jacobian_transpose(&self, impulse: &Vector3<f64>, residual: &mut VelocityVector) {
         for column in &self.columns {
             residual[column.index] -= column.by.dot(impulse);
         }
     }
 
     /// `matrix += J^T K J`, in the lower triangle; K is symmetric.
-    pub(crate) fn stiffen(&self, k: &Matrix3<f64>, matrix: &mut [Row; MAX_SPEEDS]) {
+    pub(crate) fn add_stiffness(&self, k: &Matrix3<f64>, matrix: &mut [VelocityVector; MAX_SPEEDS]) {
         for (place, column) in self.columns.iter().enumerate() {
             let force = k * column.by;
             let row = &mut matrix[column.index];

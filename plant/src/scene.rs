@@ -1,11 +1,11 @@
 //! The bodies of the world, their shapes, and which of them may touch.
 
+use crate::collider::{Body, Collider, Places};
 use crate::contact_law::ContactLaw;
+use crate::contact_point::{ContactPoint, ContactShape, Finder};
 use crate::error::PlantError;
 use crate::object::FreeBody;
-use crate::placed::{Carrier, Places, Side};
-use crate::touch::{Finder, Form, Touch};
-use crate::watch::Watch;
+use crate::pair_cache::PairCache;
 use hapfic_config::{Object, ObjectShape, Settings, Surface};
 use hapfic_robot::{Chain, Collision, Kinematics, Shape};
 use nalgebra::Isometry3;
@@ -21,8 +21,8 @@ const SAME: f64 = 1e-9;
 /// Two shapes that may touch. The force on `body` is the normal force along the normal; `against` feels the opposite.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Pair {
-    pub(crate) body: Side,
-    pub(crate) against: Side,
+    pub(crate) body: Collider,
+    pub(crate) against: Collider,
     pub(crate) law: ContactLaw,
     /// Whether the force sensor at the tip feels it.
     pub(crate) sensed: bool,
@@ -33,12 +33,12 @@ pub(crate) struct Pair {
 impl Pair {
     /// Whether it depends on where the leg is.
     pub(crate) fn has_link(&self) -> bool {
-        matches!(self.body.carrier, Carrier::Link(_))
+        matches!(self.body.carrier, Body::Link(_))
     }
 
     /// Whether a free body takes part.
     pub(crate) fn has_object(&self) -> bool {
-        [self.body, self.against].iter().any(|side| matches!(side.carrier, Carrier::Object(_)))
+        [self.body, self.against].iter().any(|side| matches!(side.carrier, Body::Object(_)))
     }
 }
 
@@ -48,35 +48,35 @@ pub(crate) struct Scene {
     pub(crate) chain: Chain,
     pub(crate) names: Vec<String>,
     pub(crate) pairs: Vec<Pair>,
-    sides: Vec<Side>,
+    sides: Vec<Collider>,
     places: Places,
-    watches: Vec<Watch>,
+    watches: Vec<PairCache>,
     finder: Finder,
 }
 
 /// A contact point with its pair.
-pub(crate) type Found = Vec<(usize, Touch)>;
+pub(crate) type Contacts = Vec<(usize, ContactPoint)>;
 
 /// URDF's cylinder as the largest capsule in it.
-fn inscribed(radius: f64, length: f64) -> Form {
+fn inscribed(radius: f64, length: f64) -> ContactShape {
     let radius = radius.min(0.5 * length);
     let half = 0.5 * length - radius;
-    if half > 0.0 { Form::capsule(-half, half, radius) } else { Form::Ball(Ball::new(radius)) }
+    if half > 0.0 { ContactShape::capsule(-half, half, radius) } else { ContactShape::Ball(Ball::new(radius)) }
 }
 
-fn form(shape: &Shape) -> Form {
+fn form(shape: &Shape) -> ContactShape {
     match *shape {
-        Shape::Sphere { radius } => Form::Ball(Ball::new(radius)),
+        Shape::Sphere { radius } => ContactShape::Ball(Ball::new(radius)),
         Shape::Cylinder { radius, length } => inscribed(radius, length),
-        Shape::Capsule { radius, length } => Form::capsule(-0.5 * length, 0.5 * length, radius),
-        Shape::Box { size } => Form::Box(Cuboid::new(Vector::new(0.5 * size[0], 0.5 * size[1], 0.5 * size[2]))),
+        Shape::Capsule { radius, length } => ContactShape::capsule(-0.5 * length, 0.5 * length, radius),
+        Shape::Box { size } => ContactShape::Box(Cuboid::new(Vector::new(0.5 * size[0], 0.5 * size[1], 0.5 * size[2]))),
     }
 }
 
 /// The same on a soft body: a cylinder's axis then goes from end to end, so that the shank's reaches into the foot.
-fn form_on_soft(shape: &Shape) -> Form {
+fn form_on_soft(shape: &Shape) -> ContactShape {
     match *shape {
-        Shape::Cylinder { radius, length } => Form::capsule(-0.5 * length, 0.5 * length, radius),
+        Shape::Cylinder { radius, length } => ContactShape::capsule(-0.5 * length, 0.5 * length, radius),
         _ => form(shape),
     }
 }
@@ -106,7 +106,7 @@ fn meet(a: &Surface, b: &Surface) -> ContactLaw {
 
 /// Something that is not the robot, and its surface.
 struct Thing<'a> {
-    side: Side,
+    side: Collider,
     surface: &'a Surface,
 }
 
@@ -126,8 +126,8 @@ impl Scene {
         let mut things = Vec::new();
         if let Some(floor) = &settings.world.floor {
             let local = Isometry3::translation(0.0, 0.0, floor.height_m);
-            let form = Form::HalfSpace(HalfSpace::new(Vector::Z));
-            things.push(Thing { side: scene.side(Carrier::World, form, local, "floor")?, surface: &floor.surface });
+            let form = ContactShape::HalfSpace(HalfSpace::new(Vector::Z));
+            things.push(Thing { side: scene.side(Body::World, form, local, "floor")?, surface: &floor.surface });
         }
         for (index, object) in settings.world.objects.iter().enumerate() {
             things.push(scene.object(index, object)?);
@@ -145,7 +145,7 @@ impl Scene {
             }
         }
         scene.places = Places::new(scene.sides.len());
-        scene.watches = vec![Watch::new(); scene.pairs.len()];
+        scene.watches = vec![PairCache::new(); scene.pairs.len()];
         Ok(scene)
     }
 
@@ -153,8 +153,8 @@ impl Scene {
         collision.link == self.chain.tip_link()
     }
 
-    fn side(&mut self, carrier: Carrier, form: Form, local: Isometry3<f64>, name: &str) -> Result<Side, PlantError> {
-        if !matches!(carrier, Carrier::Link(_)) && self.names.iter().any(|n| n == name) {
+    fn side(&mut self, carrier: Body, form: ContactShape, local: Isometry3<f64>, name: &str) -> Result<Collider, PlantError> {
+        if !matches!(carrier, Body::Link(_)) && self.names.iter().any(|n| n == name) {
             return Err(PlantError::Name { name: name.to_owned() });
         }
         // A link may have several shapes, and one name.
@@ -162,16 +162,16 @@ impl Scene {
             self.names.push(name.to_owned());
             self.names.len() - 1
         });
-        Ok(self.keep(Side::new(carrier, form, local, index, self.sides.len())))
+        Ok(self.keep(Collider::new(carrier, form, local, index, self.sides.len())))
     }
 
-    fn keep(&mut self, side: Side) -> Side {
+    fn keep(&mut self, side: Collider) -> Collider {
         self.sides.push(side);
         side
     }
 
     /// The moving shapes of the robot, feet first.
-    fn limbs(&mut self) -> Result<Vec<(Side, Collision)>, PlantError> {
+    fn limbs(&mut self) -> Result<Vec<(Collider, Collision)>, PlantError> {
         let mut collisions: Vec<Collision> = self.chain.collisions().to_vec();
         collisions.sort_by_key(|c| !self.is_foot(c));
         let mut limbs = Vec::new();
@@ -181,7 +181,7 @@ impl Scene {
             if self.is_foot(&collision) && !matches!(collision.shape, Shape::Sphere { .. }) {
                 return Err(PlantError::FootShape { link: collision.link.clone(), shape: collision.shape });
             }
-            let side = self.side(Carrier::Link(body), form(&collision.shape), collision.origin, &collision.link)?;
+            let side = self.side(Body::Link(body), form(&collision.shape), collision.origin, &collision.link)?;
             limbs.push((side, collision));
         }
         Ok(limbs)
@@ -190,13 +190,13 @@ impl Scene {
     fn object<'a>(&mut self, index: usize, object: &'a Object) -> Result<Thing<'a>, PlantError> {
         let form = match object.shape {
             ObjectShape::Box { size_m } => form(&Shape::Box { size: size_m }),
-            ObjectShape::Ball { radius_m } => Form::Ball(Ball::new(radius_m)),
+            ObjectShape::Ball { radius_m } => ContactShape::Ball(Ball::new(radius_m)),
         };
-        let side = self.side(Carrier::Object(index), form, Isometry3::identity(), &object.name)?;
+        let side = self.side(Body::Object(index), form, Isometry3::identity(), &object.name)?;
         Ok(Thing { side, surface: &object.surface })
     }
 
-    fn pair_with_limbs(&mut self, limbs: &[(Side, Collision)], thing: &Thing) {
+    fn pair_with_limbs(&mut self, limbs: &[(Collider, Collision)], thing: &Thing) {
         let law = law(thing.surface);
         let mut foot = None;
         for (side, collision) in limbs {
@@ -229,7 +229,7 @@ impl Scene {
     }
 
     /// Where the sides of a pair touch, as far as their gap is below `reach`, m.
-    pub(crate) fn touch(&mut self, index: usize, objects: &[FreeBody], reach: f64) -> impl Iterator<Item = &Touch> {
+    pub(crate) fn touch(&mut self, index: usize, objects: &[FreeBody], reach: f64) -> impl Iterator<Item = &ContactPoint> {
         let Pair { body, against, .. } = &self.pairs[index];
         let (at, to) = (self.places.of(body), self.places.of(against));
         let watch = &mut self.watches[index];
@@ -238,7 +238,7 @@ impl Scene {
     }
 
     /// All contact points of the pairs that `choose` wants, as far as their gap is below what it returns, m.
-    pub(crate) fn find(&mut self, objects: &[FreeBody], choose: impl Fn(&Self, usize) -> Option<f64>, found: &mut Found) {
+    pub(crate) fn find(&mut self, objects: &[FreeBody], choose: impl Fn(&Self, usize) -> Option<f64>, found: &mut Contacts) {
         found.clear();
         for index in 0..self.pairs.len() {
             let Some(reach) = choose(self, index) else { continue };

@@ -5,11 +5,11 @@
 //! (`press.rs`, [`crate::newton`]). A leg in the air keeps its long sub-steps while an object lies on the floor.
 
 use crate::account::{Account, Advance};
+use crate::contact_step::{ConstraintSource, StepScope};
 use crate::newton::{MAX_POINTS, Newton, PointForce};
 use crate::object::FreeBody;
 use crate::point::Point;
-use crate::press::{Owner, Taking};
-use crate::scene::{Found, Scene};
+use crate::scene::{Contacts, Scene};
 use hapfic_robot::{JointVector, Kinematics, MAX_JOINTS};
 use nalgebra::Vector3;
 
@@ -54,8 +54,8 @@ pub struct World {
     pub(crate) newton: Newton,
     pub(crate) points: Vec<Point>,
     pub(crate) forces: Vec<PointForce>,
-    pub(crate) owners: Vec<Owner>,
-    pub(crate) found: Found,
+    pub(crate) owners: Vec<ConstraintSource>,
+    pub(crate) found: Contacts,
     pub(crate) account: Account,
     pub(crate) contact_work: f64,
 }
@@ -74,7 +74,7 @@ impl World {
             newton: Newton::new(scene.chain.dof()),
             account: Account::new(scene.pairs.len()),
             // Room for every point of every pair, so that no sub-step asks for memory.
-            found: Found::with_capacity(scene.pairs.len() * crate::touch::MAX_TOUCHES),
+            found: Contacts::with_capacity(scene.pairs.len() * crate::contact_point::MAX_TOUCHES),
             scene,
             q,
             qd: [0.0; MAX_JOINTS],
@@ -152,14 +152,14 @@ impl World {
             let kin = self.kinematics();
             self.place(&kin);
             let flight = left.min(self.substeps.flight_us);
-            if self.leg_is_clear(seconds(flight)) && self.is_slow(&kin, &damping, seconds(flight)) {
+            if self.leg_is_clear(seconds(flight)) && self.is_explicit_stable(&kin, &damping, seconds(flight)) {
                 self.account.physics.substeps += 1;
-                self.move_objects(Taking::Objects, &kin, flight);
-                self.fly(&kin, &torque, &damping, seconds(flight));
+                self.move_objects(StepScope::Objects, &kin, flight);
+                self.free_step(&kin, &torque, &damping, seconds(flight));
                 left -= flight;
             } else {
                 let step = left.min(self.substeps.contact_us);
-                self.press(Taking::All, &kin, &torque, &damping, seconds(step));
+                self.press(StepScope::All, &kin, &torque, &damping, seconds(step));
                 left -= step;
             }
         }
@@ -176,14 +176,14 @@ impl World {
         self.qd = [0.0; MAX_JOINTS];
         let kin = self.kinematics();
         self.account.physics.substeps = 1;
-        self.move_objects(Taking::ObjectsAndHeldLeg, &kin, duration_us);
+        self.move_objects(StepScope::ObjectsAndHeldLeg, &kin, duration_us);
         self.place(&kin);
         self.read_held_contact(seconds(duration_us));
         self.account.finish(&self.scene.pairs, seconds(duration_us))
     }
 
     /// Moves the objects alone.
-    fn move_objects(&mut self, taking: Taking, kin: &Kinematics, duration_us: u32) {
+    fn move_objects(&mut self, taking: StepScope, kin: &Kinematics, duration_us: u32) {
         if self.objects.is_empty() {
             return;
         }
@@ -193,10 +193,10 @@ impl World {
             let flight = left.min(self.substeps.flight_us);
             self.place(kin);
             let clear =
-                self.objects_are_clear(seconds(flight)) && (taking == Taking::Objects || self.leg_is_clear(seconds(flight)));
+                self.objects_are_clear(seconds(flight)) && (taking == StepScope::Objects || self.leg_is_clear(seconds(flight)));
             if clear {
                 for body in &mut self.objects {
-                    body.fly(&self.gravity, seconds(flight));
+                    body.free_step(&self.gravity, seconds(flight));
                 }
                 left -= flight;
             } else {

@@ -3,7 +3,7 @@
 use crate::notify::Notify;
 use anyhow::{Context, Result};
 use hapfic_config::{Processes, Settings};
-use hapfic_ipc::{RunFile, Start};
+use hapfic_ipc::{ProcessStart, RunFile};
 use hapfic_messages::Process;
 use rustix::event::{PollFd, PollFlags, poll};
 use rustix::process::{Pid, PidfdFlags, Signal, kill_process_group, pidfd_open};
@@ -34,7 +34,7 @@ impl Child {
     ///
     /// # Errors
     /// If the program cannot be started.
-    pub fn start(process: Process, settings: &Settings, run_file: &Path, start: Start) -> Result<Self> {
+    pub fn start(process: Process, settings: &Settings, run_file: &Path, start: ProcessStart) -> Result<Self> {
         let mut command = this_program()?;
         command.arg("process").arg(process.name());
         if let Some(words) = foreign(&settings.processes, process) {
@@ -159,7 +159,7 @@ pub fn describe(status: ExitStatus) -> String {
 /// Waits until one of some processes ends, or the time is up.
 pub fn watch<'a>(children: impl Iterator<Item = &'a Child>, timeout: Duration) {
     let mut fds: Vec<_> = children.filter(|c| c.ended.is_none()).map(|c| PollFd::new(&c.handle, PollFlags::IN)).collect();
-    // Interrupted by a signal is as good as timed out: the caller looks at everything anyway.
+    // Interrupted by a signal is as good as times out: the caller looks at everything anyway.
     let _ = poll(&mut fds, Some(&hapfic_ipc::clock::timespec(timeout.as_nanos() as u64)));
 }
 

@@ -1,21 +1,21 @@
-//! One run from start to end: everything checked first, then started, watched, ended, and removed.
+//! One run from start to end: everything checked first, then started, polled, ended, and removed.
 
 use crate::children;
 use crate::notify::Notify;
 use crate::operator::{self, Served};
 use crate::privileges::{self, Cores};
 use crate::recorder::{self, Recorder};
-use crate::registry::Place;
-use crate::request::Request;
-use crate::summary::{Fault, Losses, Recorder as RecorderSummary, Run, Summary};
-use crate::watch::{self, Begin, Timed, Watch};
+use crate::registry::RunDirectory;
+use crate::request::RunRequest;
+use crate::summary::{Losses, RecorderSummary, Run, RunFault, Summary};
+use crate::watch::{self, RunTimes, Watch, WatchStart};
 use anyhow::{Context, Result};
 use hapfic_gate::Limits;
-use hapfic_gate::parameter_schedule::Timeline;
+use hapfic_gate::parameter_schedule::ParameterSchedule;
 use hapfic_gate::torque_check::TorqueCheck;
-use hapfic_gate_process::shared_status::Live;
-use hapfic_gate_process::{Gateway, Start as GateStart};
-use hapfic_ipc::realtime::{BringIn, IdleHold, Wish};
+use hapfic_gate_process::shared_status::SharedStatus;
+use hapfic_gate_process::{GateNode, GateStart};
+use hapfic_ipc::realtime::{CpuLatencyGuard, Prefault, SchedRequest};
 use hapfic_ipc::{Bus, Domain, IpcError, RunFile, topic};
 use hapfic_log::{RunLog, Viewer, Writer, scene};
 use hapfic_messages::{Clock, RealtimeMode};
@@ -34,7 +34,7 @@ pub struct Refused(pub anyhow::Error);
 ///
 /// # Errors
 /// `Ok(Err(Refused))` if it cannot be started as asked; `Err` if the machinery fails.
-pub fn run(request: &Request) -> Result<Result<Summary, Refused>> {
+pub fn run(request: &RunRequest) -> Result<Result<Summary, Refused>> {
     let prepared = match Prepared::new(request) {
         Ok(prepared) => prepared,
         Err(e) => return Ok(Err(Refused(e))),
@@ -44,7 +44,7 @@ pub fn run(request: &Request) -> Result<Result<Summary, Refused>> {
 
 /// Everything that can fail because of what was asked for, done.
 struct Prepared {
-    place: Place,
+    place: RunDirectory,
     plant: Plant,
     writer: Writer,
     viewer: Viewer,
@@ -52,7 +52,7 @@ struct Prepared {
 }
 
 impl Prepared {
-    fn new(request: &Request) -> Result<Self> {
+    fn new(request: &RunRequest) -> Result<Self> {
         let settings = &request.settings;
         let plant = Plant::new(settings)?;
         privileges::require(settings, request.clock, request.realtime)?;
@@ -60,7 +60,7 @@ impl Prepared {
             children::find_program(&settings.processes, *process)?;
         }
         watch::check_faults(&settings.faults, &request.log, settings.supervisor.standby)?;
-        let place = Place::take(&request.scenario, &request.log)?;
+        let place = RunDirectory::take(&request.scenario, &request.log)?;
         // Before this run's log is made: it may be the same file.
         place.orphaned_logs().iter().for_each(|log| recover_orphan(log));
         let start_unix_ns = if request.clock == Clock::Realtime { hapfic_ipc::clock::unix_ns() } else { 0 };
@@ -76,11 +76,11 @@ impl Prepared {
         Ok(Self { place, plant, writer, viewer, stop })
     }
 
-    fn run(self, request: &Request) -> Result<Summary> {
+    fn run(self, request: &RunRequest) -> Result<Summary> {
         let Self { place, plant, writer, viewer, stop } = self;
         let settings = &request.settings;
         hapfic_ipc::service::quiet();
-        let domain = Domain::new(&place.prefix(), &place.root())?.hasty(request.clock);
+        let domain = Domain::new(&place.prefix(), &place.root())?.with_short_timeouts(request.clock);
         let realtime = request.clock == Clock::Realtime && request.realtime != RealtimeMode::Off;
         let fifo = realtime && hapfic_ipc::realtime::may_fifo(settings.realtime.priority_plant as i32);
         let cores = Cores::new(&settings.realtime, place.others(), fifo);
@@ -100,18 +100,18 @@ impl Prepared {
         }
         .write(&run_file)?;
         if realtime {
-            hapfic_ipc::realtime::lock_memory(BringIn::All);
+            hapfic_ipc::realtime::lock_memory(Prefault::All);
         }
         // Without it a tick is held up some time.
-        let _ = hapfic_ipc::realtime::make_room_for_files(FILES);
+        let _ = hapfic_ipc::realtime::reserve_fd_table(FILES);
         // First of all, and until the end: a service whose maker dies while making it can be lost for good.
         let bus = Bus::open(&domain, "supervisor")?;
         place.close_to_others()?;
-        let _services = hold_all(&bus)?;
-        let _idle = if realtime { IdleHold::take() } else { None };
+        let _services = keep_all_alive(&bus)?;
+        let _idle = if realtime { CpuLatencyGuard::take() } else { None };
 
-        let live = Arc::new(Live::new());
-        let recorder = Recorder::start(recorder::Start {
+        let shared = Arc::new(SharedStatus::new());
+        let recorder = Recorder::start(recorder::RecorderStart {
             domain: domain.clone(),
             clock: request.clock,
             credit_ticks: settings.supervisor.credit_ticks,
@@ -120,14 +120,14 @@ impl Prepared {
             chain: plant.chain().clone(),
             flush_every: Duration::from_millis(settings.recorder.flush_ms.into()),
             log: request.log.clone(),
-            live: Arc::clone(&live),
+            shared: Arc::clone(&shared),
         })?;
         let here = plant.sample().foot_position;
-        let (desk, hatch) = hapfic_gate_process::change_exchange::exchange();
+        let (change_client, change_server) = hapfic_gate_process::change_exchange::exchange();
         let (inject, asked) = std::sync::mpsc::channel();
         let notify = Notify::from_env();
         // Before the gate, so that its failure leaves nobody behind.
-        let _served = Served::start(operator::Start {
+        let _served = Served::start(operator::OperatorServerStart {
             domain: domain.clone(),
             run: place.prefix().trim_end_matches('_').to_owned(),
             scenario: request.scenario.clone(),
@@ -138,32 +138,32 @@ impl Prepared {
                 target_position: settings.initial.target_position.or(Some(here)),
                 ..settings.initial
             },
-            desk,
+            change_client,
             inject,
             standby: settings.supervisor.standby,
-            live: Arc::clone(&live),
+            shared: Arc::clone(&shared),
         })?;
         let gate = start_gate(GateStart {
             domain,
             clock: request.clock,
             limits: Limits::new(settings, plant.chain()),
             torque: TorqueCheck::new(plant.chain().clone(), settings.world.gravity_m_per_s2),
-            timeline: Timeline::new(settings, here),
+            schedule: ParameterSchedule::new(settings, here),
             ticks: settings.duration_ticks as i64,
             deadline: Duration::from_micros(settings.supervisor.deadline_us.into()),
-            wish: realtime.then(|| Wish::new(settings.realtime.priority_gate, cores.gate)),
-            alarm: realtime.then(|| Wish::new(settings.realtime.priority_gate, cores.reserve)),
-            look_out_us: if cores.gate_looks_out { settings.realtime.look_out_us } else { 0 },
-            understudy: cores.understudy.map(|core| Wish::new(settings.realtime.priority_gate, Some(core))),
-            hatch,
-            live: Arc::clone(&live),
+            wish: realtime.then(|| SchedRequest::new(settings.realtime.priority_gate, cores.gate)),
+            deadline_timer: realtime.then(|| SchedRequest::new(settings.realtime.priority_gate, cores.reserve)),
+            busy_poll_lead_us: if cores.gate_busy_polls { settings.realtime.busy_poll_lead_us } else { 0 },
+            spare: cores.spare.map(|core| SchedRequest::new(settings.realtime.priority_gate, Some(core))),
+            change_server,
+            shared: Arc::clone(&shared),
         })?;
 
         let mut watch = Watch::open(
             &bus,
-            Begin {
+            WatchStart {
                 request,
-                live: Arc::clone(&live),
+                shared: Arc::clone(&shared),
                 gate,
                 recorder: &recorder,
                 stop,
@@ -173,19 +173,19 @@ impl Prepared {
                 notify: &notify,
             },
         )?;
-        let timed = match watch.start_and_follow() {
-            Ok(timed) => timed,
+        let times = match watch.start_and_follow() {
+            Ok(times) => times,
             // From here on nothing may end without ending everyone.
             Err(e) => {
                 watch.fault("supervisor", format!("{e:#}"), "start");
-                Timed::default()
+                RunTimes::default()
             }
         };
-        watch.end(timed.completed)?;
+        watch.end(times.completed)?;
         let faults = std::mem::take(&mut watch.faults);
         let losses = watch.losses();
         drop(watch);
-        Ok(summarise(request, timed, faults, losses, recorder))
+        Ok(summarise(request, times, faults, losses, recorder))
     }
 }
 
@@ -213,25 +213,28 @@ fn recover_orphan(log: &Path) {
 }
 
 fn start_gate(start: GateStart) -> Result<JoinHandle<Result<(), IpcError>>> {
-    std::thread::Builder::new().name("hapfic-gate".to_owned()).spawn(move || Gateway::run(start)).context("cannot start the gate")
+    std::thread::Builder::new()
+        .name("hapfic-gate".to_owned())
+        .spawn(move || GateNode::run(start))
+        .context("cannot start the gate")
 }
 
-fn hold_all(bus: &Bus) -> Result<Vec<Box<dyn std::any::Any>>> {
+fn keep_all_alive(bus: &Bus) -> Result<Vec<Box<dyn std::any::Any>>> {
     Ok(vec![
-        bus.hold(&topic::STATE)?,
-        bus.hold(&topic::REFERENCE)?,
-        bus.hold(&topic::REQUEST)?,
-        bus.hold(&topic::COMMAND)?,
-        bus.hold(&topic::OPERATOR)?,
-        bus.hold(&topic::EVENT)?,
-        bus.hold(&topic::TIMING)?,
-        bus.hold(&topic::CREDIT)?,
-        bus.hold(&topic::INJECTION)?,
-        hapfic_ipc::service::hold(bus)?,
+        bus.keep_alive(&topic::STATE)?,
+        bus.keep_alive(&topic::REFERENCE)?,
+        bus.keep_alive(&topic::REQUEST)?,
+        bus.keep_alive(&topic::COMMAND)?,
+        bus.keep_alive(&topic::OPERATOR)?,
+        bus.keep_alive(&topic::EVENT)?,
+        bus.keep_alive(&topic::TIMING)?,
+        bus.keep_alive(&topic::CREDIT)?,
+        bus.keep_alive(&topic::INJECTION)?,
+        hapfic_ipc::service::keep_alive(bus)?,
     ])
 }
 
-fn run_log<'a>(request: &'a Request, plant: &'a Plant, start_unix_ns: u64) -> RunLog<'a> {
+fn run_log<'a>(request: &'a RunRequest, plant: &'a Plant, start_unix_ns: u64) -> RunLog<'a> {
     RunLog {
         path: &request.log,
         scenario: &request.scenario,
@@ -243,12 +246,12 @@ fn run_log<'a>(request: &'a Request, plant: &'a Plant, start_unix_ns: u64) -> Ru
     }
 }
 
-fn summarise(request: &Request, timed: Timed, mut faults: Vec<Fault>, losses: Losses, recorder: Recorder) -> Summary {
+fn summarise(request: &RunRequest, times: RunTimes, mut faults: Vec<RunFault>, losses: Losses, recorder: Recorder) -> Summary {
     let (recorded, incidents, error) = recorder.finish();
-    let mut completed = timed.completed && faults.is_empty();
+    let mut completed = times.completed && faults.is_empty();
     if let Some(error) = error {
         completed = false;
-        faults.push(Fault {
+        faults.push(RunFault {
             process: "recorder".to_owned(),
             what: error,
             detector: "recorder",
@@ -258,24 +261,24 @@ fn summarise(request: &Request, timed: Timed, mut faults: Vec<Fault>, losses: Lo
     if completed && recorded.is_some_and(|r| !r.active) {
         completed = false;
         let what = "made no request that could be used, in the whole run".to_owned();
-        faults.push(Fault { process: "controller".to_owned(), what, detector: "tick", tick: -1 });
+        faults.push(RunFault { process: "controller".to_owned(), what, detector: "tick", tick: -1 });
     }
     let metrics = recorded.map(|r| r.metrics).unwrap_or_default();
     let run = Run {
         scenario: request.scenario.clone(),
         clock: request.clock.name(),
-        wall_s: timed.wall_s,
-        launch_s: timed.launch_s,
+        wall_s: times.wall_s,
+        launch_s: times.launch_s,
         completed,
-        steal_ms: timed.steal_ms,
-        stood_in: timed.stood_in,
+        steal_ms: times.steal_ms,
+        spare_ticks: times.spare_ticks,
         losses,
         incidents,
         faults,
         log: request.log.clone(),
     };
     let mut lost = metrics.ticks.lost;
-    if timed.completed && metrics.ticks.last.is_some() {
+    if times.completed && metrics.ticks.last.is_some() {
         // The gaps, and what is missing at the start and at the end.
         let written: u64 = recorded.map_or(0, |r| r.ticks.iter().sum());
         lost = (2 * request.settings.duration_ticks).saturating_sub(written);

@@ -16,7 +16,7 @@ mod request;
 pub mod summary;
 pub mod watch;
 
-pub use request::Request;
+pub use request::RunRequest;
 
 /// Writes a line to standard error. A reader that has gone away is no reason to fail.
 pub fn say(text: &str) {

@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 /// How long a service manager that does not take its messages may hold up the caller.
-const PATIENCE: Duration = Duration::from_millis(100);
+const TIMEOUT: Duration = Duration::from_millis(100);
 /// Signs of life in the time after which the service manager loses patience.
 const SIGNS: u32 = 3;
 
@@ -52,7 +52,7 @@ impl Notify {
             _ => return Err(io::Error::new(io::ErrorKind::InvalidInput, "neither a path from the root nor `@` and a name")),
         };
         let from = UnixDatagram::unbound()?;
-        from.set_write_timeout(Some(PATIENCE))?;
+        from.set_write_timeout(Some(TIMEOUT))?;
         Ok(Self::to(Some((from, address)), every))
     }
 

@@ -2,8 +2,8 @@
 
 use anyhow::{Result, bail};
 use hapfic_config::{Placement, Realtime, Settings};
-use hapfic_gate_process::shared_status::Live;
-use hapfic_ipc::realtime::{Granted, Privilege, privileges, reserve_core, shared_core};
+use hapfic_gate_process::shared_status::SharedStatus;
+use hapfic_ipc::realtime::{Privilege, SchedGrants, privileges, reserve_core, shared_core};
 use hapfic_messages::{Clock, Process, RealtimeMode};
 use std::fmt::Write;
 
@@ -35,15 +35,15 @@ pub struct Cores {
     /// Of the gate.
     pub gate: Option<u32>,
     /// Whether the gate may look out for requests: it has a core on which it keeps neither plant nor controller from the processor.
-    pub gate_looks_out: bool,
-    /// Of the gate's understudy, where the gate looks out: the core of the controller, who calls it.
-    pub understudy: Option<u32>,
+    pub gate_busy_polls: bool,
+    /// Of the gate's spare, where the gate looks out: the core of the controller, who calls it.
+    pub spare: Option<u32>,
 }
 
 impl Cores {
     /// Of the `others + 1`-th run on this machine; `fifo`: whether its threads can be real-time ones.
     ///
-    /// A gate that [looks out](hapfic_ipc::Foresight) for requests needs a core where neither plant nor controller are. So the first
+    /// A gate that [looks out](hapfic_ipc::ArrivalPredictor) for requests needs a core where neither plant nor controller are. So the first
     /// runs have two cores each; a gate of a further one sleeps on the core of all, where it is woken soonest.
     #[must_use]
     pub fn new(wanted: &Realtime, others: usize, fifo: bool) -> Self {
@@ -54,12 +54,12 @@ impl Cores {
         };
         let waited_for = [wanted.core_plant, wanted.core_controller].map(|core| core.or(shared));
         let apart = |gate: Option<u32>| gate.is_some() && waited_for.iter().all(|core| core.is_some() && *core != gate);
-        let may = fifo && wanted.look_out_us > 0;
+        let may = fifo && wanted.busy_poll_lead_us > 0;
         let looks_out_there = may && paired && apart(reserve);
         let gate = wanted.core_gate.or(if looks_out_there { reserve } else { shared });
-        let gate_looks_out = may && paired && apart(gate);
-        let understudy = wanted.core_controller.or(shared).filter(|_| gate_looks_out);
-        Self { shared, reserve, gate, gate_looks_out, understudy }
+        let gate_busy_polls = may && paired && apart(gate);
+        let spare = wanted.core_controller.or(shared).filter(|_| gate_busy_polls);
+        Self { shared, reserve, gate, gate_busy_polls, spare }
     }
 }
 
@@ -78,14 +78,14 @@ fn place(others: usize, cores: usize) -> (usize, bool) {
 }
 
 /// A real-time thread and what it asks for.
-struct Row {
+struct PrivilegeRow {
     name: &'static str,
     process: Process,
     priority: u32,
     core: Option<u32>,
 }
 
-fn rows(settings: &Settings, cores: Cores) -> Vec<Row> {
+fn rows(settings: &Settings, cores: Cores) -> Vec<PrivilegeRow> {
     let rt = &settings.realtime;
     [
         ("plant", Process::Plant, rt.priority_plant, rt.core_plant),
@@ -96,23 +96,23 @@ fn rows(settings: &Settings, cores: Cores) -> Vec<Row> {
     ]
     .into_iter()
     .filter(|(_, process, ..)| *process != Process::Standby || settings.supervisor.standby)
-    .map(|(name, process, priority, core)| Row { name, process, priority, core: core.or(cores.shared) })
+    .map(|(name, process, priority, core)| PrivilegeRow { name, process, priority, core: core.or(cores.shared) })
     .collect()
 }
 
 /// What threads asked for and did not get: who, and what.
 #[must_use]
-pub fn missing(settings: &Settings, cores: Cores, live: &Live) -> Vec<(&'static str, String)> {
+pub fn missing(settings: &Settings, cores: Cores, shared: &SharedStatus) -> Vec<(&'static str, String)> {
     let mut missing = Vec::new();
     for row in rows(settings, cores) {
-        let granted = Granted(live.pulse(row.process).realtime());
-        if !granted.has(Granted::FIFO) {
+        let granted = SchedGrants(shared.heartbeat(row.process).realtime());
+        if !granted.has(SchedGrants::FIFO) {
             missing.push((row.name, format!("SCHED_FIFO at priority {}", row.priority)));
         }
-        if !granted.has(Granted::LOCKED) {
+        if !granted.has(SchedGrants::LOCKED) {
             missing.push((row.name, "its memory locked".to_owned()));
         }
-        if let Some(core) = row.core.filter(|_| !granted.has(Granted::PINNED)) {
+        if let Some(core) = row.core.filter(|_| !granted.has(SchedGrants::PINNED)) {
             missing.push((row.name, format!("core {core}")));
         }
     }
@@ -129,19 +129,19 @@ fn table(list: &[Privilege]) -> String {
 }
 
 /// Says in one table what the run got: the machine's side, and each process's.
-pub fn report(settings: &Settings, mode: RealtimeMode, cores: Cores, live: &Live) {
+pub fn report(settings: &Settings, mode: RealtimeMode, cores: Cores, shared: &SharedStatus) {
     let mut out = String::from("real time:");
     if mode == RealtimeMode::Off {
         out.push_str(" off, nothing asked for");
     } else {
         let _ = write!(out, "\n{}", table(&privileges(settings.realtime.priority_plant as i32)));
-        for Row { name, process, priority, core } in rows(settings, cores) {
-            let granted = Granted(live.pulse(process).realtime());
-            let fifo = if granted.has(Granted::FIFO) { format!("FIFO {priority}") } else { "not FIFO".to_owned() };
-            let memory = if granted.has(Granted::LOCKED) { "memory locked" } else { "memory not locked" };
+        for PrivilegeRow { name, process, priority, core } in rows(settings, cores) {
+            let granted = SchedGrants(shared.heartbeat(process).realtime());
+            let fifo = if granted.has(SchedGrants::FIFO) { format!("FIFO {priority}") } else { "not FIFO".to_owned() };
+            let memory = if granted.has(SchedGrants::LOCKED) { "memory locked" } else { "memory not locked" };
             let core = match core {
                 None => "any core".to_owned(),
-                Some(c) if granted.has(Granted::PINNED) => format!("core {c}"),
+                Some(c) if granted.has(SchedGrants::PINNED) => format!("core {c}"),
                 Some(c) => format!("NOT on core {c}"),
             };
             let _ = writeln!(out, "  {name:<14} {fifo}, {memory}, {core}");
@@ -168,18 +168,18 @@ mod tests {
     fn a_gate_that_is_not_apart_is_on_the_core_of_all() {
         let wanted = Settings::load("floor", &[]).map(|settings| settings.realtime);
         let Ok(wanted) = wanted else { panic!("floor is a scenario") };
-        let sleeping = Cores::new(&Realtime { look_out_us: 0, ..wanted }, 0, true);
-        assert_eq!((sleeping.gate, sleeping.gate_looks_out), (sleeping.shared, false));
+        let sleeping = Cores::new(&Realtime { busy_poll_lead_us: 0, ..wanted }, 0, true);
+        assert_eq!((sleeping.gate, sleeping.gate_busy_polls), (sleeping.shared, false));
         assert_eq!(Cores::new(&wanted, 0, false).gate, sleeping.shared, "without privileges");
         let there = Cores::new(&Realtime { core_controller: sleeping.reserve, ..wanted }, 0, true);
-        assert_eq!((there.gate, there.gate_looks_out, there.understudy), (sleeping.shared, false, None));
+        assert_eq!((there.gate, there.gate_busy_polls, there.spare), (sleeping.shared, false, None));
         let default = Cores::new(&wanted, 0, true);
-        assert_eq!(default.gate_looks_out, default.reserve != default.shared);
-        assert_eq!(default.gate, if default.gate_looks_out { default.reserve } else { default.shared });
-        assert_eq!(default.understudy, default.shared.filter(|_| default.gate_looks_out));
+        assert_eq!(default.gate_busy_polls, default.reserve != default.shared);
+        assert_eq!(default.gate, if default.gate_busy_polls { default.reserve } else { default.shared });
+        assert_eq!(default.spare, default.shared.filter(|_| default.gate_busy_polls));
         let swapped = Realtime { core_plant: default.reserve, core_controller: default.reserve, ..wanted };
         let swapped = Cores::new(&Realtime { core_gate: default.shared, ..swapped }, 0, true);
-        assert!(!swapped.gate_looks_out || swapped.understudy == default.reserve, "where the controller is");
+        assert!(!swapped.gate_busy_polls || swapped.spare == default.reserve, "where the controller is");
         let free = Cores::new(&Realtime { placement: Placement::Free, ..wanted }, 0, true);
         assert_eq!(free, Cores::default());
     }

@@ -1,6 +1,6 @@
 //! The progress line, on a terminal only.
 
-use hapfic_gate_process::shared_status::Glance;
+use hapfic_gate_process::shared_status::StatusSnapshot;
 use std::io::{IsTerminal, Write};
 use std::time::{Duration, Instant};
 
@@ -23,25 +23,25 @@ impl Progress {
     }
 
     /// Draws the line, if there is a terminal and it is time to.
-    pub fn show(&mut self, glance: &Glance) {
+    pub fn show(&mut self, snapshot: &StatusSnapshot) {
         // Before the first tick there is nothing to show.
-        if !self.terminal || *glance == Glance::default() || self.drawn.is_some_and(|t| t.elapsed() < DRAW_EVERY) {
+        if !self.terminal || *snapshot == StatusSnapshot::default() || self.drawn.is_some_and(|t| t.elapsed() < DRAW_EVERY) {
             return;
         }
         self.drawn = Some(Instant::now());
         let width = 24;
-        let done = ((glance.time_s / self.duration_s).clamp(0.0, 1.0) * f64::from(width)) as usize;
-        let [x, y, z] = glance.foot_position.map(|v| v * 1e3);
+        let done = ((snapshot.time_s / self.duration_s).clamp(0.0, 1.0) * f64::from(width)) as usize;
+        let [x, y, z] = snapshot.foot_position.map(|v| v * 1e3);
         let line = format!(
             "[{}{}] {:6.2} / {:.0} s  foot {x:6.1} {y:6.1} {z:6.1} mm  F_z {:6.1} of {:5.1} N  missed {}  late {}",
             "=".repeat(done),
             " ".repeat(width as usize - done),
-            glance.time_s,
+            snapshot.time_s,
             self.duration_s,
-            glance.foot_force[2],
-            glance.desired_force[2],
-            glance.missed,
-            glance.late,
+            snapshot.foot_force[2],
+            snapshot.desired_force[2],
+            snapshot.missed,
+            snapshot.late,
         );
         // A terminal that has gone away is no reason to stop.
         let _ = write!(std::io::stderr(), "\r\x1b[2K{line}");

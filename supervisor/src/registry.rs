@@ -21,7 +21,7 @@ const END_PATIENCE_NS: u64 = 1_000_000_000;
 const SHM: &str = "/dev/shm";
 /// How long a lock may outlive its supervisor, and how often it is looked at.
 const LOCK_PATIENCE: Duration = Duration::from_secs(1);
-const LOOK_EVERY: Duration = Duration::from_millis(1);
+const POLL_INTERVAL: Duration = Duration::from_millis(1);
 
 /// What others may know of a run.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -97,7 +97,7 @@ fn is_alive(path: &Path) -> bool {
 
 /// A run's place; removed with everything in it when dropped.
 #[derive(Debug)]
-pub struct Place {
+pub struct RunDirectory {
     run: String,
     file: PathBuf,
     others: usize,
@@ -106,7 +106,7 @@ pub struct Place {
     _registration: File,
 }
 
-impl Place {
+impl RunDirectory {
     /// Makes a place that no other run has, and registers it.
     ///
     /// # Errors
@@ -115,7 +115,7 @@ impl Place {
         let folder = runtime_folder()?;
         // One start or end at a time, so that none takes another's half-made registration for a dead run's.
         let turn = Turn::take(&folder)?;
-        let (others, orphaned_logs) = sweep(&folder);
+        let (others, orphaned_logs) = clean_up(&folder);
         let mut salt = hapfic_ipc::clock::unix_ns();
         loop {
             // Short: a Unix socket's path has 108 bytes, and iceoryx2 needs most of them.
@@ -199,7 +199,7 @@ impl Place {
     }
 }
 
-impl Drop for Place {
+impl Drop for RunDirectory {
     fn drop(&mut self) {
         let Some(folder) = self.file.parent() else { return };
         // In turn: whoever is about to ask this run something must not make anything here after it has been removed. Without its
@@ -297,7 +297,7 @@ fn is_ours(folder: &Path) -> Result<bool> {
 }
 
 /// Removes what dead runs have left. Returns how many are alive, and the logs of the dead.
-fn sweep(folder: &Path) -> (usize, Vec<PathBuf>) {
+fn clean_up(folder: &Path) -> (usize, Vec<PathBuf>) {
     let Ok(entries) = fs::read_dir(folder) else { return (0, Vec::new()) };
     let (mut alive, mut logs) = (0, Vec::new());
     for path in entries.flatten().map(|e| e.path()) {
@@ -327,7 +327,7 @@ fn is_held(file: &File, path: &Path) -> bool {
         if registered.is_some_and(|registration| lives(registration.pid)) || begun.elapsed() > LOCK_PATIENCE {
             return true;
         }
-        std::thread::sleep(LOOK_EVERY);
+        std::thread::sleep(POLL_INTERVAL);
     }
     false
 }
@@ -387,13 +387,13 @@ mod tests {
 
     #[test]
     fn places_are_unique_and_leave_nothing() {
-        let (a, b) = (Place::take("floor", Path::new("a")).unwrap(), Place::take("floor", Path::new("b")).unwrap());
+        let (a, b) = (RunDirectory::take("floor", Path::new("a")).unwrap(), RunDirectory::take("floor", Path::new("b")).unwrap());
         assert_ne!(a.prefix(), b.prefix());
         let (root, file) = (a.root(), a.file.clone());
         assert!(Path::new(&root).is_dir() && file.is_file());
         fs::write(format!("{SHM}/{}remains", a.prefix()), "x").unwrap();
         // A third start must not take a living run for a dead one.
-        let c = Place::take("floor", Path::new("c")).unwrap();
+        let c = RunDirectory::take("floor", Path::new("c")).unwrap();
         assert!(Path::new(&root).is_dir());
         drop((a, c));
         assert!(!Path::new(&root).exists() && !file.exists());
@@ -409,7 +409,7 @@ mod tests {
         fs::write(folder.join(format!("{run}.json")), "{}").unwrap();
         fs::create_dir(format!("{SHM}/{run}")).unwrap();
         fs::write(format!("{SHM}/{run}_segment"), "x").unwrap();
-        let place = Place::take("floor", Path::new("a")).unwrap();
+        let place = RunDirectory::take("floor", Path::new("a")).unwrap();
         assert!(!Path::new(&format!("{SHM}/{run}")).exists());
         assert!(!Path::new(&format!("{SHM}/{run}_segment")).exists());
         drop(place);

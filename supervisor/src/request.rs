@@ -7,7 +7,7 @@ use std::time::Instant;
 
 /// What to run.
 #[derive(Clone, Debug)]
-pub struct Request {
+pub struct RunRequest {
     /// Name for messages and the log.
     pub scenario: String,
     /// The checked scenario.

@@ -41,7 +41,7 @@ pub struct Summary {
     /// By the wall clock.
     pub timing: Timing,
     /// The log.
-    pub recorder: Recorder,
+    pub recorder: RecorderSummary,
     /// Ticks the figures are from.
     pub ticks: TickSummary,
     /// What the run got over.
@@ -49,7 +49,7 @@ pub struct Summary {
     /// Brakes and stops, and where they are described.
     pub incidents: Option<IncidentSummary>,
     /// What went wrong, in the order of time.
-    pub faults: Vec<Fault>,
+    pub faults: Vec<RunFault>,
     /// Where the log is.
     pub log: PathBuf,
 }
@@ -69,15 +69,15 @@ pub struct Timing {
     pub wake_lateness_us: Option<Quantiles>,
     /// Time the machine took away from all processors together, ms.
     pub steal_ms: u64,
-    /// Ticks that the gate's understudy has done.
-    pub understudy_ticks: u64,
+    /// Ticks that the gate's spare has done.
+    pub spare_gate_ticks: u64,
     /// Heap allocations between receiving and sending, in all processes.
     pub allocations: u64,
 }
 
 /// The log.
 #[derive(Clone, Debug, Serialize)]
-pub struct Recorder {
+pub struct RecorderSummary {
     /// Messages written.
     pub messages: u64,
     /// Ticks missing in `/state` or `/command`.
@@ -121,7 +121,7 @@ impl Losses {
 
 /// Something that went wrong.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct Fault {
+pub struct RunFault {
     /// The process it is about.
     pub process: String,
     /// What happened.
@@ -135,7 +135,7 @@ pub struct Fault {
 impl Summary {
     /// Puts the metrics in their places.
     #[must_use]
-    pub fn new(run: Run, metrics: &MetricsSummary, recorder: Recorder) -> Self {
+    pub fn new(run: Run, metrics: &MetricsSummary, recorder: RecorderSummary) -> Self {
         let realtime = run.clock == "realtime";
         let duration_s = metrics.ticks.last.map_or(0.0, |last| (last + 1) as f64 * hapfic_config::PERIOD_S);
         Self {
@@ -158,7 +158,7 @@ impl Summary {
                 brake_ticks: metrics.timing.brake_ticks,
                 wake_lateness_us: metrics.timing.wake_lateness_us.filter(|_| realtime),
                 steal_ms: run.steal_ms,
-                understudy_ticks: run.stood_in,
+                spare_gate_ticks: run.spare_ticks,
                 allocations: metrics.timing.allocations,
             },
             recorder,
@@ -226,11 +226,11 @@ impl Summary {
             "  ticks              {} late, {} missed, {} braked; {} ms stolen by the host; {} allocations in real-time code",
             timing.late_ticks, timing.missed_ticks, timing.brake_ticks, timing.steal_ms, timing.allocations
         )?;
-        if timing.understudy_ticks > 0 {
+        if timing.spare_gate_ticks > 0 {
             writeln!(
                 out,
-                "  gate               {} ticks by its understudy, its own thread not being there in time",
-                timing.understudy_ticks
+                "  gate               {} ticks by its spare, its own thread not being there in time",
+                timing.spare_gate_ticks
             )?;
         }
         writeln!(
@@ -325,14 +325,14 @@ pub struct Run {
     pub completed: bool,
     /// Stolen time, ms.
     pub steal_ms: u64,
-    /// Ticks that the gate's understudy has done.
-    pub stood_in: u64,
+    /// Ticks that the gate's spare has done.
+    pub spare_ticks: u64,
     /// What it got over.
     pub losses: Losses,
     /// Brakes and stops.
     pub incidents: Option<IncidentSummary>,
     /// What went wrong.
-    pub faults: Vec<Fault>,
+    pub faults: Vec<RunFault>,
     /// Where the log is.
     pub log: PathBuf,
 }

@@ -1,7 +1,7 @@
 //! A short campaign for every target, the same each time, and every file of the corpus: what once found something does not again.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use hapfic_tests::fuzz::{ALL, Budget, FOLDER, Options, Tally, Target, Verdict, campaign, load, named};
+use hapfic_tests::fuzz::{ALL, Budget, FOLDER, FuzzOutcome, Options, Tally, Target, campaign, load, named};
 use std::path::Path;
 
 /// Mutated inputs a target.
@@ -26,7 +26,7 @@ fn run(target: &'static Target, corpus: &Path) -> Tally {
     campaign(target, &options(scratch.path(), corpus)).unwrap()
 }
 
-/// Nothing is found, and the campaign is not an idle one: inputs are accepted, and refused for several reasons.
+/// Nothing is found, and the campaign is not an idle one: inputs are accepted, and rejected for several reasons.
 fn finds_nothing(name: &str) {
     let target = named(name).unwrap();
     let tally = run(target, Path::new(FOLDER));
@@ -36,7 +36,7 @@ fn finds_nothing(name: &str) {
     assert_eq!(tally.executions, (target.seeds)().len() as u64 + from_files + EXECUTIONS);
     assert!(from_files > 0, "the corpus has nothing for {name}");
     assert!(tally.accepted > 0, "nothing is accepted");
-    assert!(tally.shapes.len() > 3, "refused: {:?}", tally.shapes);
+    assert!(tally.shapes.len() > 3, "rejected: {:?}", tally.shapes);
 }
 
 #[test]
@@ -83,12 +83,12 @@ fn the_corpus_has_a_folder_for_each_target_and_stays_small() {
 }
 
 /// Panics where an input has a certain byte, in one of two places.
-fn fragile(input: &[u8], _: &Path) -> Verdict {
+fn fragile(input: &[u8], _: &Path) -> FuzzOutcome {
     assert!(!input.contains(&b'!'), "an exclamation mark");
     assert!(!input.contains(&b'?'), "a question mark");
     match input.len() {
-        0..=8 => Verdict::Accepted,
-        length => Verdict::Refused(format!("{length} bytes")),
+        0..=8 => FuzzOutcome::Accepted,
+        length => FuzzOutcome::Refused(format!("{length} bytes")),
     }
 }
 

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
 /// How long anything may take before a test gives up. Generous: machines are shared.
-const PATIENCE: Duration = Duration::from_secs(120);
+const TIMEOUT: Duration = Duration::from_secs(120);
 
 /// The binary, built once by each test process: it is then never older than the sources.
 pub fn hapfic() -> PathBuf {
@@ -142,7 +142,7 @@ impl Started {
                 return children;
             }
             assert!(self.child_mut().try_wait().expect("a status").is_none(), "it has ended before it started {names:?}");
-            assert!(start.elapsed() < PATIENCE, "{names:?} did not all start: {children:?}");
+            assert!(start.elapsed() < TIMEOUT, "{names:?} did not all start: {children:?}");
             std::thread::yield_now();
         }
     }
@@ -152,7 +152,7 @@ impl Started {
         let start = Instant::now();
         while std::fs::metadata(file).map_or(0, |m| m.len()) < bytes {
             assert!(self.child_mut().try_wait().expect("a status").is_none(), "it has ended before {file:?} had {bytes} bytes");
-            assert!(start.elapsed() < PATIENCE, "{file:?} does not grow to {bytes} bytes");
+            assert!(start.elapsed() < TIMEOUT, "{file:?} does not grow to {bytes} bytes");
             std::thread::yield_now();
         }
     }

@@ -2,7 +2,7 @@
 
 use hapfic_tests::{Finished, Stack};
 
-fn refused(stack: &Stack, arguments: &[&str], words: &[&str]) -> Finished {
+fn rejected(stack: &Stack, arguments: &[&str], words: &[&str]) -> Finished {
     let end = stack.run(arguments);
     end.expect(2);
     for word in words {
@@ -23,8 +23,8 @@ fn variant(stack: &Stack, from: &str, to: &str) -> String {
 #[test]
 fn scenario_files() {
     let stack = Stack::new();
-    refused(&stack, &["run", "flor"], &["flor", "floor"]);
-    refused(&stack, &["run", "missing.toml"], &["missing.toml"]);
+    rejected(&stack, &["run", "flor"], &["flor", "floor"]);
+    rejected(&stack, &["run", "missing.toml"], &["missing.toml"]);
     for (from, to, words) in [
         ("duration_s = 10.0", "duration_s = nan", vec!["mine.toml:", "duration_s"]),
         ("duration_s = 10.0", "duration = 10.0", vec!["mine.toml:", "duration", "duration_s"]),
@@ -37,8 +37,8 @@ fn scenario_files() {
         ("tip_link = \"foot\"", "tip_link = \"fooot\"", vec!["fooot", "foot"]),
     ] {
         let file = variant(&stack, from, to);
-        refused(&stack, &["run", &file, "--clock", "lockstep"], &words);
-        refused(&stack, &["check", &file], &words);
+        rejected(&stack, &["run", &file, "--clock", "lockstep"], &words);
+        rejected(&stack, &["check", &file], &words);
     }
 }
 
@@ -56,32 +56,32 @@ fn robot_descriptions() {
     ] {
         assert!(leg.contains(from));
         std::fs::write(stack.path("mine.urdf"), leg.replacen(from, to, 1)).unwrap();
-        refused(&stack, &["run", &file, "--clock", "lockstep"], &words);
+        rejected(&stack, &["run", &file, "--clock", "lockstep"], &words);
     }
 }
 
 #[test]
 fn command_line() {
     let stack = Stack::new();
-    refused(&stack, &["run", "--set", "controller.tapr=0.1"], &["--set", "tapr", "taper"]);
-    refused(&stack, &["run", "--set", "controller.taper=much"], &["--set", "taper", "much"]);
-    refused(&stack, &["run", "--duration", "-1"], &["duration"]);
-    refused(&stack, &["run", "--clock", "sundial"], &["sundial", "lockstep"]);
-    refused(&stack, &["sprint"], &["sprint"]);
-    refused(&stack, &["scenarios", "nothing"], &["nothing", "floor"]);
-    refused(&stack, &["process", "plant"], &["HAPFIC_RUN"]);
+    rejected(&stack, &["run", "--set", "controller.tapr=0.1"], &["--set", "tapr", "taper"]);
+    rejected(&stack, &["run", "--set", "controller.taper=much"], &["--set", "taper", "much"]);
+    rejected(&stack, &["run", "--duration", "-1"], &["duration"]);
+    rejected(&stack, &["run", "--clock", "sundial"], &["sundial", "lockstep"]);
+    rejected(&stack, &["sprint"], &["sprint"]);
+    rejected(&stack, &["scenarios", "nothing"], &["nothing", "floor"]);
+    rejected(&stack, &["process", "plant"], &["HAPFIC_RUN"]);
 }
 
 #[test]
 fn places_that_cannot_be_written() {
     let stack = Stack::new();
     std::fs::write(stack.path("file"), "").unwrap();
-    refused(&stack, &["run", "--log", "file/run.mcap"], &["file"]);
-    refused(&stack, &["run", "--log", "/dev/full"], &["/dev/full"]);
-    refused(&stack, &["run", "--summary-json", "nowhere/summary.json"], &["nowhere/summary.json"]);
+    rejected(&stack, &["run", "--log", "file/run.mcap"], &["file"]);
+    rejected(&stack, &["run", "--log", "/dev/full"], &["/dev/full"]);
+    rejected(&stack, &["run", "--summary-json", "nowhere/summary.json"], &["nowhere/summary.json"]);
     // What was there before is still there.
     std::fs::write(stack.path("old.json"), "old").unwrap();
-    refused(&stack, &["run", "--summary-json", "old.json", "--log", "/dev/full"], &["/dev/full"]);
+    rejected(&stack, &["run", "--summary-json", "old.json", "--log", "/dev/full"], &["/dev/full"]);
     assert_eq!(std::fs::read_to_string(stack.path("old.json")).unwrap(), "old");
 }
 
@@ -103,7 +103,7 @@ fn a_log_that_another_run_is_writing() {
 #[test]
 fn real_time_that_cannot_be_had() {
     let stack = Stack::new();
-    refused(&stack, &["run", "--clock", "lockstep", "--realtime", "require"], &["require", "lockstep"]);
+    rejected(&stack, &["run", "--clock", "lockstep", "--realtime", "require"], &["require", "lockstep"]);
 }
 
 #[test]
@@ -112,10 +112,10 @@ fn a_process_that_cannot_start_fails_the_run() {
     let run = ["run", "floor", "--clock", "lockstep", "--log", "run.mcap", "--set"];
     for process in ["plant", "planner", "controller"] {
         let set = format!("processes.{process}=[\"/nonexistent/program\"]");
-        refused(&stack, &[&run[..], &[&set]].concat(), &[&format!("processes.{process}"), "/nonexistent/program"]);
+        rejected(&stack, &[&run[..], &[&set]].concat(), &[&format!("processes.{process}"), "/nonexistent/program"]);
         // A program that is there and cannot be started.
         let set = format!("processes.{process}=[\"/etc/passwd\"]");
-        refused(&stack, &[&run[..], &[&set]].concat(), &[&format!("processes.{process}"), "/etc/passwd"]);
+        rejected(&stack, &[&run[..], &[&set]].concat(), &[&format!("processes.{process}"), "/etc/passwd"]);
     }
     // One that starts and ends at once.
     let end = stack.run(&[&run[..], &["processes.planner=[\"true\"]"]].concat());

@@ -21,7 +21,7 @@ fn the_summary_has_every_field_that_scripts_read() {
     let stack = Stack::new();
     let end = stack.run(&["run", "floor", "--clock", "lockstep", "--log", "run.mcap", "--summary-json", "summary.json"]);
     end.expect(0);
-    assert!(end.err.is_empty(), "a run that is not watched should be quiet: {}", end.err);
+    assert!(end.err.is_empty(), "a run that is not polled should be quiet: {}", end.err);
     let summary: Value = serde_json::from_str(&std::fs::read_to_string(stack.path("summary.json")).unwrap()).unwrap();
     assert_eq!(summary["scenario"], "floor");
     assert_eq!(summary["clock"], "lockstep");

@@ -71,9 +71,9 @@ fn no_real_time_thread_allocates_or_faults() {
 const ALARM: &str = "hapfic-alarm";
 
 /// System calls a tick, at most, of each thread: waking others, waiting for them, sleeping until a time. docs/performance.md says what
-/// each is for. A thread that is late finds its bell rung, or its time past, and does not sleep; or finds the others asleep, and has to
+/// each is for. A thread that is late finds its doorbell rung, or its time past, and does not sleep; or finds the others asleep, and has to
 /// wake them. Being looked at makes it late.
-fn expected(gate_looks_out: bool) -> Vec<(&'static str, [(Call, f64); 3])> {
+fn expected(gate_busy_polls: bool) -> Vec<(&'static str, [(Call, f64); 3])> {
     let calls = |wake, wait, sleep| [(Call::Wake, wake), (Call::Wait, wait), (Call::Sleep, sleep)];
     let mut expected = vec![
         ("hapfic-plant", calls(1.0, 1.0, 1.0)),
@@ -82,7 +82,7 @@ fn expected(gate_looks_out: bool) -> Vec<(&'static str, [(Call, f64); 3])> {
         ("hapfic-planner", calls(1.0, 1.0, 0.0)),
         ("hapfic-plant-al", calls(0.0, 0.0, 1.0)),
     ];
-    expected.extend(if gate_looks_out {
+    expected.extend(if gate_busy_polls {
         vec![("hapfic-gate", calls(2.0, 1.0, 1.0))]
     } else {
         vec![("hapfic-gate", calls(2.0, 2.0, 0.0)), (ALARM, calls(0.0, 0.0, 1.0))]

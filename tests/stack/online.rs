@@ -1,7 +1,7 @@
 //! What an operator does while the stack runs: `hapfic set`, `status`, `stop`, and `timeline` afterwards.
 
 use crate::log_file::{expect_complete, streams};
-use crate::running::{PATIENCE, start, status_at, unscripted};
+use crate::running::{TIMEOUT, start, status_at, unscripted};
 use hapfic_log::{Reader, Record};
 use hapfic_tests::{Finished, Stack, Started};
 use serde_json::Value;
@@ -93,16 +93,16 @@ fn a_change_takes_effect_at_one_tick_and_a_bad_one_not_at_all() {
         (vec!["controller.taper=0.1"], vec!["controller"]),
         (vec!["taper"], vec!["KEY=VALUE"]),
     ] {
-        let refused = ask(&stack, &[&["set"][..], &pairs[..]].concat(), 2);
+        let rejected = ask(&stack, &[&["set"][..], &pairs[..]].concat(), 2);
         for word in words {
-            assert!(refused.err.contains(word), "{pairs:?}: '{word}' is not in\n{}", refused.err);
+            assert!(rejected.err.contains(word), "{pairs:?}: '{word}' is not in\n{}", rejected.err);
         }
     }
     let status = status_at(&stack, effective + 100);
-    assert_eq!(status["announced_version"], version, "what was refused must change nothing");
+    assert_eq!(status["announced_version"], version, "what was rejected must change nothing");
     let begun = Instant::now();
     while status_at(&stack, 0)["desired_force_n"][2] != 80.0 {
-        assert!(begun.elapsed() < PATIENCE, "the change does not show");
+        assert!(begun.elapsed() < TIMEOUT, "the change does not show");
     }
     assert!(ask(&stack, &["status", "--once"], 0).out.contains("|x - x_d|"));
 
@@ -154,12 +154,12 @@ fn of_several_runs_one_must_be_named() {
     for (run, log) in runs.iter_mut().zip(["a.mcap", "b.mcap"]) {
         run.wait_for(&stack.path(log), 50_000);
     }
-    let refused = ask(&stack, &["set", "taper=0.1"], 2);
+    let rejected = ask(&stack, &["set", "taper=0.1"], 2);
     for word in ["2 stacks", "--run", "a.toml", "b.toml", "a.mcap", "b.mcap"] {
-        assert!(refused.err.contains(word), "'{word}' is not in\n{}", refused.err);
+        assert!(rejected.err.contains(word), "'{word}' is not in\n{}", rejected.err);
     }
     let name_of = |scenario: &str| -> String {
-        let line = refused.err.lines().find(|l| l.contains(scenario)).unwrap();
+        let line = rejected.err.lines().find(|l| l.contains(scenario)).unwrap();
         line.split_whitespace().next().unwrap().to_owned()
     };
     let (a, b) = (name_of("a.toml"), name_of("b.toml"));

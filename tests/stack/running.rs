@@ -5,7 +5,7 @@ use serde_json::Value;
 use std::time::{Duration, Instant};
 
 /// How long anything may take before a test gives up.
-pub const PATIENCE: Duration = Duration::from_secs(60);
+pub const TIMEOUT: Duration = Duration::from_secs(60);
 
 /// The embedded scenario without its script, so that nothing but the test changes parameters.
 pub fn unscripted(stack: &Stack) -> String {
@@ -27,7 +27,7 @@ pub fn status_at(stack: &Stack, tick: i64) -> Value {
     let begun = Instant::now();
     loop {
         let end = stack.run(&["status", "--json"]);
-        assert!(begun.elapsed() < PATIENCE, "tick {tick} does not come:\n{}\n{}", end.out, end.err);
+        assert!(begun.elapsed() < TIMEOUT, "tick {tick} does not come:\n{}\n{}", end.out, end.err);
         if end.code != Some(0) {
             continue;
         }

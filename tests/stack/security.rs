@@ -118,7 +118,7 @@ fn all_of_a_run_belongs_to_its_user_alone() {
         assert!(!meta.file_type().is_socket(), "{path:?} is a socket: nothing here needs any");
     }
     // What they wake each other by is in a page of its own.
-    assert_eq!(fs::metadata(folder.join("bells")).unwrap().mode() & 0o777, 0o600);
+    assert_eq!(fs::metadata(folder.join("doorbells")).unwrap().mode() & 0o777, 0o600);
     // The log is its user's, and as readable as the user's mask makes any file.
     let log = fs::metadata(stack.path("run.mcap")).unwrap();
     assert_eq!((log.uid(), log.mode() & 0o777), (geteuid().as_raw(), 0o666 & !umask()));
@@ -204,7 +204,7 @@ fn another_user_has_no_say() {
     let own = place.path().join("own");
     fs::create_dir(&own).unwrap();
     let owners = stack.path("");
-    let refused = |arguments: &[&str], runtime: Option<&Path>, run_file: Option<&str>| -> Option<String> {
+    let rejected = |arguments: &[&str], runtime: Option<&Path>, run_file: Option<&str>| -> Option<String> {
         let mut command = Command::new(&program);
         command.args(arguments).current_dir("/").stdin(Stdio::null()).env_remove("XDG_RUNTIME_DIR").env_remove("HAPFIC_RUN");
         command.envs(runtime.map(|folder| ("XDG_RUNTIME_DIR", folder))).envs(run_file.map(|file| ("HAPFIC_RUN", file)));
@@ -222,16 +222,16 @@ fn another_user_has_no_say() {
         let mut found = Vec::new();
         for runtime in [None, Some(own.as_path()), Some(owners.as_path())] {
             for words in [&["status", "--json"][..], &["set", "taper=0.1"], &["stop"]] {
-                found.extend(refused(words, runtime, None));
+                found.extend(rejected(words, runtime, None));
                 let named = [&words[..1], &["--run", name.as_str()], &words[1..]].concat();
-                found.extend(refused(&named, runtime, None));
+                found.extend(rejected(&named, runtime, None));
             }
         }
         let log = own.join("run.mcap");
         let words = ["run", "floor", "--clock", "lockstep", "--duration", "0.05", "--log", log.to_str().unwrap()];
-        found.extend(refused(&words, Some(owners.as_path()), None));
+        found.extend(rejected(&words, Some(owners.as_path()), None));
         let file = format!("/dev/shm/{name}/run.json");
-        found.extend(refused(&["process", "planner"], Some(own.as_path()), Some(file.as_str())));
+        found.extend(rejected(&["process", "planner"], Some(own.as_path()), Some(file.as_str())));
         found
     };
     if geteuid().is_root() {
@@ -242,7 +242,7 @@ fn another_user_has_no_say() {
     fs::set_permissions(&owners, Permissions::from_mode(0o755)).unwrap();
     assert_eq!(as_another_user(all).unwrap_or_default(), Vec::<String>::new());
     let after = status_at(&stack, before["tick"].as_i64().unwrap() + 1);
-    for field in ["announced_version", "refused_requests"] {
+    for field in ["announced_version", "rejected_requests"] {
         assert_eq!(before[field], after[field], "{field}");
     }
     stop(&stack, run);

@@ -79,7 +79,7 @@ fn a_study_is_the_same_on_any_number_of_threads() {
 fn what_is_wrong_with_a_study_is_told_before_anything_runs() {
     let stack = Stack::new();
     std::fs::write(stack.path("kept.csv"), "kept\n").unwrap();
-    let refused = |arguments: &[&str]| {
+    let rejected = |arguments: &[&str]| {
         let mut all = vec!["simulate", "floor", "--csv", "kept.csv"];
         all.extend(arguments);
         let end = stack.run(&all);
@@ -88,20 +88,21 @@ fn what_is_wrong_with_a_study_is_told_before_anything_runs() {
         end.err.clone()
     };
     // The last value of the last sweep, as `--set` would tell it.
-    let swept = refused(&["--sweep", "seed=1,2", "--sweep", "controller.taper=0.1,0.2,-1"]);
+    let swept = rejected(&["--sweep", "seed=1,2", "--sweep", "controller.taper=0.1,0.2,-1"]);
     let set = stack.run(&["check", "floor", "--set", "controller.taper=-1"]).expect(2).err.clone();
     assert_eq!(swept, set);
-    let swept = refused(&["--sweep", "controller.tapper=0.1,0.2"]);
+    let swept = rejected(&["--sweep", "controller.tapper=0.1,0.2"]);
     let set = stack.run(&["check", "floor", "--set", "controller.tapper=0.1"]).expect(2).err.clone();
     assert_eq!(swept, set);
-    assert!(refused(&["--sweep", "controller.taper"]).contains("found no =, expected KEY=V1,V2,..."));
-    assert!(refused(&["--duration", "-1"]).contains("duration_s"));
+    assert!(rejected(&["--sweep", "controller.taper"]).contains("found no =, expected KEY=V1,V2,..."));
+    assert!(rejected(&["--duration", "-1"]).contains("duration_s"));
     assert!(
-        refused(&["--set", "fault=[{kind=\"kill\",process=\"plant\",at_s=1}]"]).contains("expected none: there are no processes")
+        rejected(&["--set", "fault=[{kind=\"kill\",process=\"plant\",at_s=1}]"])
+            .contains("expected none: there are no processes")
     );
-    assert!(refused(&["--set", "processes.plant=[\"true\"]"]).contains("foreign command for the plant"));
-    refused(&["--log", "."]);
-    assert!(refused(&["--jobs", "0"]).contains("--jobs"));
+    assert!(rejected(&["--set", "processes.plant=[\"true\"]"]).contains("foreign command for the plant"));
+    rejected(&["--log", "."]);
+    assert!(rejected(&["--jobs", "0"]).contains("--jobs"));
     let end = stack.run(&["simulate", "floor", "--csv", "no/such/folder.csv"]);
     assert!(end.expect(2).err.contains("--csv no/such/folder.csv: cannot be written"));
 }

@@ -6,20 +6,20 @@ use criterion::Criterion;
 use hapfic_bench_control::{Gains, OperationalSpace, Task};
 use hapfic_bench_recorded::{Moment, moments};
 use hapfic_config::Settings;
-use hapfic_controller::answer::{Known, answer};
+use hapfic_controller::control_step::{ControlInputs, control_step};
 use hapfic_messages::Process;
 use hapfic_robot::Chain;
 use nalgebra::Vector3;
 use std::hint::black_box;
 use std::io::Write;
 
-fn known(m: &Moment) -> Known<'_> {
-    Known {
+fn known(m: &Moment) -> ControlInputs<'_> {
+    ControlInputs {
         state: &m.state,
         reference_position: m.reference.position,
         reference_velocity: m.reference.velocity,
         parameters: m.operator.at(m.state.tick),
-        carried: m.carried,
+        previous_state: m.previous_state,
     }
 }
 
@@ -44,7 +44,7 @@ fn main() -> Result<()> {
     let mut iterations = 0;
     for m in &moments {
         anyhow::ensure!(
-            answer(&chain, &gravity.into(), &known(m), Process::Controller).is_some(),
+            control_step(&chain, &gravity.into(), &known(m), Process::Controller).is_some(),
             "tick {}: the controller has no answer, expected one",
             m.state.tick
         );
@@ -59,7 +59,7 @@ fn main() -> Result<()> {
     group.bench_function("hapfic", |b| {
         let gravity = Vector3::from(gravity);
         let mut turn = moments.iter().cycle();
-        b.iter(|| turn.next().map(|m| answer(&chain, &gravity, black_box(&known(m)), Process::Controller)));
+        b.iter(|| turn.next().map(|m| control_step(&chain, &gravity, black_box(&known(m)), Process::Controller)));
     });
     group.bench_function("qp", |b| {
         let mut turn = moments.iter().cycle();

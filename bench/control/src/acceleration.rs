@@ -14,7 +14,7 @@ pub fn tip_bias_acceleration(chain: &Chain, kin: &Kinematics, qd: &[f64]) -> Vec
     let mut previous = kin.body_origin(0);
     for (i, (joint, &rate)) in chain.joints().iter().zip(&qd[..chain.dof()]).enumerate() {
         let (axis, origin) = (kin.joint_axis(i), kin.body_origin(i));
-        acceleration += carried(&angular_velocity, &angular_acceleration, &(origin - previous));
+        acceleration += previous_state(&angular_velocity, &angular_acceleration, &(origin - previous));
         previous = origin;
         if joint.kind == JointKind::Prismatic {
             acceleration += angular_velocity.cross(&axis) * (2.0 * rate);
@@ -23,11 +23,11 @@ pub fn tip_bias_acceleration(chain: &Chain, kin: &Kinematics, qd: &[f64]) -> Vec
             angular_velocity += axis * rate;
         }
     }
-    acceleration + carried(&angular_velocity, &angular_acceleration, &(kin.tip_position() - previous))
+    acceleration + previous_state(&angular_velocity, &angular_acceleration, &(kin.tip_position() - previous))
 }
 
 /// Acceleration of a point at `arm` from the origin of a turning body.
-fn carried(angular_velocity: &Vector3<f64>, angular_acceleration: &Vector3<f64>, arm: &Vector3<f64>) -> Vector3<f64> {
+fn previous_state(angular_velocity: &Vector3<f64>, angular_acceleration: &Vector3<f64>, arm: &Vector3<f64>) -> Vector3<f64> {
     angular_acceleration.cross(arm) + angular_velocity.cross(&angular_velocity.cross(arm))
 }
 

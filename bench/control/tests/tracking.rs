@@ -3,7 +3,7 @@
 
 use hapfic_bench_control::{Gains, OperationalSpace, Task};
 use hapfic_config::{PERIOD_S, Settings};
-use hapfic_gate::parameter_schedule::Timeline;
+use hapfic_gate::parameter_schedule::ParameterSchedule;
 use hapfic_messages::{Command, Mode, State};
 use hapfic_planner::Plan;
 use hapfic_plant::Plant;
@@ -27,14 +27,14 @@ impl Seen {
 /// The floor scenario under the QP controller: the stack's plant, planner, operator and dead time.
 fn under_qp(settings: &Settings, ticks: i64) -> Vec<Seen> {
     let mut plant = Plant::new(settings).unwrap();
-    let mut timeline = Timeline::new(settings, plant.sample().foot_position);
-    timeline.announce(-1);
-    let mut plan = Plan::resting(0, plant.sample().foot_position);
+    let mut schedule = ParameterSchedule::new(settings, plant.sample().foot_position);
+    schedule.announce(-1);
+    let mut plan = Plan::at_rest(0, plant.sample().foot_position);
     let mut controller: Option<OperationalSpace> = None;
     let mut due = Command { tick: -1, mode: Mode::Hold.code(), joints: 3, ..Command::default() };
     let mut seen = Vec::new();
     for tick in 0..ticks {
-        let (state, operator) = (plant.sample(), *timeline.operator());
+        let (state, operator) = (plant.sample(), *schedule.operator());
         let reference = plan.reference(1);
         plan = Plan::next(Some(plan), &state, due.mode == Mode::Active.code(), &operator);
         let ahead = plan.reference(1).velocity;
@@ -49,7 +49,7 @@ fn under_qp(settings: &Settings, ticks: i64) -> Vec<Seen> {
             OperationalSpace::new(plant.chain().clone(), gravity, Gains::default(), &state, &task).unwrap()
         });
         let torque = controller.step(&state, &task).unwrap().torque;
-        timeline.announce(tick);
+        schedule.announce(tick);
         plant.take(&due);
         plant.advance().unwrap();
         due = Command { tick, mode: Mode::Active.code(), joints: 3, torque, ..Command::default() };

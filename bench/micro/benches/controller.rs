@@ -4,7 +4,7 @@ use anyhow::Result;
 use criterion::Criterion;
 use hapfic_bench_recorded::{Moment, moments};
 use hapfic_config::{PERIOD_S, Settings};
-use hapfic_controller::answer::{Known, answer};
+use hapfic_controller::control_step::{ControlInputs, control_step};
 use hapfic_controller::task_space::{self, Input, policies};
 use hapfic_controller::{Attractor, ForceProfile, HapticParameters, HapticSearch};
 use hapfic_messages::Process;
@@ -75,7 +75,7 @@ fn main() -> Result<()> {
             turn.next().map(|p| {
                 let wished = p.moment.operator.at(p.moment.state.tick).desired_force;
                 let step = |axis: usize| {
-                    let search = HapticSearch { offset_m: p.moment.carried.offset[axis] };
+                    let search = HapticSearch { offset_m: p.moment.previous_state.offset[axis] };
                     search.step(black_box(wished[axis]), p.input.contact_force[axis], &p.haptic[axis])
                 };
                 [step(0), step(1), step(2)]
@@ -88,8 +88,8 @@ fn main() -> Result<()> {
             turn.next().map(|p| {
                 let request = &p.moment.command.request;
                 let step = |axis: usize| {
-                    let carried = &p.moment.carried;
-                    let before = Attractor { x_max_m: carried.x_max[axis], converging: carried.converging[axis] != 0 };
+                    let previous_state = &p.moment.previous_state;
+                    let before = Attractor { x_max_m: previous_state.x_max[axis], converging: previous_state.converging[axis] != 0 };
                     before.step(black_box(request.error[axis]), request.error_rate[axis], &p.profile[axis])
                 };
                 [step(0), step(1), step(2)]
@@ -101,7 +101,7 @@ fn main() -> Result<()> {
         b.iter(|| {
             turn.next().map(|p| {
                 let parameters = p.moment.operator.at(p.moment.state.tick);
-                task_space::step(p.moment.carried, black_box(&p.input), parameters, PERIOD_S)
+                task_space::step(p.moment.previous_state, black_box(&p.input), parameters, PERIOD_S)
             })
         });
     });
@@ -124,14 +124,14 @@ fn main() -> Result<()> {
         b.iter(|| {
             turn.next().map(|p| {
                 let m = &p.moment;
-                let known = Known {
+                let known = ControlInputs {
                     state: &m.state,
                     reference_position: m.reference.position,
                     reference_velocity: m.reference.velocity,
                     parameters: m.operator.at(m.state.tick),
-                    carried: m.carried,
+                    previous_state: m.previous_state,
                 };
-                answer(&chain, &gravity, black_box(&known), Process::Controller)
+                control_step(&chain, &gravity, black_box(&known), Process::Controller)
             })
         });
     });

@@ -5,7 +5,7 @@ use criterion::Criterion;
 use hapfic_bench_recorded::moments;
 use hapfic_config::{PERIOD_S, Settings};
 use hapfic_controller::conditioning::{LowPass, limit};
-use hapfic_gate::protocol::{Observed, Place, Wishes};
+use hapfic_gate::protocol::{Observation, ControllerSlot, GateInputs};
 use hapfic_gate::torque_check::TorqueCheck;
 use hapfic_gate::{Gate, Limits};
 use hapfic_messages::{MAX_JOINTS, Request, State};
@@ -49,17 +49,17 @@ fn main() -> Result<()> {
     group.bench_function("whole tick", |b| {
         let mut gate = Gate::new(limits, check.clone());
         let mut turn = all.iter().cycle();
-        let mut refused = 0_u64;
+        let mut rejected = 0_u64;
         b.iter(|| {
             turn.next().map(|m| {
                 let tick = gate.tick();
                 let request = Request { tick, state_tick: tick, ..m.command.request };
                 let state = State { tick, ..m.state };
-                refused += u64::from(gate.judge(black_box(&request), &state, m.operator.at(m.state.tick)).is_err());
-                gate.accept(Place::First, &request, &Observed::alone(), &Wishes::default())
+                rejected += u64::from(gate.validate(black_box(&request), &state, m.operator.at(m.state.tick)).is_err());
+                gate.accept(ControllerSlot::First, &request, &Observation::alone(), &GateInputs::default())
             })
         });
-        assert_eq!(refused, 0, "the gate refused requests that it had let pass");
+        assert_eq!(rejected, 0, "the gate rejected requests that it had let pass");
     });
     group.finish();
     criterion.final_summary();

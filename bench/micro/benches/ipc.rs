@@ -16,7 +16,7 @@ where
 {
     let mut output = bus.output(topic)?;
     let mut input = bus.input(topic, Wait::No)?;
-    output.prepare();
+    output.preloan();
     output.send(&message)?;
     input.newest()?.context("the first message does not arrive")?;
 
@@ -25,7 +25,7 @@ where
     let mut lost = 0_u64;
     group.bench_function(format!("{}: publish and receive", topic.name), |b| {
         b.iter(|| {
-            output.prepare();
+            output.preloan();
             let sent = output.send(black_box(&message)).is_ok();
             let received = input.next().ok().flatten();
             lost += u64::from(!sent || received.is_none());
@@ -34,13 +34,13 @@ where
     });
     drop(input);
     let mut input = bus.input(topic, Wait::Yes)?;
-    output.prepare();
+    output.preloan();
     output.send(&message)?;
     wait(&[&input], Duration::from_secs(1))?;
     input.newest()?;
     group.bench_function(format!("{}: publish, wake, wait and receive", topic.name), |b| {
         b.iter(|| {
-            output.prepare();
+            output.preloan();
             let sent = output.send(black_box(&message)).is_ok();
             let woken = wait(&[&input], Duration::from_secs(1)).unwrap_or(false);
             let received = input.next().ok().flatten();

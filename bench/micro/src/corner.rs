@@ -79,7 +79,7 @@ mod tests {
             let bus = Bus::open(corner.domain(), "test").unwrap();
             let mut output = bus.output(&topic::STATE).unwrap();
             let mut input = bus.input(&topic::STATE, Wait::No).unwrap();
-            output.prepare();
+            output.preloan();
             output.send(&State { tick: 7, ..State::default() }).unwrap();
             assert_eq!(input.next().unwrap().unwrap().tick, 7);
         }

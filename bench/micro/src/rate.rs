@@ -24,7 +24,7 @@ const FLUSH_MS: u64 = 50;
 
 /// What to measure.
 #[derive(Clone, Debug)]
-pub struct Wish {
+pub struct SchedRequest {
     /// Rate, in rates of one leg.
     pub times: u32,
     /// How long, s.
@@ -64,7 +64,7 @@ impl Outcome {
 ///
 /// # Errors
 /// If shared memory, threads or the file cannot be had.
-pub fn measure(wish: &Wish) -> Result<Outcome> {
+pub fn measure(wish: &SchedRequest) -> Result<Outcome> {
     let settings = Settings::load("floor", &[])?;
     let chain = Chain::from_settings(&settings.robot)?;
     let moments = moments("floor", 1000)?;
@@ -98,7 +98,7 @@ pub fn measure(wish: &Wish) -> Result<Outcome> {
 
 /// Sends `times` ticks of messages each millisecond, everything on ports of its own as in the stack. Returns how many messages, and
 /// how long it took, s.
-fn publish(domain: &Domain, moments: &[Moment], wish: &Wish) -> Result<(u64, f64)> {
+fn publish(domain: &Domain, moments: &[Moment], wish: &SchedRequest) -> Result<(u64, f64)> {
     let bus = Bus::open(domain, "publisher")?;
     let mut state = bus.output(&topic::STATE)?;
     let mut reference = bus.output(&topic::REFERENCE)?;
@@ -135,7 +135,7 @@ fn publish(domain: &Domain, moments: &[Moment], wish: &Wish) -> Result<(u64, f64
 
 fn send<T: hapfic_messages::Message>(output: &mut Output<T>, message: &T) -> Result<(), IpcError> {
     output.send(message)?;
-    output.prepare();
+    output.preloan();
     Ok(())
 }
 
@@ -242,7 +242,7 @@ mod tests {
     fn every_message_is_counted_and_what_is_missing_counts_as_lost() {
         let folder = tempfile::tempdir().unwrap();
         let log = folder.path().join("rate.mcap");
-        let outcome = measure(&Wish { times: 2, seconds: 1, log: log.clone() }).unwrap();
+        let outcome = measure(&SchedRequest { times: 2, seconds: 1, log: log.clone() }).unwrap();
         assert_eq!(outcome.sent, 2 * 1000 * MESSAGES as u64);
         assert!(outcome.received <= outcome.sent && outcome.received > 0);
         assert_eq!(outcome.file_bytes, std::fs::metadata(&log).unwrap().len());

@@ -12,7 +12,7 @@ use tokio::runtime::{Builder, Runtime};
 use zeromq::{PullSocket, PushSocket, Socket, SocketEvent, SocketRecv, SocketSend, ZmqMessage};
 
 /// How long the others may take to join.
-const PATIENCE: Duration = Duration::from_secs(10);
+const TIMEOUT: Duration = Duration::from_secs(10);
 /// How long until the next one is looked for again.
 const AGAIN: Duration = Duration::from_millis(10);
 
@@ -35,7 +35,7 @@ impl Kind for ZeroMq {
             let mut push = PushSocket::new();
             let begun = Instant::now();
             while let Err(cause) = push.connect(&next).await {
-                if begun.elapsed() > PATIENCE {
+                if begun.elapsed() > TIMEOUT {
                     return Err(failed(cause));
                 }
                 tokio::time::sleep(AGAIN).await;
@@ -49,7 +49,7 @@ impl Kind for ZeroMq {
                 }
                 false
             };
-            match tokio::time::timeout(PATIENCE, let_in).await {
+            match tokio::time::timeout(TIMEOUT, let_in).await {
                 Ok(true) => Ok((pull, push)),
                 _ => Err(failed("the place before has not connected")),
             }

@@ -18,7 +18,7 @@ pub struct Moment {
     /// The operator's sets as they were known when tick k was answered.
     pub operator: Operator,
     /// The controller's state as command(k - 1) carries it.
-    pub carried: ControllerState,
+    pub previous_state: ControllerState,
     /// Whether command(k - 1) put the drive under torque.
     pub active: bool,
     /// command(k), with the request it accepted.
@@ -65,7 +65,7 @@ pub fn moments(scenario: &str, count: u64) -> Result<Vec<Moment>, RecordError> {
                 reference: made.reference,
                 reference_acceleration: [gained(0), gained(1), gained(2)],
                 operator: made.operator,
-                carried: before.request.state,
+                previous_state: before.request.state,
                 active,
                 command: made.command,
             });
@@ -79,7 +79,7 @@ pub fn moments(scenario: &str, count: u64) -> Result<Vec<Moment>, RecordError> {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-    use hapfic_controller::answer::{Known, answer};
+    use hapfic_controller::control_step::{ControlInputs, control_step};
     use hapfic_messages::{Process, Request};
     use hapfic_robot::Chain;
 
@@ -97,15 +97,15 @@ mod tests {
         let settings = Settings::load("floor", &[]).unwrap();
         let chain = Chain::from_settings(&settings.robot).unwrap();
         for m in moments("floor", 200).unwrap() {
-            let known = Known {
+            let known = ControlInputs {
                 state: &m.state,
                 reference_position: m.reference.position,
                 reference_velocity: m.reference.velocity,
                 parameters: m.operator.at(m.state.tick),
-                carried: m.carried,
+                previous_state: m.previous_state,
             };
             let gravity = settings.world.gravity_m_per_s2.into();
-            let request = answer(&chain, &gravity, &known, Process::Controller).unwrap();
+            let request = control_step(&chain, &gravity, &known, Process::Controller).unwrap();
             assert_eq!(request, Request { stamp_ns: 0, ..m.command.request });
         }
     }

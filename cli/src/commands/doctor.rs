@@ -3,7 +3,7 @@
 use crate::{Outcome, print, say};
 use anyhow::{Context, Result};
 use hapfic_config::Settings;
-use hapfic_diagnostics::doctor::{Examination, Grade, Own, Root, facts, judge, measure};
+use hapfic_diagnostics::doctor::{Examination, Grade, ProcessInfo, SysfsRoot, checks, evaluate, measure};
 use hapfic_supervisor::registry;
 
 /// The scenario whose priorities are asked for: what `hapfic run` runs if nothing is said.
@@ -24,15 +24,15 @@ pub fn doctor(seconds: u32, json: bool) -> Result<Outcome> {
     if others > 0 {
         say(&format!("hapfic: found runs going on ({others}), expected none: they and the measurement disturb each other"));
     }
-    let own = Own::ask(priority, others);
+    let process_info = ProcessInfo::ask(priority, others);
     // Before the measurement, which is a load itself.
-    let facts = facts(&Root::default(), &own);
+    let checks = checks(&SysfsRoot::default(), &process_info);
     say(&format!("hapfic: measuring for {seconds} s"));
-    let other = own.cores.iter().rev().copied().find(|core| Some(*core) != own.core);
-    let measured = measure(seconds, priority, own.core, other)?;
-    let verdict = judge(&facts, &measured);
+    let other = process_info.cores.iter().rev().copied().find(|core| Some(*core) != process_info.core);
+    let measured = measure(seconds, priority, process_info.core, other)?;
+    let verdict = evaluate(&checks, &measured);
     let good_enough = verdict.grade != Grade::NotGood;
-    let examination = Examination { verdict, measured, facts };
+    let examination = Examination { verdict, measured, checks };
     if json {
         print(&serde_json::to_string_pretty(&examination)?);
     } else {

@@ -2,9 +2,8 @@
 
 pub mod bench;
 pub mod check;
+pub mod control;
 pub mod doctor;
-pub mod nuisance;
-pub mod order;
 pub mod process;
 pub mod recover;
 pub mod report;
@@ -13,4 +12,5 @@ pub mod scenarios;
 pub mod simulate;
 pub mod status;
 pub mod stop;
+pub mod stressor;
 pub mod timeline;

@@ -4,7 +4,7 @@ use crate::Outcome;
 use anyhow::{Context as _, Result};
 use clap::ValueEnum;
 use hapfic_config::Settings;
-use hapfic_ipc::{Context, RunFile, Start};
+use hapfic_ipc::{Context, ProcessStart, RunFile};
 use hapfic_messages::Process;
 use std::os::unix::process::CommandExt;
 use std::path::PathBuf;
@@ -46,7 +46,7 @@ pub fn process(name: ProcessName, foreign: &[String]) -> Result<Outcome> {
         return Err(failed).with_context(|| format!("processes.{process}: cannot start '{program}'"));
     }
     let settings = Settings::from_effective(&run.settings, &run.urdf_name, &run.urdf)?;
-    let mut context = Context::join(&run, process, Start::from_env()?)?;
+    let mut context = Context::join(&run, process, ProcessStart::from_env()?)?;
     match process {
         Process::Plant => hapfic_plant_process::run(&mut context, &settings).context("plant")?,
         Process::Planner => hapfic_planner_process::run(&mut context, &settings).context("planner")?,

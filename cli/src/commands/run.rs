@@ -5,7 +5,7 @@ use anyhow::{Context, Result};
 use clap::{Args, ValueEnum};
 use hapfic_config::Settings;
 use hapfic_messages::{Clock, RealtimeMode};
-use hapfic_supervisor::Request;
+use hapfic_supervisor::RunRequest;
 use hapfic_supervisor::launch::{self, Refused};
 use hapfic_supervisor::summary::Summary;
 use std::io::Write;
@@ -112,7 +112,7 @@ pub fn run(args: &RunArgs, since: Instant) -> Result<Outcome> {
         Ok(file) => file,
         Err(e) => return Ok(Outcome::Refused(e)),
     };
-    let request = Request {
+    let request = RunRequest {
         scenario: args.scenario.clone(),
         settings,
         clock: args.clock.into(),
@@ -160,7 +160,7 @@ impl SummaryFile {
         (&self.file).write_all(&text).with_context(|| format!("cannot write {}", self.path.display()))
     }
 
-    /// The run was refused: leaves things as they were.
+    /// The run was rejected: leaves things as they were.
     fn forget(self) {
         if !self.existed {
             let _ = std::fs::remove_file(&self.path);

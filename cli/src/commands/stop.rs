@@ -8,9 +8,9 @@ use hapfic_supervisor::registry::{self, Registration};
 use std::time::{Duration, Instant};
 
 /// How long a run may take to end.
-const PATIENCE: Duration = Duration::from_secs(10);
+const TIMEOUT: Duration = Duration::from_secs(10);
 /// How often it is looked for.
-const LOOK_EVERY: Duration = Duration::from_millis(20);
+const POLL_INTERVAL: Duration = Duration::from_millis(20);
 
 /// Asks a run to end, and waits until it has.
 pub fn stop(run: Option<&str>) -> Result<Outcome> {
@@ -21,12 +21,12 @@ pub fn stop(run: Option<&str>) -> Result<Outcome> {
     };
     let begun = Instant::now();
     while is_running(&found)? {
-        if begun.elapsed() > PATIENCE {
-            let seconds = PATIENCE.as_secs();
+        if begun.elapsed() > TIMEOUT {
+            let seconds = TIMEOUT.as_secs();
             say(&format!("hapfic: run {} has been asked to end and still runs after {seconds} s", found.run));
             return Ok(Outcome::Failed);
         }
-        std::thread::sleep(LOOK_EVERY);
+        std::thread::sleep(POLL_INTERVAL);
     }
     print(&format!("run {} has ended. Its log: {}", found.run, found.log.display()));
     Ok(Outcome::Done)

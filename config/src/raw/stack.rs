@@ -104,7 +104,7 @@ pub(crate) struct RawRealtime {
     /// us, an integer in [0, 500]: how long before a state is due the controller, and the gate if it has another core, are awake and look
     /// out for it instead of sleeping; 0: never. Above 25 they go through the tick's work beforehand. A gate on a core of its own has an
     /// understudy where the controller is.
-    pub(crate) look_out_us: u32,
+    pub(crate) busy_poll_lead_us: u32,
     /// Processor core, an integer in [0, 1023]; without it as `placement` says.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) core_plant: Option<u32>,
@@ -132,7 +132,7 @@ impl Default for RawRealtime {
             priority_controller: 76,
             priority_planner: 72,
             placement: Placement::default(),
-            look_out_us: 100,
+            busy_poll_lead_us: 100,
             core_plant: None,
             core_gate: None,
             core_controller: None,

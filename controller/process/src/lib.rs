@@ -7,11 +7,11 @@ mod error;
 
 pub use error::ControllerError;
 use hapfic_config::Settings;
-use hapfic_controller::answer::{Known, answer};
+use hapfic_controller::control_step::{ControlInputs, control_step};
 use hapfic_ipc::inject::Injector;
-use hapfic_ipc::realtime::Wish;
-use hapfic_ipc::{Bell, Context, Gaps, Input, IpcError, Listener, Output, Tick, Wait, Wakes, clock, topic};
-use hapfic_messages::{Check, Clock, Command, Operator, Process, Recent, Reference, Request, State};
+use hapfic_ipc::realtime::SchedRequest;
+use hapfic_ipc::{Context, Doorbell, Gaps, Input, IpcError, Listener, Output, TickTimes, Wait, Wakes, clock, topic};
+use hapfic_messages::{Check, Clock, Command, Operator, Process, Reference, Request, State, TickBuffer};
 use hapfic_robot::Chain;
 use nalgebra::Vector3;
 
@@ -29,53 +29,57 @@ struct Ports {
     answered: Listener,
     request: Output<Request>,
     /// Rung for the gate with each request.
-    request_bell: Bell,
+    request_bell: Doorbell,
     /// Rung for the plant with each command.
-    command_bell: Bell,
+    command_bell: Doorbell,
     /// Rung by the gate alone: after each command, and when it calls those in reserve.
-    gated: Bell,
-    /// Rung for the gate's understudy.
-    understudy: Bell,
+    gated: Doorbell,
+    /// Rung for the gate's spare.
+    spare: Doorbell,
     injector: Injector<Request>,
 }
 
 impl Ports {
-    /// Work for the slack: the next loan, and meeting those who have joined.
-    fn prepare(&mut self) {
-        self.request.prepare();
-        self.state.prepare();
-        self.reference.prepare();
-        self.command.prepare();
+    /// Work for the idle_work: the next loan, and meeting those who have joined.
+    fn preloan(&mut self) {
+        self.request.preloan();
+        self.state.preloan();
+        self.reference.preloan();
+        self.command.preloan();
     }
 
-    /// Calls the gate's understudy, if there is one, should the gate not answer what was published.
-    fn see_it_gated(&self, gated: u32, published_ns: u64) {
-        if self.understudy.is_slept_on() && !self.gated.rings_after(gated, published_ns + GATED_WITHIN_NS) {
-            self.understudy.ring();
+    /// Calls the gate's spare, if there is one, should the gate not answer what was published.
+    fn call_spare_if_unanswered(&self, gated: u32, published_ns: u64) {
+        if self.spare.has_waiters() && !self.gated.spin_until_changed(gated, published_ns + GATED_WITHIN_NS) {
+            self.spare.notify();
         }
     }
 
-    fn unmet(&self) -> u32 {
-        self.request.unmet() + self.state.unmet() + self.reference.unmet() + self.command.unmet() + self.operator.unmet()
+    fn failed_connections(&self) -> u32 {
+        self.request.failed_connections()
+            + self.state.failed_connections()
+            + self.reference.failed_connections()
+            + self.command.failed_connections()
+            + self.operator.failed_connections()
     }
 }
 
 /// What has come in.
 #[derive(Clone, Copy, Debug, Default)]
-struct Inbox {
+struct InputBuffers {
     /// The planner is one tick ahead, so the newest is not the one to follow.
-    references: Recent<Reference>,
-    commands: Recent<Command>,
+    references: TickBuffer<Reference>,
+    commands: TickBuffer<Command>,
     operator: Option<Operator>,
     /// Whether a state has been answered.
     joined: bool,
 }
 
-impl Inbox {
+impl InputBuffers {
     /// Takes a reference; `false` if it is older than all that are kept.
-    fn follow(&mut self, new: Reference) -> bool {
+    fn take_reference(&mut self, new: Reference) -> bool {
         let oldest = self.references.newest().map_or(i64::MIN, |newest| newest.tick.saturating_sub(OLD));
-        self.references.keep(new);
+        self.references.insert(new);
         new.tick > oldest
     }
 
@@ -98,11 +102,11 @@ impl Inbox {
     }
 
     /// What there is to answer a state with; `None` if something is missing.
-    fn known<'a>(&'a self, state: &'a State) -> Option<Known<'a>> {
+    fn inputs<'a>(&'a self, state: &'a State) -> Option<ControlInputs<'a>> {
         let parameters = self.operator.as_ref()?.at(state.tick);
         let command = self.commands.before(state.tick)?;
         let (reference_position, reference_velocity) = self.setpoint(state);
-        Some(Known { state, reference_position, reference_velocity, parameters, carried: command.request.state })
+        Some(ControlInputs { state, reference_position, reference_velocity, parameters, previous_state: command.request.state })
     }
 }
 
@@ -117,12 +121,12 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), ControllerE
         reference: context.bus.input(&topic::REFERENCE, in_step)?,
         command: context.bus.input(&topic::COMMAND, in_step)?,
         operator: context.bus.input(&topic::OPERATOR, Wait::No)?,
-        answered: context.bus.listener(topic::ANSWERED),
+        answered: context.bus.listener(topic::COMMAND_SENT),
         request: context.bus.output(&topic::REQUEST)?,
-        request_bell: context.bus.bell(topic::REQUEST_BELL),
-        command_bell: context.bus.bell(topic::COMMAND_BELL),
-        gated: context.bus.bell(topic::ANSWERED),
-        understudy: context.bus.bell(topic::UNDERSTUDY),
+        request_bell: context.bus.doorbell(topic::REQUEST_DOORBELL),
+        command_bell: context.bus.doorbell(topic::COMMAND_DOORBELL),
+        gated: context.bus.doorbell(topic::COMMAND_SENT),
+        spare: context.bus.doorbell(topic::SPARE_GATE),
         injector: Injector::open(context)?,
     };
     let chain = Chain::from_settings(&settings.robot)?;
@@ -130,33 +134,33 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), ControllerE
     // The standby gives way to the primary, and is out of its way.
     let realtime = &settings.realtime;
     let wish = match context.process {
-        Process::Standby => Wish::new(realtime.priority_controller - 1, realtime.core_standby),
-        _ => Wish::new(realtime.priority_controller, realtime.core_controller),
+        Process::Standby => SchedRequest::new(realtime.priority_controller - 1, realtime.core_standby),
+        _ => SchedRequest::new(realtime.priority_controller, realtime.core_controller),
     };
     context.ready(wish)?;
-    context.look_out(realtime.look_out_us);
+    context.enable_busy_poll(realtime.busy_poll_lead_us);
 
     let last_tick = settings.duration_ticks as i64 - 1;
-    let mut inbox = Inbox::default();
+    let mut buffers = InputBuffers::default();
     let mut seen = -1;
     let mut last: Option<State> = None;
     loop {
-        let in_reserve = context.clock == Clock::Realtime && inbox.answers_come_from_elsewhere(context.process);
-        if !in_reserve && context.approach(seen + 1) {
+        let standby = context.clock == Clock::Realtime && buffers.answers_come_from_elsewhere(context.process);
+        if !standby && context.sleep_until_window(seen + 1) {
             // It is one tick ahead.
-            follow(context, &mut ports.reference, &mut inbox, i64::MAX)?;
-            read_ahead(context, &mut ports, &mut inbox)?;
-            let known = last.as_ref().filter(|state| state.check().is_ok()).and_then(|state| inbox.known(state));
-            if let Some(request) = known.and_then(|known| answer(&chain, &gravity, &known, context.process)) {
-                ports.request.rehearse(&request);
+            take_references(context, &mut ports.reference, &mut buffers, i64::MAX)?;
+            read_ahead(context, &mut ports, &mut buffers)?;
+            let inputs = last.as_ref().filter(|state| state.check().is_ok()).and_then(|state| buffers.inputs(state));
+            if let Some(request) = inputs.and_then(|inputs| control_step(&chain, &gravity, &inputs, context.process)) {
+                ports.request.warm_up(&request);
             }
         }
-        let instead = in_reserve.then_some(&ports.answered as &dyn Wakes);
+        let instead = standby.then_some(&ports.answered as &dyn Wakes);
         let Some(state) = context.next_state(&mut ports.state, seen, Gaps::Allowed, instead, || {
-            ports.request.prepare();
-            ports.reference.prepare();
-            ports.command.prepare();
-            ports.operator.prepare();
+            ports.request.preloan();
+            ports.reference.preloan();
+            ports.command.preloan();
+            ports.operator.preloan();
         })?
         else {
             break;
@@ -164,32 +168,32 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), ControllerE
         let wake = clock::now_ns();
         context.begin();
         seen = state.tick;
-        let filled = fill(context, &mut ports, &mut inbox, state.tick)?;
+        let filled = receive_inputs(context, &mut ports, &mut buffers, state.tick)?;
         let mut published = 0;
-        let known = match filled {
-            Filled::Complete => inbox.known(&state),
-            Filled::TooLate => None,
-            Filled::End => break,
+        let inputs = match filled {
+            InputStatus::Complete => buffers.inputs(&state),
+            InputStatus::TooLate => None,
+            InputStatus::End => break,
         };
-        match known.and_then(|known| answer(&chain, &gravity, &known, context.process)) {
+        match inputs.and_then(|inputs| control_step(&chain, &gravity, &inputs, context.process)) {
             Some(request) => {
-                inbox.joined = true;
+                buffers.joined = true;
                 let request = Request { stamp_ns: context.stamp(), ..request };
                 // A gate that is awake answers at once, on another core: the plant may as well wake up meanwhile.
-                let at_once = !in_reserve && ports.request_bell.is_watched();
+                let at_once = !standby && ports.request_bell.is_polled();
                 let gated = ports.gated.count();
                 published = ports.injector.send(&mut ports.request, &request, state.tick)?;
                 if at_once {
-                    ports.command_bell.ring();
+                    ports.command_bell.notify();
                 }
-                if !in_reserve && published > 0 {
-                    ports.see_it_gated(gated, published);
+                if !standby && published > 0 {
+                    ports.call_spare_if_unanswered(gated, published);
                 }
             }
-            None if matches!(filled, Filled::TooLate) => {}
-            None => context.refuse(),
+            None if matches!(filled, InputStatus::TooLate) => {}
+            None => context.reject(),
         }
-        context.account(Tick {
+        context.account(TickTimes {
             tick: state.tick,
             due_ns: state.stamp_ns,
             wake_ns: wake,
@@ -197,10 +201,10 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), ControllerE
             latency_ns: 0,
         })?;
         last = Some(state);
-        ports.prepare();
+        ports.preloan();
         // What comes after the answer need not be looked for while somebody waits for the next.
-        read_ahead(context, &mut ports, &mut inbox)?;
-        context.tell_unmet(ports.unmet());
+        read_ahead(context, &mut ports, &mut buffers)?;
+        context.report_failed_connections(ports.failed_connections());
         ports.injector.listen()?;
         if state.tick >= last_tick {
             context.finish(state.tick)?;
@@ -211,7 +215,7 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), ControllerE
 }
 
 /// What came of waiting for a tick's messages.
-enum Filled {
+enum InputStatus {
     /// All are there; in realtime: all that will be.
     Complete,
     /// The tick is done: another controller has answered it.
@@ -220,47 +224,57 @@ enum Filled {
     End,
 }
 
-/// Takes in what is known before the state it belongs to: command(k) at the end of tick k, parameters some ticks ahead.
-fn read_ahead(context: &mut Context, ports: &mut Ports, inbox: &mut Inbox) -> Result<(), IpcError> {
-    context.drain(&mut ports.command, |new| inbox.commands.keep(new))?;
-    context.drain(&mut ports.operator, |new| inbox.operator = Some(new))
+/// Takes in what is inputs before the state it belongs to: command(k) at the end of tick k, parameters some ticks ahead.
+fn read_ahead(context: &mut Context, ports: &mut Ports, buffers: &mut InputBuffers) -> Result<(), IpcError> {
+    context.drain(&mut ports.command, |new| buffers.commands.insert(new))?;
+    context.drain(&mut ports.operator, |new| buffers.operator = Some(new))
 }
 
 /// Takes references up to that of a tick, and counts those that are too old.
-fn follow(context: &mut Context, references: &mut Input<Reference>, inbox: &mut Inbox, tick: i64) -> Result<(), IpcError> {
+fn take_references(
+    context: &mut Context,
+    references: &mut Input<Reference>,
+    buffers: &mut InputBuffers,
+    tick: i64,
+) -> Result<(), IpcError> {
     let mut late = 0;
     context.take_until(references, |new| {
-        late += u32::from(!inbox.follow(new));
+        late += u32::from(!buffers.take_reference(new));
         new.tick >= tick
     })?;
     // Who has just joined is handed over what was said long ago.
-    for _ in 0..if inbox.joined { late } else { 0 } {
-        context.refuse();
+    for _ in 0..if buffers.joined { late } else { 0 } {
+        context.reject();
     }
     Ok(())
 }
 
 /// Takes what there is; in lockstep waits for reference(k) and command(k - 1), or for command(k): then tick k is done.
-fn fill(context: &mut Context, ports: &mut Ports, inbox: &mut Inbox, tick: i64) -> Result<Filled, IpcError> {
+fn receive_inputs(
+    context: &mut Context,
+    ports: &mut Ports,
+    buffers: &mut InputBuffers,
+    tick: i64,
+) -> Result<InputStatus, IpcError> {
     loop {
-        if context.clock == Clock::Lockstep || inbox.references.at(tick).is_none() {
-            follow(context, &mut ports.reference, inbox, tick)?;
+        if context.clock == Clock::Lockstep || buffers.references.at(tick).is_none() {
+            take_references(context, &mut ports.reference, buffers, tick)?;
         }
-        if context.clock == Clock::Lockstep || inbox.commands.at(tick - 1).is_none() || inbox.operator.is_none() {
-            read_ahead(context, ports, inbox)?;
+        if context.clock == Clock::Lockstep || buffers.commands.at(tick - 1).is_none() || buffers.operator.is_none() {
+            read_ahead(context, ports, buffers)?;
         }
         if context.clock == Clock::Realtime {
-            return Ok(Filled::Complete);
+            return Ok(InputStatus::Complete);
         }
-        if inbox.commands.newest().is_some_and(|c| c.tick >= tick) {
-            return Ok(Filled::TooLate);
+        if buffers.commands.newest().is_some_and(|c| c.tick >= tick) {
+            return Ok(InputStatus::TooLate);
         }
-        if inbox.references.at(tick).is_some() && inbox.commands.at(tick - 1).is_some() && inbox.operator.is_some() {
-            return Ok(Filled::Complete);
+        if buffers.references.at(tick).is_some() && buffers.commands.at(tick - 1).is_some() && buffers.operator.is_some() {
+            return Ok(InputStatus::Complete);
         }
-        ports.request.prepare();
+        ports.request.preloan();
         if !context.wait(&[&ports.reference, &ports.command], tick)? {
-            return Ok(Filled::End);
+            return Ok(InputStatus::End);
         }
     }
 }

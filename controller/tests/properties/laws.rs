@@ -2,7 +2,9 @@
 
 use crate::draw::*;
 use hapfic_controller::task_space;
-use hapfic_controller::{Attractor, ForceProfile, HapticParameters, HapticSearch, LowPass, Stall, held_back, limit, refitted};
+use hapfic_controller::{
+    Attractor, ForceProfile, HapticParameters, HapticSearch, LowPass, Stall, bumpless_offset, conditional_integration, limit,
+};
 use hapfic_messages::{ControllerState, MAX_JOINTS, Parameters, ResetPolicy, Saturation, Search};
 use proptest::prelude::*;
 
@@ -156,7 +158,7 @@ proptest! {
         for (input, p, still, offset) in steps {
             let p = Parameters { offset_anti_windup: 1, stall_release: 1, ..p };
             // As if from another controller: any state that passes the checks.
-            let from = ControllerState { still_ticks: [still, 0, u32::MAX], offset, ..state };
+            let from = ControllerState { at_rest_ticks: [still, 0, u32::MAX], offset, ..state };
             let output = task_space::step(from, &input, &p, PERIOD_S);
             prop_assert!(output.is_ok(), "{output:?}");
             let output = output.unwrap();
@@ -177,7 +179,7 @@ proptest! {
         max_force in 0.1_f64..2.0,
     ) {
         let force = force.clamp(-max_force, max_force);
-        let taken = held_back(before, wanted, force, max_force);
+        let taken = conditional_integration(before, wanted, force, max_force);
         prop_assert!(taken == before || taken == wanted);
         let deeper = (taken - before) * force > 0.0 && taken.abs() > before.abs();
         prop_assert!(!(deeper && force.abs() >= 0.999 * max_force), "{before} -> {taken} at {force} of {max_force} N");
@@ -195,7 +197,7 @@ proptest! {
         position_bound in parameter(),
     ) {
         let profile = ForceProfile { stiffness, max_force, position_bound, saturation: Saturation::Continuous };
-        let offset = refitted(distance, force, &profile);
+        let offset = bumpless_offset(distance, force, &profile);
         prop_assert!(offset.abs() <= position_bound.max(0.0), "{offset}");
     }
 
@@ -208,7 +210,7 @@ proptest! {
         position_bound in 1e-4_f64..1.0,
     ) {
         let profile = ForceProfile { stiffness, max_force, position_bound, saturation: Saturation::Continuous };
-        let offset = refitted(distance, force, &profile);
+        let offset = bumpless_offset(distance, force, &profile);
         let wanted = force.clamp(-max_force, max_force);
         let given = profile.force(distance + offset);
         if offset.abs() < position_bound {

@@ -16,8 +16,8 @@ fn a_number_that_is_not_finite_is_refused_wherever_it_comes_in() {
                 return;
             };
             *number = bad;
-            let refused = task_space::step(state, &input, &p, PERIOD_S);
-            assert!(matches!(refused, Err(TaskSpaceError::NotFinite { .. })), "place {places}: {refused:?}");
+            let rejected = task_space::step(state, &input, &p, PERIOD_S);
+            assert!(matches!(rejected, Err(TaskSpaceError::NotFinite { .. })), "place {places}: {rejected:?}");
         }
         places += 1;
     }
@@ -26,8 +26,8 @@ fn a_number_that_is_not_finite_is_refused_wherever_it_comes_in() {
 #[test]
 fn an_error_that_overflows_is_refused() {
     let input = Input { position: [f64::MAX; 3], reference_position: [f64::MIN; 3], ..Input::default() };
-    let refused = task_space::step(ControllerState::default(), &input, &ordinary(), PERIOD_S);
-    assert_eq!(refused, Err(TaskSpaceError::NotFinite { quantity: "error", index: 0, found: f64::NEG_INFINITY }));
+    let rejected = task_space::step(ControllerState::default(), &input, &ordinary(), PERIOD_S);
+    assert_eq!(rejected, Err(TaskSpaceError::NotFinite { quantity: "error", index: 0, found: f64::NEG_INFINITY }));
 }
 
 #[test]

@@ -1,7 +1,7 @@
-//! Changes on their way to the gate, and its answers: two wait-free queues of bounded length.
+//! Changes on their way to the gate, and its replies: two wait-free queues of bounded length.
 //!
 //! Who asks waits only so long. A change that he has given up must not be made later, behind his back: one atomic number says
-//! whether the newest change is still offered, so that either the gate takes it or it is withdrawn, never both.
+//! whether the newest change is still pending, so that either the gate takes it or it is withdrawn, never both.
 
 use hapfic_config::{OperatorChange, Parameters};
 use rtrb::{Consumer, Producer, RingBuffer};
@@ -9,14 +9,14 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-/// Changes, or answers, under way. Only one is offered at a time; the others have been withdrawn.
+/// Changes, or replies, under way. Only one is pending at a time; the others have been withdrawn.
 const DEPTH: usize = 4;
-/// How often the one who waits looks for the answer.
-const LOOK_EVERY: Duration = Duration::from_micros(500);
+/// How often the one who waits looks for the reply.
+const POLL_INTERVAL: Duration = Duration::from_micros(500);
 
 /// A change for the gate.
 #[derive(Clone, Copy, Debug)]
-pub struct Offer {
+pub struct ChangeRequest {
     id: u64,
     /// Version of the set the change was made on; `None`: it fits any.
     pub made_on: Option<u64>,
@@ -26,7 +26,7 @@ pub struct Offer {
 
 /// What the gate makes of a change.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Verdict {
+pub enum ChangeOutcome {
     /// It will take effect.
     Placed,
     /// It was made on another set than the one it would follow.
@@ -37,12 +37,12 @@ pub enum Verdict {
     Full,
 }
 
-/// The gate's answer.
+/// The gate's reply.
 #[derive(Clone, Copy, Debug)]
-pub struct Answer {
+pub struct ChangeReply {
     id: u64,
     /// What became of it.
-    pub verdict: Verdict,
+    pub outcome: ChangeOutcome,
     /// Version that the set has, or would have.
     pub version: u64,
     /// First tick at which it is, or would be, in force.
@@ -53,101 +53,108 @@ pub struct Answer {
     pub before: Parameters,
 }
 
-impl Answer {
-    /// The answer to an offer.
+impl ChangeReply {
+    /// The reply to an request.
     #[must_use]
-    pub fn new(offer: &Offer, verdict: Verdict, version: u64, effective_tick: i64, taken_tick: i64, before: Parameters) -> Self {
-        Self { id: offer.id, verdict, version, effective_tick, taken_tick, before }
+    pub fn new(
+        request: &ChangeRequest,
+        outcome: ChangeOutcome,
+        version: u64,
+        effective_tick: i64,
+        taken_tick: i64,
+        before: Parameters,
+    ) -> Self {
+        Self { id: request.id, outcome, version, effective_tick, taken_tick, before }
     }
 }
 
-/// The offer with this id may be taken.
-const fn offered(id: u64) -> u64 {
+/// The request with this id may be taken.
+const fn pending(id: u64) -> u64 {
     2 * id
 }
 
-/// The offer with this id may not be taken any more: the gate has it, or it was withdrawn.
-const fn settled(id: u64) -> u64 {
+/// The request with this id may not be taken any more: the gate has it, or it was withdrawn.
+const fn closed(id: u64) -> u64 {
     2 * id + 1
 }
 
-/// The side that offers.
+/// The side that requests.
 #[derive(Debug)]
-pub struct Desk {
-    offers: Producer<Offer>,
-    answers: Consumer<Answer>,
+pub struct ChangeClient {
+    requests: Producer<ChangeRequest>,
+    replies: Consumer<ChangeReply>,
     state: Arc<AtomicU64>,
     last: u64,
 }
 
 /// The gate's side: nothing in it waits or allocates.
 #[derive(Debug)]
-pub struct Hatch {
-    offers: Consumer<Offer>,
-    answers: Producer<Answer>,
+pub struct ChangeServer {
+    requests: Consumer<ChangeRequest>,
+    replies: Producer<ChangeReply>,
     state: Arc<AtomicU64>,
 }
 
 /// Both sides.
 #[must_use]
-pub fn exchange() -> (Desk, Hatch) {
-    let (offer, offers) = RingBuffer::new(DEPTH);
-    let (answer, answers) = RingBuffer::new(DEPTH);
-    let state = Arc::new(AtomicU64::new(settled(0)));
-    let hatch = Hatch { offers, answers: answer, state: Arc::clone(&state) };
-    (Desk { offers: offer, answers, state, last: 0 }, hatch)
+pub fn exchange() -> (ChangeClient, ChangeServer) {
+    let (request, requests) = RingBuffer::new(DEPTH);
+    let (reply, replies) = RingBuffer::new(DEPTH);
+    let state = Arc::new(AtomicU64::new(closed(0)));
+    let change_server = ChangeServer { requests, replies: reply, state: Arc::clone(&state) };
+    (ChangeClient { requests: request, replies, state, last: 0 }, change_server)
 }
 
-impl Desk {
-    /// Offers a change and waits for the answer; `None` if the gate did not take it in time: then it never will.
-    pub fn ask(&mut self, made_on: Option<u64>, change: &OperatorChange, patience: Duration) -> Option<Answer> {
+impl ChangeClient {
+    /// Offers a change and waits for the reply; `None` if the gate did not take it in time: then it never will.
+    pub fn ask(&mut self, made_on: Option<u64>, change: &OperatorChange, patience: Duration) -> Option<ChangeReply> {
         self.last += 1;
         let id = self.last;
         // Answers that came too late.
-        while self.answers.pop().is_ok() {}
-        self.state.store(offered(id), Ordering::Release);
-        // Full of withdrawn offers: the gate does not look.
-        self.offers.push(Offer { id, made_on, change: *change }).ok()?;
+        while self.replies.pop().is_ok() {}
+        self.state.store(pending(id), Ordering::Release);
+        // Full of withdrawn requests: the gate does not look.
+        self.requests.push(ChangeRequest { id, made_on, change: *change }).ok()?;
         let asked = Instant::now();
         loop {
-            if let Ok(answer) = self.answers.pop()
-                && answer.id == id
+            if let Ok(reply) = self.replies.pop()
+                && reply.id == id
             {
-                return Some(answer);
+                return Some(reply);
             }
             if asked.elapsed() > patience && self.withdraw(id) {
                 return None;
             }
-            // The gate has it, and ended before it could answer.
+            // The gate has it, and ended before it could reply.
             if asked.elapsed() > 2 * patience {
                 return None;
             }
-            std::thread::sleep(LOOK_EVERY);
+            std::thread::sleep(POLL_INTERVAL);
         }
     }
 
     fn withdraw(&self, id: u64) -> bool {
-        self.state.compare_exchange(offered(id), settled(id), Ordering::AcqRel, Ordering::Acquire).is_ok()
+        self.state.compare_exchange(pending(id), closed(id), Ordering::AcqRel, Ordering::Acquire).is_ok()
     }
 }
 
-impl Hatch {
-    /// The change that is offered, if there is one. To be answered at once.
-    pub fn take(&mut self) -> Option<Offer> {
-        while let Ok(offer) = self.offers.pop() {
+impl ChangeServer {
+    /// The change that is pending, if there is one. To be answered at once.
+    pub fn take(&mut self) -> Option<ChangeRequest> {
+        while let Ok(request) = self.requests.pop() {
             let taken =
-                self.state.compare_exchange(offered(offer.id), settled(offer.id), Ordering::AcqRel, Ordering::Acquire).is_ok();
+                self.state.compare_exchange(pending(request.id), closed(request.id), Ordering::AcqRel, Ordering::Acquire).is_ok();
             if taken {
-                return Some(offer);
+                return Some(request);
             }
         }
         None
     }
 
     /// Says what became of it.
-    pub fn answer(&mut self, answer: Answer) {
-        // Whoever does not take his answers has stopped waiting for them.
-        let _ = self.answers.push(answer);
+    pub fn reply(&mut self, reply: ChangeReply) {
+        // Whoever does not take his replies has stopped waiting for them.
+        let _ = self.replies.push(reply);
     }
 }
 
@@ -160,38 +167,38 @@ mod tests {
     const SHORT: Duration = Duration::from_millis(5);
     const LONG: Duration = Duration::from_secs(20);
 
-    fn answer(offer: &Offer, before: Parameters) -> Answer {
-        Answer::new(offer, Verdict::Placed, 2, 7, 2, before)
+    fn reply(request: &ChangeRequest, before: Parameters) -> ChangeReply {
+        ChangeReply::new(request, ChangeOutcome::Placed, 2, 7, 2, before)
     }
 
     #[test]
     fn what_was_given_up_is_never_taken() {
-        let (mut desk, mut hatch) = exchange();
+        let (mut change_client, mut change_server) = exchange();
         let change = OperatorChange::default();
         for _ in 0..10 * DEPTH {
-            assert!(desk.ask(None, &change, SHORT).is_none());
+            assert!(change_client.ask(None, &change, SHORT).is_none());
         }
-        assert!(hatch.take().is_none());
+        assert!(change_server.take().is_none());
     }
 
     #[test]
     fn an_answer_belongs_to_its_offer() {
         let before = Settings::load("floor", &[]).unwrap().initial;
-        let (mut desk, mut hatch) = exchange();
-        assert!(desk.ask(None, &OperatorChange::default(), SHORT).is_none());
+        let (mut change_client, mut change_server) = exchange();
+        assert!(change_client.ask(None, &OperatorChange::default(), SHORT).is_none());
         let gate = std::thread::spawn(move || {
             loop {
-                if let Some(offer) = hatch.take() {
+                if let Some(request) = change_server.take() {
                     // One that nobody waits for comes first.
-                    hatch.answer(Answer { id: offer.id - 1, ..answer(&offer, before) });
-                    hatch.answer(Answer { version: offer.made_on.unwrap() + 1, ..answer(&offer, before) });
+                    change_server.reply(ChangeReply { id: request.id - 1, ..reply(&request, before) });
+                    change_server.reply(ChangeReply { version: request.made_on.unwrap() + 1, ..reply(&request, before) });
                     return;
                 }
                 std::thread::yield_now();
             }
         });
-        let answer = desk.ask(Some(41), &OperatorChange::default(), LONG).unwrap();
-        assert_eq!((answer.verdict, answer.version), (Verdict::Placed, 42));
+        let reply = change_client.ask(Some(41), &OperatorChange::default(), LONG).unwrap();
+        assert_eq!((reply.outcome, reply.version), (ChangeOutcome::Placed, 42));
         gate.join().unwrap();
     }
 }

@@ -1,49 +1,49 @@
 //! What the gate tells of: events, written without touching the heap, sent in the slack.
 
-use crate::node::{Gateway, TOLD_ONE_BY_ONE};
-use hapfic_gate::protocol::Place;
+use crate::node::{GateNode, REPORTED_ONE_BY_ONE};
+use hapfic_gate::protocol::ControllerSlot;
 use hapfic_ipc::{IpcError, clock};
 use hapfic_messages::{Clock, Command, Detector, Event, EventKind, Mode, Process, Severity, Source};
 
-impl Gateway {
+impl GateNode {
     /// Everything that a tick brought, after its command has gone out.
-    pub(super) fn tell_all(
+    pub(super) fn report_all(
         &mut self,
         command: &Command,
         severity_before: u32,
         announced: Option<(u64, i64)>,
     ) -> Result<(), IpcError> {
         if let Some(defect) = self.state_defect.take() {
-            self.tell(Process::Plant, EventKind::Refused, Detector::Check, |text| write!(text, "state refused: {defect}"))?;
+            self.report(Process::Plant, EventKind::Rejected, Detector::Check, |text| write!(text, "state rejected: {defect}"))?;
         }
         if let Some(defect) = self.stray_defect.take() {
-            self.tell(Process::Supervisor, EventKind::Refused, Detector::Check, |text| {
-                write!(text, "request refused: {defect}")
+            self.report(Process::Supervisor, EventKind::Rejected, Detector::Check, |text| {
+                write!(text, "request rejected: {defect}")
             })?;
         }
-        for place in Place::BOTH {
+        for place in ControllerSlot::BOTH {
             if let Some(defect) = self.defects[place as usize].take() {
-                self.tell(place.process(), EventKind::Refused, Detector::Check, |text| {
-                    write!(text, "request refused: {defect}")
+                self.report(place.process(), EventKind::Rejected, Detector::Check, |text| {
+                    write!(text, "request rejected: {defect}")
                 })?;
             }
         }
         self.tell_slip()?;
         if let Some((version, from)) = announced {
-            self.tell_parameters(version, from)?;
+            self.report_parameters(version, from)?;
         }
         if (command.limited == 0) != (self.limited == 0) {
             self.tell_limited(command)?;
         }
         self.limited = command.limited;
         if let Some(step) = self.gate.discontinuity() {
-            self.tell(Process::Supervisor, EventKind::Discontinuity, Detector::Check, |text| {
+            self.report(Process::Supervisor, EventKind::Discontinuity, Detector::Check, |text| {
                 write!(text, "torque of joint {} steps by {:.3} N m", step.joint, step.size)
             })?;
         }
         self.tell_missed(command)?;
         if let Some(place) = self.promoted.take() {
-            self.tell(place.process(), EventKind::Promoted, Detector::Deadline, |text| {
+            self.report(place.process(), EventKind::Promoted, Detector::Deadline, |text| {
                 write!(text, "{} is the primary controller from tick {}", place.process(), command.tick)
             })?;
         }
@@ -56,11 +56,11 @@ impl Gateway {
     /// Ticks that nobody has answered: the first ones each, the others together.
     fn tell_missed(&mut self, command: &Command) -> Result<(), IpcError> {
         let tick = command.tick;
-        let answered = command.source == Source::Fresh.code() || command.source == Source::Withheld.code();
+        let answered = command.source == Source::Fresh.code() || command.source == Source::Suppressed.code();
         if answered {
             let missed = std::mem::take(&mut self.missed);
-            if missed > TOLD_ONE_BY_ONE {
-                self.tell(Process::Controller, EventKind::Note, Detector::Deadline, |text| {
+            if missed > REPORTED_ONE_BY_ONE {
+                self.report(Process::Controller, EventKind::Note, Detector::Deadline, |text| {
                     write!(text, "requests are back at tick {tick}, after {missed} ticks without any")
                 })?;
             }
@@ -70,10 +70,10 @@ impl Gateway {
             return Ok(());
         }
         self.missed += 1;
-        if self.missed > TOLD_ONE_BY_ONE {
+        if self.missed > REPORTED_ONE_BY_ONE {
             return Ok(());
         }
-        self.tell(Process::Controller, EventKind::Missed, Detector::Deadline, |text| {
+        self.report(Process::Controller, EventKind::Missed, Detector::Deadline, |text| {
             write!(text, "no valid request for tick {tick} by the deadline")
         })
     }
@@ -86,20 +86,20 @@ impl Gateway {
         }
         self.slipped = now;
         let late_us = late_ns / 1000;
-        self.tell(Process::Plant, EventKind::Slipped, Detector::Tick, |text| {
+        self.report(Process::Plant, EventKind::TimebaseSlip, Detector::Tick, |text| {
             write!(text, "timer {late_us} us late, simulated time slipped by {} ticks", now - before)
         })
     }
 
-    pub(super) fn tell_parameters(&mut self, version: u64, from: i64) -> Result<(), IpcError> {
-        self.tell(Process::Supervisor, EventKind::Parameters, Detector::None, |text| {
+    pub(super) fn report_parameters(&mut self, version: u64, from: i64) -> Result<(), IpcError> {
+        self.report(Process::Supervisor, EventKind::Parameters, Detector::None, |text| {
             write!(text, "parameters {version} in force from tick {from}")
         })
     }
 
     pub(super) fn tell_limited(&mut self, command: &Command) -> Result<(), IpcError> {
         let limited = command.limited;
-        self.tell(Process::Supervisor, EventKind::Limited, Detector::None, |text| match limited {
+        self.report(Process::Supervisor, EventKind::Limited, Detector::None, |text| match limited {
             0 => write!(text, "no torque is limited any more"),
             bits => write!(text, "the peak limits the torque of joints {bits:#b} (a bit each, the first joint last)"),
         })
@@ -107,24 +107,24 @@ impl Gateway {
 
     pub(super) fn tell_transition(&mut self, from: u32, to: u32) -> Result<(), IpcError> {
         let name = |code| Severity::from_code(code).map_or("?", Severity::name);
-        let stop_by = Detector::from_code(self.start.live.stop_by.load(std::sync::atomic::Ordering::Relaxed));
+        let stop_by = Detector::from_code(self.start.shared.stop_by.load(std::sync::atomic::Ordering::Relaxed));
         let detector = match Severity::from_code(to) {
             Some(Severity::Stopped) => stop_by.unwrap_or(Detector::Operator),
             _ if from == Severity::Stopped.code() => Detector::Operator,
             _ => Detector::Deadline,
         };
         if from == Severity::Stopped.code() {
-            self.tell(Process::Supervisor, EventKind::Rearmed, Detector::Operator, |text| {
+            self.report(Process::Supervisor, EventKind::Rearmed, Detector::Operator, |text| {
                 write!(text, "re-armed by the operator: starts from where the foot is, the torque ramps in")
             })?;
         }
-        self.tell(Process::Supervisor, EventKind::Transition, detector, |text| {
+        self.report(Process::Supervisor, EventKind::Transition, detector, |text| {
             write!(text, "severity {} -> {}", name(from), name(to))
         })
     }
 
     /// Sends an event whose text is written without touching the heap.
-    pub(super) fn tell(
+    pub(super) fn report(
         &mut self,
         process: Process,
         kind: EventKind,

@@ -4,7 +4,7 @@
 //! its own, a second thread stands in for it when that core is taken away ([`spare`]). Read `node`, then `turn`, `receive`,
 //! `idle_work`, `events`. [`shared_status`] and [`change_exchange`] are what the supervisor's other threads share with it.
 
-mod arrival;
+mod arrival_wait;
 pub mod change_exchange;
 mod events;
 mod idle_work;
@@ -14,4 +14,4 @@ pub mod shared_status;
 mod spare;
 mod turn;
 
-pub use node::{Gateway, Start};
+pub use node::{GateNode, GateStart};

@@ -1,17 +1,17 @@
 //! What the gate takes in: states for their time and for the check of torques, requests of both controllers.
 
-use crate::node::{CONTROLLERS, Gateway};
-use hapfic_gate::protocol::{Observed, Place};
+use crate::node::{CONTROLLERS, GateNode};
+use hapfic_gate::protocol::{ControllerSlot, Observation};
 use hapfic_ipc::{IpcError, clock};
-use hapfic_messages::{Check, Clock, Defect, PERIOD_NS, Process, Request, State};
+use hapfic_messages::{Check, Clock, PERIOD_NS, Process, Request, State, ValidationError};
 use std::sync::atomic::Ordering;
 
 /// How far from the tick that is due a request's tick may be.
 const NEAR: i64 = 8;
 
-impl Gateway {
+impl GateNode {
     /// Takes in what has come.
-    pub(super) fn read(&mut self) -> Result<(), IpcError> {
+    pub(super) fn receive(&mut self) -> Result<(), IpcError> {
         while let Some(state) = self.state.next()? {
             self.take_state(state);
         }
@@ -22,7 +22,7 @@ impl Gateway {
     }
 
     /// Takes in what has come up to the state of a tick and the primary's request; the rest can wait for the slack.
-    pub(super) fn read_answer(&mut self, tick: i64) -> Result<(), IpcError> {
+    pub(super) fn receive_until_answered(&mut self, tick: i64) -> Result<(), IpcError> {
         while self.newest.is_none_or(|(newest, _)| newest < tick)
             && let Some(state) = self.state.next()?
         {
@@ -42,20 +42,20 @@ impl Gateway {
             // A successor of the plant says once more what its forerunner said last.
             return;
         }
-        match self.judge_state(&state) {
+        match self.validate_state(&state) {
             Ok(()) => {
                 let now = clock::now_ns();
                 // A stamp that cannot be right must not move the deadline.
                 let stamp = state.stamp_ns.clamp(now.saturating_sub(PERIOD_NS), now);
                 self.newest = Some((state.tick, stamp));
-                if let Some(foresight) = &mut self.foresight {
-                    foresight.learn(&state, now);
+                if let Some(predictor) = &mut self.predictor {
+                    predictor.observe(&state, now);
                 }
-                self.states.keep(state);
+                self.states.insert(state);
                 self.slip = self.slip.max((state.slipped, state.wake_lateness_ns));
             }
             Err(defect) => {
-                self.refused += 1;
+                self.rejected += 1;
                 self.state_defect = Some(defect);
             }
         }
@@ -66,8 +66,8 @@ impl Gateway {
             Some(Process::Controller) => 0,
             Some(Process::Standby) => 1,
             _ => {
-                self.refused += 1;
-                self.stray_defect = Some(Defect::Code { field: "controller", found: request.controller });
+                self.rejected += 1;
+                self.stray_defect = Some(ValidationError::Code { field: "controller", found: request.controller });
                 return;
             }
         };
@@ -75,14 +75,15 @@ impl Gateway {
         let newest = self.inbox[place].newest().map_or(i64::MIN, |r| r.tick);
         let again = request.tick < due && request.tick <= newest;
         if again || request.tick.abs_diff(due) > NEAR as u64 {
-            self.refused += 1;
-            self.defects[place] = Some(Defect::Tick { field: "tick", found: request.tick, expected: due.max(newest + 1) });
+            self.rejected += 1;
+            self.defects[place] =
+                Some(ValidationError::Tick { field: "tick", found: request.tick, expected: due.max(newest + 1) });
             return;
         }
-        self.inbox[place].keep(request);
+        self.inbox[place].insert(request);
     }
 
-    fn judge_state(&self, state: &State) -> Result<(), Defect> {
+    fn validate_state(&self, state: &State) -> Result<(), ValidationError> {
         state.check()?;
         let expected = self.newest.map_or(0, |(tick, _)| tick + 1);
         // The plant does one tick after the other; a gate that was held up may have missed as many as there has been time for.
@@ -93,30 +94,30 @@ impl Gateway {
         if (expected..=expected + missed).contains(&state.tick) && state.tick < self.start.ticks {
             return Ok(());
         }
-        Err(Defect::Tick { field: "tick", found: state.tick, expected })
+        Err(ValidationError::Tick { field: "tick", found: state.tick, expected })
     }
 
     /// Who has answered the tick that is due, and with what. A request whose state is not here yet has not come either.
-    pub(super) fn observe(&mut self, overdue: bool) -> (Observed, [Option<Request>; CONTROLLERS]) {
+    pub(super) fn observe(&mut self, overdue: bool) -> (Observation, [Option<Request>; CONTROLLERS]) {
         let tick = self.gate.tick();
-        let present = self.start.live.present.load(Ordering::Acquire);
-        let mut seen = Observed { overdue, ..Observed::default() };
+        let present = self.start.shared.present.load(Ordering::Acquire);
+        let mut seen = Observation { overdue, ..Observation::default() };
         let mut requests = [None; CONTROLLERS];
         let state = self.states.at(tick);
-        for place in Place::BOTH {
+        for place in ControllerSlot::BOTH {
             let i = place as usize;
             seen.present[i] = present & (1 << place.process().code()) != 0;
             let (Some(state), Some(request)) = (state, self.inbox[i].at(tick)) else { continue };
-            match self.gate.judge(request, state, self.start.timeline.operator().at(tick)) {
+            match self.gate.validate(request, state, self.start.schedule.operator().at(tick)) {
                 Ok(()) => {
                     seen.valid[i] = true;
                     requests[i] = Some(*request);
                 }
                 Err(defect) => {
-                    seen.refused[i] = true;
-                    // Asked again at every wake-up of this tick, told once.
+                    seen.rejected[i] = true;
+                    // Asked again at every wake-up of this tick, reported once.
                     if self.defects[i].is_none() {
-                        self.refused += 1;
+                        self.rejected += 1;
                         self.defects[i] = Some(defect);
                     }
                 }

@@ -10,25 +10,25 @@ const ATTENTION_NS: u64 = 20_000_000;
 
 /// Signs of life of one process.
 #[derive(Debug, Default)]
-pub struct Pulse {
+pub struct Heartbeat {
     /// When it was last heard of; zero: never.
-    heard_ns: AtomicU64,
+    last_ns: AtomicU64,
     /// How long the recorder had listened by then.
-    heard_at: AtomicU64,
+    last_at: AtomicU64,
     /// Which start of the process it is (upper half), and code of its phase plus one (lower half; zero: never heard of). One word:
     /// what a dead process said last must not be taken for its successor's.
     phase: AtomicU64,
     /// Real-time privileges it has.
     realtime: AtomicU32,
-    /// Messages it has refused.
-    refused: AtomicU32,
+    /// Messages it has rejected.
+    rejected: AtomicU32,
     /// Its last tick.
     tick: AtomicI64,
     /// How often it could not meet somebody.
-    unmet: AtomicU32,
+    failed_connections: AtomicU32,
 }
 
-impl Pulse {
+impl Heartbeat {
     /// Its phase, once heard of.
     #[must_use]
     pub fn phase(&self) -> Option<Phase> {
@@ -36,11 +36,11 @@ impl Pulse {
     }
 
     /// When it was last heard of.
-    fn heard_ns(&self) -> Option<u64> {
-        Some(self.heard_ns.load(Ordering::Relaxed)).filter(|heard| *heard > 0)
+    fn last_ns(&self) -> Option<u64> {
+        Some(self.last_ns.load(Ordering::Relaxed)).filter(|heard| *heard > 0)
     }
 
-    /// The tick it told of last.
+    /// The tick it reported of last.
     #[must_use]
     pub fn tick(&self) -> i64 {
         self.tick.load(Ordering::Relaxed)
@@ -49,22 +49,22 @@ impl Pulse {
     /// How long ago it was heard of, ns.
     #[must_use]
     pub fn age_ns(&self) -> Option<u64> {
-        self.heard_ns().map(|heard| clock::now_ns().saturating_sub(heard))
+        self.last_ns().map(|heard| clock::now_ns().saturating_sub(heard))
     }
 
-    /// Messages it has refused since it started.
+    /// Messages it has rejected since it started.
     #[must_use]
-    pub fn refused(&self) -> u32 {
-        self.refused.load(Ordering::Relaxed)
+    pub fn rejected(&self) -> u32 {
+        self.rejected.load(Ordering::Relaxed)
     }
 
     /// How often it could not meet somebody who had joined, since it started.
     #[must_use]
-    pub fn unmet(&self) -> u32 {
-        self.unmet.load(Ordering::Relaxed)
+    pub fn failed_connections(&self) -> u32 {
+        self.failed_connections.load(Ordering::Relaxed)
     }
 
-    /// Real-time privileges it has, bits of [`hapfic_ipc::realtime::Granted`].
+    /// Real-time privileges it has, bits of [`hapfic_ipc::realtime::SchedGrants`].
     #[must_use]
     pub fn realtime(&self) -> u32 {
         self.realtime.load(Ordering::Relaxed)
@@ -107,7 +107,7 @@ impl Latencies {
 
 /// The picture for the progress line and for `hapfic status`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Glance {
+pub struct StatusSnapshot {
     /// Simulated time, s.
     pub time_s: f64,
     /// Foot, m.
@@ -134,7 +134,7 @@ pub struct Glance {
 
 /// State shared by the supervisor's threads.
 #[derive(Debug, Default)]
-pub struct Live {
+pub struct SharedStatus {
     /// All are ready: the gate may start the run.
     pub go: AtomicBool,
     /// The gate should end.
@@ -149,13 +149,13 @@ pub struct Live {
     pub log_failed: AtomicBool,
     /// Last tick whose command went out; -1 before the first.
     pub gated: AtomicI64,
-    /// Ticks that the gate's understudy has done.
-    pub stood_in: AtomicU64,
+    /// Ticks that the gate's spare has done.
+    pub spare_ticks: AtomicU64,
     /// Code of the severity.
     pub severity: AtomicU32,
-    /// Processes that live and do ticks: a bit for each, by its code.
+    /// Processes that shared and do ticks: a bit for each, by its code.
     pub present: AtomicU32,
-    /// Processes that should live and do not, or do no ticks yet.
+    /// Processes that should shared and do not, or do no ticks yet.
     pub missing: AtomicU32,
     /// Code of the controller whose requests count if both answer.
     pub primary: AtomicU32,
@@ -163,10 +163,10 @@ pub struct Live {
     pub stops: AtomicU64,
     /// See `stops`.
     pub stop_by: AtomicU32,
-    /// Ticks in a row at which each controller's request was refused, first place first.
+    /// Ticks in a row at which each controller's request was rejected, first place first.
     pub bad_requests: [AtomicU32; 2],
-    /// Somebody wishes the dead to be swept away: the main thread does that, which knows what has to be done before.
-    pub sweep_wanted: AtomicBool,
+    /// Somebody inputs the dead to be swept away: the main thread does that, which knows what has to be done before.
+    pub cleanup_requested: AtomicBool,
     /// How often the recorder could not meet somebody.
     pub recorder_unmet: AtomicU32,
     /// Re-armings so far.
@@ -176,15 +176,15 @@ pub struct Live {
     /// An operator has asked for the end of the run.
     pub asked_to_stop: AtomicBool,
     /// Requests of operators that could not be read.
-    pub requests_refused: AtomicU64,
+    pub requests_rejected: AtomicU64,
     /// For the terminal; no real-time thread touches it.
-    pub glance: Mutex<Glance>,
+    pub snapshot: Mutex<StatusSnapshot>,
     /// From state to command.
     pub latencies: Latencies,
-    pulses: [Pulse; Process::ALL.len()],
+    heartbeats: [Heartbeat; Process::ALL.len()],
 }
 
-impl Live {
+impl SharedStatus {
     /// Nothing has happened yet.
     #[must_use]
     pub fn new() -> Self {
@@ -193,17 +193,17 @@ impl Live {
 
     /// Signs of life of a process.
     #[must_use]
-    pub fn pulse(&self, process: Process) -> &Pulse {
-        &self.pulses[process as usize]
+    pub fn heartbeat(&self, process: Process) -> &Heartbeat {
+        &self.heartbeats[process as usize]
     }
 
     /// For how long the recorder has listened without hearing of a process, ns. Time in which it did not listen does not count:
     /// a recorder that was held up has heard of nobody, and when the host takes the machine away everybody is held up.
     #[must_use]
     pub fn silence_ns(&self, process: Process) -> Option<u64> {
-        let pulse = self.pulse(process);
-        pulse.heard_ns()?;
-        Some(self.listening_ns.load(Ordering::Acquire).saturating_sub(pulse.heard_at.load(Ordering::Relaxed)))
+        let heartbeat = self.heartbeat(process);
+        heartbeat.last_ns()?;
+        Some(self.listening_ns.load(Ordering::Acquire).saturating_sub(heartbeat.last_at.load(Ordering::Relaxed)))
     }
 
     /// To be called, by one thread, when everything that had been sent has been taken in.
@@ -221,13 +221,13 @@ impl Live {
     }
 
     /// A process is started anew: it has not been heard of yet.
-    pub fn expect(&self, process: Process, generation: u32) {
-        let pulse = self.pulse(process);
-        pulse.phase.store(u64::from(generation) << 32, Ordering::Release);
-        pulse.heard_ns.store(0, Ordering::Relaxed);
-        pulse.refused.store(0, Ordering::Relaxed);
-        pulse.unmet.store(0, Ordering::Relaxed);
-        pulse.tick.store(-1, Ordering::Relaxed);
+    pub fn reset(&self, process: Process, generation: u32) {
+        let heartbeat = self.heartbeat(process);
+        heartbeat.phase.store(u64::from(generation) << 32, Ordering::Release);
+        heartbeat.last_ns.store(0, Ordering::Relaxed);
+        heartbeat.rejected.store(0, Ordering::Relaxed);
+        heartbeat.failed_connections.store(0, Ordering::Relaxed);
+        heartbeat.tick.store(-1, Ordering::Relaxed);
     }
 
     /// Asks the gate for a latched stop.
@@ -237,24 +237,25 @@ impl Live {
     }
 
     /// Takes note of a timing message.
-    pub fn hear(&self, timing: &Timing) {
-        let Some(pulse) = self.pulses.get(timing.process as usize) else { return };
+    pub fn record_heartbeat(&self, timing: &Timing) {
+        let Some(heartbeat) = self.heartbeats.get(timing.process as usize) else { return };
         let generation = u64::from(timing.generation);
-        if pulse.phase.load(Ordering::Acquire) >> 32 != generation {
+        if heartbeat.phase.load(Ordering::Acquire) >> 32 != generation {
             return;
         }
-        pulse.heard_ns.store(clock::now_ns(), Ordering::Relaxed);
-        pulse.heard_at.store(self.listening_ns.load(Ordering::Relaxed), Ordering::Relaxed);
-        pulse.realtime.store(timing.realtime, Ordering::Relaxed);
-        pulse.refused.store(timing.refused, Ordering::Relaxed);
-        pulse.unmet.store(timing.unmet, Ordering::Relaxed);
-        pulse.tick.store(timing.tick, Ordering::Relaxed);
+        heartbeat.last_ns.store(clock::now_ns(), Ordering::Relaxed);
+        heartbeat.last_at.store(self.listening_ns.load(Ordering::Relaxed), Ordering::Relaxed);
+        heartbeat.realtime.store(timing.realtime, Ordering::Relaxed);
+        heartbeat.rejected.store(timing.rejected, Ordering::Relaxed);
+        heartbeat.failed_connections.store(timing.failed_connections, Ordering::Relaxed);
+        heartbeat.tick.store(timing.tick, Ordering::Relaxed);
         if timing.process == Process::Supervisor.code() && timing.latency_ns > 0 {
             self.latencies.push(timing.latency_ns);
         }
         let heard = generation << 32 | u64::from(timing.phase + 1);
         // Last, and only if it is still the same process's.
-        let _ = pulse.phase.fetch_update(Ordering::AcqRel, Ordering::Acquire, |now| (now >> 32 == generation).then_some(heard));
+        let _ =
+            heartbeat.phase.fetch_update(Ordering::AcqRel, Ordering::Acquire, |now| (now >> 32 == generation).then_some(heard));
     }
 }
 
@@ -265,20 +266,20 @@ mod tests {
 
     #[test]
     fn a_recorder_that_was_held_up_accuses_nobody() {
-        let live = Live::new();
-        live.listened();
-        assert_eq!(live.silence_ns(Process::Plant), None);
-        live.hear(&Timing { process: Process::Plant.code(), ..Timing::default() });
+        let shared = SharedStatus::new();
+        shared.listened();
+        assert_eq!(shared.silence_ns(Process::Plant), None);
+        shared.record_heartbeat(&Timing { process: Process::Plant.code(), ..Timing::default() });
         // As if the machine had stood still for a second.
-        live.listened_ns.fetch_sub(1_000_000_000, Ordering::Relaxed);
-        live.listened();
-        assert!(live.silence_ns(Process::Plant).unwrap() <= ATTENTION_NS);
+        shared.listened_ns.fetch_sub(1_000_000_000, Ordering::Relaxed);
+        shared.listened();
+        assert!(shared.silence_ns(Process::Plant).unwrap() <= ATTENTION_NS);
         for _ in 0..100 {
-            live.listened_ns.fetch_sub(10_000_000, Ordering::Relaxed);
-            live.listened();
+            shared.listened_ns.fetch_sub(10_000_000, Ordering::Relaxed);
+            shared.listened();
         }
-        assert!(live.silence_ns(Process::Plant).unwrap() >= 1_000_000_000, "a real silence is heard");
-        live.hear(&Timing { process: Process::Plant.code(), ..Timing::default() });
-        assert_eq!(live.silence_ns(Process::Plant), Some(0));
+        assert!(shared.silence_ns(Process::Plant).unwrap() >= 1_000_000_000, "a real silence is heard");
+        shared.record_heartbeat(&Timing { process: Process::Plant.code(), ..Timing::default() });
+        assert_eq!(shared.silence_ns(Process::Plant), Some(0));
     }
 }

@@ -1,5 +1,5 @@
-//! The protocol of gate, controllers and restarts, explored exhaustively: every order of faults, restarts, ticks and operator's
-//! wishes within the bounds that `docs/protocol.md` gives.
+//! The protocol of gate, controllers and restarts, explored exhaustively: every action of faults, restarts, ticks and operator's
+//! inputs within the bounds that `docs/protocol.md` gives.
 //!
 //! The functions explored are those that run. Each rule is shown to be able to fail by a mutation that breaks it. The numbers of
 //! states are printed: see them with `--nocapture`.

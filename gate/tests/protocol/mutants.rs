@@ -5,14 +5,14 @@
 use crate::mutation::Mutation;
 use crate::rules::Rule;
 use crate::stack::{self, Stack};
-use hapfic_gate::protocol::Patience;
+use hapfic_gate::protocol::WaitPolicy;
 use stateright::{Checker, Model};
 
 const FAILING: [bool; 2] = [true, false];
 
 /// Whether the checker finds anything under a name: a counterexample of a rule, an example of what should be possible.
-fn finds(patience: Patience, mutation: Mutation, name: &'static str) -> bool {
-    let model = Stack { patience, failing: FAILING, mutation: Some(mutation), only: Some(name) };
+fn finds(policy: WaitPolicy, mutation: Mutation, name: &'static str) -> bool {
+    let model = Stack { policy, failing: FAILING, mutation: Some(mutation), only: Some(name) };
     let checker = model.checker().threads(2).spawn_bfs().join();
     let found = checker.discovery(name).is_some();
     assert!(found || checker.is_done(), "{mutation:?}: all states were visited");
@@ -21,18 +21,18 @@ fn finds(patience: Patience, mutation: Mutation, name: &'static str) -> bool {
 
 /// The mutant breaks the rule.
 fn caught(mutation: Mutation, rule: Rule) {
-    assert!(finds(Patience::Deadline, mutation, rule.name()), "{mutation:?} passes for \"{}\"", rule.name());
+    assert!(finds(WaitPolicy::Deadline, mutation, rule.name()), "{mutation:?} passes for \"{}\"", rule.name());
 }
 
 /// With the mutant it is not possible any more.
 fn lost(mutation: Mutation, name: &'static str) {
-    assert!(!finds(Patience::Deadline, mutation, name), "{mutation:?}: still, {name}");
+    assert!(!finds(WaitPolicy::Deadline, mutation, name), "{mutation:?}: still, {name}");
 }
 
 #[test]
 fn without_a_mutation_there_is_nothing_to_find() {
-    for patience in [Patience::Deadline, Patience::Lockstep] {
-        let model = Stack { patience, failing: FAILING, mutation: None, only: None };
+    for policy in [WaitPolicy::Deadline, WaitPolicy::Lockstep] {
+        let model = Stack { policy, failing: FAILING, mutation: None, only: None };
         model.checker().threads(2).spawn_bfs().join().assert_properties();
     }
 }
@@ -49,7 +49,7 @@ fn a_standby_that_is_not_asked_is_found() {
 
 #[test]
 fn a_deadline_in_lockstep_is_found() {
-    assert!(finds(Patience::Lockstep, Mutation::LockstepWithDeadline, Rule::NeverWithout.name()));
+    assert!(finds(WaitPolicy::Lockstep, Mutation::LockstepWithDeadline, Rule::NeverWithout.name()));
 }
 
 #[test]

@@ -1,8 +1,8 @@
 //! The pure functions, and what they would be if one rule were broken.
 
 use crate::seat::{NOW_MS, POLICY};
-use hapfic_gate::protocol::{Action, Choice, Observed, Patience, Protocol, Wishes};
-use hapfic_gate::restart::{Life, Order, Sign, Stage};
+use hapfic_gate::protocol::{Choice, GateInputs, Observation, Protocol, TickAction, WaitPolicy};
+use hapfic_gate::restart::{RestartAction, RestartSignal, RestartStage, RestartState};
 use hapfic_messages::Severity;
 
 /// What is wrong with a mutant.
@@ -38,17 +38,17 @@ pub enum Mutation {
     RisesAgain,
     /// Does not tell that a budget is spent.
     SpentInSilence,
-    /// A life that forgets nothing when the operator re-arms.
+    /// A restart that forgets nothing when the operator re-arms.
     LifeDeafToRearm,
 }
 
 /// [`Protocol::choose`].
-pub fn choose(mutation: Option<Mutation>, protocol: &Protocol, seen: &Observed, patience: Patience) -> Choice {
-    let patience = match mutation {
-        Some(Mutation::LockstepWithDeadline) => Patience::Deadline,
-        _ => patience,
+pub fn choose(mutation: Option<Mutation>, protocol: &Protocol, seen: &Observation, policy: WaitPolicy) -> Choice {
+    let policy = match mutation {
+        Some(Mutation::LockstepWithDeadline) => WaitPolicy::Deadline,
+        _ => policy,
     };
-    match (mutation, protocol.choose(seen, patience)) {
+    match (mutation, protocol.choose(seen, policy)) {
         (Some(Mutation::TakesUnasked), Choice::Take(place)) if place != protocol.primary => Choice::Take(protocol.primary),
         (Some(Mutation::IgnoresStandby), Choice::Take(place)) if place != protocol.primary && seen.overdue => Choice::Miss,
         (_, choice) => choice,
@@ -60,26 +60,26 @@ pub fn step(
     mutation: Option<Mutation>,
     protocol: Protocol,
     choice: Choice,
-    seen: &Observed,
-    wishes: &Wishes,
-) -> (Protocol, Option<Action>) {
-    let mut wishes = *wishes;
+    seen: &Observation,
+    inputs: &GateInputs,
+) -> (Protocol, Option<TickAction>) {
+    let mut inputs = *inputs;
     match mutation {
-        Some(Mutation::DeafToStop) => wishes.stop = false,
-        Some(Mutation::DeafToRearm) => wishes.rearm = false,
+        Some(Mutation::DeafToStop) => inputs.stop = false,
+        Some(Mutation::DeafToRearm) => inputs.rearm = false,
         _ => {}
     }
-    let (mut next, mut action) = protocol.step(choice, seen, &wishes);
+    let (mut next, mut action) = protocol.step(choice, seen, &inputs);
     match mutation {
         Some(Mutation::BrakesAtOnce) if choice == Choice::Miss && next.severity == Severity::Degraded => {
             next.severity = Severity::Brake;
-            action = Some(Action::Brake);
+            action = Some(TickAction::Brake);
         }
         Some(Mutation::NeverBrakes) if next.severity == Severity::Brake && choice == Choice::Miss => {
             next.severity = Severity::Degraded;
-            action = Some(Action::Repeat);
+            action = Some(TickAction::Repeat);
         }
-        Some(Mutation::Unlatched) if protocol.severity == Severity::Stopped && !wishes.stop => next.severity = Severity::Brake,
+        Some(Mutation::Unlatched) if protocol.severity == Severity::Stopped && !inputs.stop => next.severity = Severity::Brake,
         Some(Mutation::NeverPromotes) => next.primary = protocol.primary,
         Some(Mutation::PromotesAtOnce) => {
             if let Choice::Take(place) = choice {
@@ -89,13 +89,13 @@ pub fn step(
         Some(Mutation::ClearsAtOnce) => {
             if let (Severity::Brake, Choice::Take(place)) = (next.severity, choice) {
                 next.severity = Severity::Nominal;
-                action = Some(Action::Pass(place));
+                action = Some(TickAction::Pass(place));
             }
         }
         Some(Mutation::NeverClears) if protocol.severity == Severity::Brake && next.severity < Severity::Brake => {
             next.severity = Severity::Brake;
             if let Choice::Take(place) = choice {
-                action = Some(Action::Withhold(place));
+                action = Some(TickAction::Withhold(place));
             }
         }
         _ => {}
@@ -103,24 +103,24 @@ pub fn step(
     (next, action)
 }
 
-/// [`Life::after`], now.
-pub fn live(mutation: Option<Mutation>, life: Life, sign: Sign) -> (Life, Option<Order>) {
-    if mutation == Some(Mutation::LifeDeafToRearm) && sign == Sign::Rearmed {
-        return (life, None);
+/// [`RestartState::after`], now.
+pub fn live(mutation: Option<Mutation>, restart: RestartState, signal: RestartSignal) -> (RestartState, Option<RestartAction>) {
+    if mutation == Some(Mutation::LifeDeafToRearm) && signal == RestartSignal::Rearmed {
+        return (restart, None);
     }
-    let before = life.stage;
-    let (mut after, mut order) = life.after(sign, NOW_MS, &POLICY);
+    let before = restart.stage;
+    let (mut after, mut action) = restart.after(signal, NOW_MS, &POLICY);
     match mutation {
-        Some(Mutation::NoBudget) if order == Some(Order::Stop) => {
-            after.stage = Stage::Due(NOW_MS);
-            order = None;
+        Some(Mutation::NoBudget) if action == Some(RestartAction::Stop) => {
+            after.stage = RestartStage::BackOff(NOW_MS);
+            action = None;
         }
-        Some(Mutation::RisesAgain) if before == Stage::GivenUp && sign == Sign::Time => {
-            after.stage = Stage::Starting;
-            order = Some(Order::Start);
+        Some(Mutation::RisesAgain) if before == RestartStage::GivenUp && signal == RestartSignal::Time => {
+            after.stage = RestartStage::Starting;
+            action = Some(RestartAction::Start);
         }
-        Some(Mutation::SpentInSilence) if order == Some(Order::Stop) => order = None,
+        Some(Mutation::SpentInSilence) if action == Some(RestartAction::Stop) => action = None,
         _ => {}
     }
-    (after, order)
+    (after, action)
 }

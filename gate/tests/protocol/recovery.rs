@@ -1,7 +1,7 @@
 //! After the operator has re-armed, torque comes back for certain: a model without cycles, in which every path ends.
 
 use crate::mutation::{self, Mutation};
-use hapfic_gate::protocol::{Choice, Observed, Patience, Place, Protocol, Wishes};
+use hapfic_gate::protocol::{Choice, ControllerSlot, GateInputs, Observation, Protocol, WaitPolicy};
 use hapfic_gate::severity::Conditions;
 use hapfic_messages::Severity;
 use stateright::{Checker, Model, Property};
@@ -27,11 +27,11 @@ struct State {
 }
 
 impl Recovery {
-    fn step(&self, protocol: Protocol, valid: [bool; 2], wishes: &Wishes) -> Protocol {
-        let seen = Observed { valid, refused: [false; 2], present: [true; 2], overdue: true };
-        let choice = mutation::choose(self.mutation, &protocol, &seen, Patience::Deadline);
+    fn step(&self, protocol: Protocol, valid: [bool; 2], inputs: &GateInputs) -> Protocol {
+        let seen = Observation { valid, rejected: [false; 2], present: [true; 2], overdue: true };
+        let choice = mutation::choose(self.mutation, &protocol, &seen, WaitPolicy::Deadline);
         assert_ne!(choice, Choice::Wait, "the deadline is over");
-        mutation::step(self.mutation, protocol, choice, &seen, wishes).0
+        mutation::step(self.mutation, protocol, choice, &seen, inputs).0
     }
 }
 
@@ -41,13 +41,13 @@ impl Model for Recovery {
 
     /// Whatever it was stopped in, re-armed at a tick that nobody may have answered.
     fn init_states(&self) -> Vec<State> {
-        let rearm = Wishes { rearm: true, ..Wishes::default() };
+        let rearm = GateInputs { rearm: true, ..GateInputs::default() };
         let mut states = Vec::new();
-        for primary in Place::BOTH {
-            for (absent, missed, good) in counts() {
+        for primary in ControllerSlot::BOTH {
+            for (misses, missed, good) in counts() {
                 for opened in [false, true] {
                     let conditions = Conditions { missed, good, ..Conditions::default() };
-                    let stopped = Protocol { primary, absent, severity: Severity::Stopped, conditions, opened };
+                    let stopped = Protocol { primary, misses, severity: Severity::Stopped, conditions, opened };
                     for valid in [[false; 2], [true; 2]] {
                         let state = State { protocol: self.step(stopped, valid, &rearm), ticks: 0 };
                         if !states.contains(&state) {
@@ -67,7 +67,7 @@ impl Model for Recovery {
     }
 
     fn next_state(&self, state: &State, valid: [bool; 2]) -> Option<State> {
-        Some(State { protocol: self.step(state.protocol, valid, &Wishes::default()), ticks: state.ticks + 1 })
+        Some(State { protocol: self.step(state.protocol, valid, &GateInputs::default()), ticks: state.ticks + 1 })
     }
 
     fn properties(&self) -> Vec<Property<Self>> {
@@ -76,7 +76,7 @@ impl Model for Recovery {
 }
 
 fn counts() -> impl Iterator<Item = (u32, u32, u32)> {
-    (0..=ABSENT).flat_map(|absent| (0..=MISSED).flat_map(move |missed| (0..=GOOD).map(move |good| (absent, missed, good))))
+    (0..=ABSENT).flat_map(|misses| (0..=MISSED).flat_map(move |missed| (0..=GOOD).map(move |good| (misses, missed, good))))
 }
 
 #[test]

@@ -2,7 +2,7 @@
 //! from the code that they judge.
 
 use crate::stack::{Stack, State};
-use hapfic_gate::protocol::{Action, Choice, Observed, Patience, Protocol, Wishes};
+use hapfic_gate::protocol::{Choice, GateInputs, Observation, Protocol, TickAction, WaitPolicy};
 use hapfic_messages::Severity;
 use stateright::Property;
 
@@ -56,7 +56,7 @@ rules! {
     SpentStops = "a spent budget stops";
     /// A stop is taken in at once, has its cause, and is left only by the operator, for brake.
     Latch = "a stop is latched";
-    /// If the primary is gone, or was absent for three ticks, the other one is primary from the next tick that it answers.
+    /// If the primary is gone, or missed three ticks, the other one is primary from the next tick that it answers.
     HandOver = "hand-over when the primary is gone";
     /// The primary changes only then.
     PromotionCause = "no hand-over without cause";
@@ -64,7 +64,7 @@ rules! {
     ClearCause = "nothing clears early";
     /// After twenty good ticks in a row they are cleared, down to what is still amiss.
     Clears = "twenty good ticks clear";
-    /// The model, which keeps no time, only ages, has kept each life as the code has.
+    /// The model, which keeps no time, only ages, has kept each restart as the code has.
     Ages = "ages stand for times";
 }
 
@@ -94,7 +94,7 @@ pub struct Account {
     /// Good ticks in a row, up to [`GOOD`]; anew from where a stop was left.
     good: u8,
     /// Ticks of the other controller since the primary's last one, up to [`ABSENT`].
-    absent: u8,
+    primary_misses: u8,
 }
 
 const fn implies(cause: bool, effect: bool) -> bool {
@@ -104,13 +104,13 @@ const fn implies(cause: bool, effect: bool) -> bool {
 /// A tick that was gated.
 #[derive(Clone, Copy, Debug)]
 pub struct Gated {
-    pub patience: Patience,
+    pub policy: WaitPolicy,
     pub before: Protocol,
     pub after: Protocol,
-    pub seen: Observed,
-    pub wishes: Wishes,
+    pub seen: Observation,
+    pub inputs: GateInputs,
     pub choice: Choice,
-    pub action: Option<Action>,
+    pub action: Option<TickAction>,
 }
 
 impl Account {
@@ -122,69 +122,69 @@ impl Account {
                 now.opened = true;
                 now.misses = 0;
                 now.good = (self.good + 1).min(GOOD);
-                now.absent = if place == tick.before.primary { 0 } else { (self.absent + 1).min(ABSENT) };
+                now.primary_misses = if place == tick.before.primary { 0 } else { (self.primary_misses + 1).min(ABSENT) };
             }
             _ => {
                 now.misses = if self.opened { (self.misses + 1).min(MISSES) } else { 0 };
                 now.good = 0;
             }
         }
-        now.judge(tick, broken);
+        now.validate(tick, broken);
         if tick.before.severity == Severity::Stopped && tick.after.severity < Severity::Stopped {
             now.good = 0;
         }
         if tick.before.primary != tick.after.primary {
-            now.absent = 0;
+            now.primary_misses = 0;
         }
         now
     }
 
-    fn judge(&self, tick: &Gated, broken: &mut Broken) {
-        let Gated { before, after, seen, wishes, choice, action, .. } = *tick;
+    fn validate(&self, tick: &Gated, broken: &mut Broken) {
+        let Gated { before, after, seen, inputs, choice, action, .. } = *tick;
         let answered = seen.valid.contains(&true);
         let braked = before.severity >= Severity::Brake;
         broken.expect(
             Rule::OneSource,
             match action {
-                Some(Action::Pass(place) | Action::Withhold(place)) => {
+                Some(TickAction::Pass(place) | TickAction::Withhold(place)) => {
                     choice == Choice::Take(place) && seen.valid[place as usize]
                 }
-                Some(Action::Repeat | Action::Brake | Action::Hold) => choice == Choice::Miss,
+                Some(TickAction::Repeat | TickAction::Brake | TickAction::Hold) => choice == Choice::Miss,
                 None => false,
             },
         );
-        let passed = matches!(action, Some(Action::Pass(_)));
-        broken.expect(Rule::Torque, implies(answered && !braked && !wishes.stop, passed));
-        let used = matches!(action, Some(Action::Pass(_) | Action::Withhold(_)));
-        broken.expect(Rule::NeverWithout, implies(tick.patience == Patience::Lockstep, used));
+        let passed = matches!(action, Some(TickAction::Pass(_)));
+        broken.expect(Rule::Torque, implies(answered && !braked && !inputs.stop, passed));
+        let used = matches!(action, Some(TickAction::Pass(_) | TickAction::Withhold(_)));
+        broken.expect(Rule::NeverWithout, implies(tick.policy == WaitPolicy::Lockstep, used));
 
         let brakes = after.severity >= Severity::Brake;
         let second = self.misses >= MISSES;
-        let first = self.misses == 1 && !braked && !wishes.stop;
-        let off = matches!(action, Some(Action::Brake | Action::Withhold(_)));
-        broken.expect(Rule::BrakeCause, implies(!braked && brakes, second || wishes.stop));
-        broken.expect(Rule::BrakeCause, implies(first, action == Some(Action::Repeat)));
+        let first = self.misses == 1 && !braked && !inputs.stop;
+        let off = matches!(action, Some(TickAction::Brake | TickAction::Withhold(_)));
+        broken.expect(Rule::BrakeCause, implies(!braked && brakes, second || inputs.stop));
+        broken.expect(Rule::BrakeCause, implies(first, action == Some(TickAction::Repeat)));
         broken.expect(Rule::BrakeCause, implies(off, brakes));
-        broken.expect(Rule::BrakeAtSecond, implies(second, brakes && action == Some(Action::Brake)));
+        broken.expect(Rule::BrakeAtSecond, implies(second, brakes && action == Some(TickAction::Brake)));
 
         let (was_stopped, stopped) = (before.severity == Severity::Stopped, after.severity == Severity::Stopped);
-        broken.expect(Rule::Latch, implies(wishes.stop, stopped));
-        broken.expect(Rule::Latch, implies(stopped && !was_stopped, wishes.stop));
-        let to_brake = wishes.rearm && after.severity == Severity::Brake;
+        broken.expect(Rule::Latch, implies(inputs.stop, stopped));
+        broken.expect(Rule::Latch, implies(stopped && !was_stopped, inputs.stop));
+        let to_brake = inputs.rearm && after.severity == Severity::Brake;
         broken.expect(Rule::Latch, implies(was_stopped && !stopped, to_brake));
         self.judge_primary(tick, broken);
 
         let clearable = matches!(before.severity, Severity::Degraded | Severity::Brake);
         let good = self.good >= GOOD;
         broken.expect(Rule::ClearCause, implies(clearable && after.severity < before.severity, good));
-        let left = if wishes.missing { Severity::Degraded } else { Severity::Nominal };
-        broken.expect(Rule::Clears, implies(clearable && good && !wishes.stop, after.severity == left));
+        let left = if inputs.missing { Severity::Degraded } else { Severity::Nominal };
+        broken.expect(Rule::Clears, implies(clearable && good && !inputs.stop, after.severity == left));
     }
 
     fn judge_primary(&self, tick: &Gated, broken: &mut Broken) {
         let (old, new) = (tick.before.primary, tick.after.primary);
         let other_taken = tick.choice == Choice::Take(old.other());
-        let due = other_taken && (!tick.seen.present[old as usize] || self.absent >= ABSENT);
+        let due = other_taken && (!tick.seen.present[old as usize] || self.primary_misses >= ABSENT);
         broken.expect(Rule::HandOver, implies(due, new == old.other()));
         broken.expect(Rule::PromotionCause, implies(new != old, due));
     }

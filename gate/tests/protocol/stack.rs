@@ -3,15 +3,15 @@
 use crate::mutation::{self, Mutation};
 use crate::rules::{Account, Broken, Gated, Rule};
 use crate::seat::{Process, Seat};
-use hapfic_gate::protocol::{Action, Choice, Observed, Patience, Place, Protocol, Wishes};
-use hapfic_gate::restart::{Order, Sign, Stage};
+use hapfic_gate::protocol::{Choice, ControllerSlot, GateInputs, Observation, Protocol, TickAction, WaitPolicy};
+use hapfic_gate::restart::{RestartAction, RestartSignal, RestartStage};
 use hapfic_messages::Severity;
 use stateright::{Model, Property};
 
 /// The model.
 #[derive(Clone, Copy, Debug)]
 pub struct Stack {
-    pub patience: Patience,
+    pub policy: WaitPolicy,
     /// The places whose processes may fail.
     pub failing: [bool; 2],
     /// What is wrong with the code; `None`: as it runs.
@@ -63,7 +63,7 @@ pub enum Arrival {
 
 /// What the operator asks for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Wish {
+pub enum SchedRequest {
     Nothing,
     Stop,
     Rearm,
@@ -73,21 +73,21 @@ pub enum Wish {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Move {
     /// A process is killed, or hangs.
-    Silence(Place),
+    Silence(ControllerSlot),
     /// A process begins to send garbage.
-    Garble(Place),
+    Garble(ControllerSlot),
     /// A process does its first tick.
-    Join(Place),
+    Join(ControllerSlot),
     /// The supervisor sees that it does.
-    Notice(Place),
+    Notice(ControllerSlot),
     /// A detector speaks; what is left of the process is killed. It may be wrong about a process that is well.
-    Lose(Place),
+    Lose(ControllerSlot),
     /// The supervisor looks whether a restart is due.
-    Look(Place),
+    Look(ControllerSlot),
     /// A millisecond passes for the restarts, however many ticks there are in it.
     Clock,
     /// The gate's tick.
-    Tick { arrivals: [Arrival; 2], wish: Wish },
+    Tick { arrivals: [Arrival; 2], wish: SchedRequest },
 }
 
 pub const STOPPED: &str = "a stop is reached";
@@ -112,7 +112,7 @@ impl Model for Stack {
     }
 
     fn actions(&self, state: &State, actions: &mut Vec<Move>) {
-        for place in Place::BOTH {
+        for place in ControllerSlot::BOTH {
             let seat = &state.seats[place as usize];
             if self.failing[place as usize] {
                 if matches!(seat.process, Process::Joining | Process::Present | Process::Garbage) {
@@ -128,17 +128,17 @@ impl Model for Stack {
             if seat.process == Process::Joining {
                 actions.push(Move::Join(place));
             }
-            if seat.stage == Stage::Starting && matches!(seat.process, Process::Present | Process::Garbage) {
+            if seat.stage == RestartStage::Starting && matches!(seat.process, Process::Present | Process::Garbage) {
                 actions.push(Move::Notice(place));
             }
-            if matches!(seat.stage, Stage::Due(_) | Stage::GivenUp) {
+            if matches!(seat.stage, RestartStage::BackOff(_) | RestartStage::GivenUp) {
                 actions.push(Move::Look(place));
             }
         }
         actions.push(Move::Clock);
         for first in arrivals(&state.seats[0]) {
             for second in arrivals(&state.seats[1]) {
-                for wish in [Wish::Nothing, Wish::Stop, Wish::Rearm] {
+                for wish in [SchedRequest::Nothing, SchedRequest::Stop, SchedRequest::Rearm] {
                     actions.push(Move::Tick { arrivals: [*first, *second], wish });
                 }
             }
@@ -151,9 +151,9 @@ impl Model for Stack {
             Move::Silence(place) => next.seats[place as usize].process = Process::Silent,
             Move::Garble(place) => next.seats[place as usize].process = Process::Garbage,
             Move::Join(place) => next.seats[place as usize].process = Process::Present,
-            Move::Notice(place) => self.take_note(&mut next, place, Sign::Ticked),
-            Move::Lose(place) => self.take_note(&mut next, place, Sign::Lost),
-            Move::Look(place) => self.take_note(&mut next, place, Sign::Time),
+            Move::Notice(place) => self.take_note(&mut next, place, RestartSignal::Ticked),
+            Move::Lose(place) => self.take_note(&mut next, place, RestartSignal::Lost),
+            Move::Look(place) => self.take_note(&mut next, place, RestartSignal::Time),
             Move::Clock => next.seats.iter_mut().for_each(Seat::grow_older),
             Move::Tick { arrivals, wish } => self.tick(&mut next, arrivals, wish),
         }
@@ -167,7 +167,9 @@ impl Model for Stack {
             Property::sometimes(LEFT, |_: &Self, state: &State| state.news.left),
             Property::sometimes(BACK, |_: &Self, state: &State| state.news.back),
             Property::sometimes(PROMOTED, |_: &Self, state: &State| state.news.promoted),
-            Property::sometimes(SPENT, |_: &Self, state: &State| state.seats.iter().any(|seat| seat.stage == Stage::GivenUp)),
+            Property::sometimes(SPENT, |_: &Self, state: &State| {
+                state.seats.iter().any(|seat| seat.stage == RestartStage::GivenUp)
+            }),
         ]);
         properties.retain(|property| self.only.is_none_or(|only| only == property.name));
         properties
@@ -175,25 +177,25 @@ impl Model for Stack {
 }
 
 impl Stack {
-    fn take_note(&self, next: &mut State, place: Place, sign: Sign) {
-        let order = next.seats[place as usize].take_note(sign, self.mutation, &mut next.broken);
-        next.pending.stop |= order == Some(Order::Stop);
+    fn take_note(&self, next: &mut State, place: ControllerSlot, signal: RestartSignal) {
+        let action = next.seats[place as usize].take_note(signal, self.mutation, &mut next.broken);
+        next.pending.stop |= action == Some(RestartAction::Stop);
     }
 
     /// Two looks: one before the deadline, with what is early, and one at it. In lockstep, where nothing may come of either, the
-    /// second is the one at which the gate has lost its patience with the controller that does not answer.
-    fn tick(&self, next: &mut State, arrivals: [Arrival; 2], wish: Wish) {
+    /// second is the one at which the gate has lost its policy with the controller that does not answer.
+    fn tick(&self, next: &mut State, arrivals: [Arrival; 2], wish: SchedRequest) {
         match wish {
-            Wish::Nothing => {}
-            Wish::Stop => next.pending.stop = true,
-            Wish::Rearm => {
+            SchedRequest::Nothing => {}
+            SchedRequest::Stop => next.pending.stop = true,
+            SchedRequest::Rearm => {
                 next.pending.rearm = true;
-                Place::BOTH.iter().for_each(|place| self.take_note(next, *place, Sign::Rearmed));
+                ControllerSlot::BOTH.iter().for_each(|place| self.take_note(next, *place, RestartSignal::Rearmed));
             }
         }
         for overdue in [false, true] {
             let seen = observe(next, arrivals, overdue);
-            let choice = mutation::choose(self.mutation, &next.protocol, &seen, self.patience);
+            let choice = mutation::choose(self.mutation, &next.protocol, &seen, self.policy);
             if choice != Choice::Wait {
                 self.gate(next, &seen, choice);
                 return;
@@ -201,24 +203,24 @@ impl Stack {
         }
     }
 
-    fn gate(&self, next: &mut State, seen: &Observed, choice: Choice) {
-        let missing = next.seats.iter().any(|seat| seat.stage != Stage::Working);
-        let wishes = Wishes {
+    fn gate(&self, next: &mut State, seen: &Observation, choice: Choice) {
+        let missing = next.seats.iter().any(|seat| seat.stage != RestartStage::Working);
+        let inputs = GateInputs {
             stop: next.pending.stop,
             rearm: next.pending.rearm,
             // In lockstep the clock waits for whoever is missing.
-            missing: missing && self.patience == Patience::Deadline,
+            missing: missing && self.policy == WaitPolicy::Deadline,
         };
         let before = next.protocol;
-        let (mut after, action) = mutation::step(self.mutation, before, choice, seen, &wishes);
+        let (mut after, action) = mutation::step(self.mutation, before, choice, seen, &inputs);
         // They are told anew at every tick; kept, they would only make more states of the same.
         (after.conditions.stop, after.conditions.rearm, after.conditions.missing) = (false, false, false);
-        let tick = Gated { patience: self.patience, before, after, seen: *seen, wishes, choice, action };
+        let tick = Gated { policy: self.policy, before, after, seen: *seen, inputs, choice, action };
         next.account = next.account.after(&tick, &mut next.broken);
         let spent = next.seats.iter().any(|seat| seat.spent);
         next.broken.expect(Rule::SpentStops, !spent || after.severity == Severity::Stopped);
         next.news = News {
-            back: before.severity >= Severity::Brake && matches!(action, Some(Action::Pass(_))),
+            back: before.severity >= Severity::Brake && matches!(action, Some(TickAction::Pass(_))),
             left: before.severity == Severity::Stopped && after.severity < Severity::Stopped,
             promoted: before.primary != after.primary,
         };
@@ -235,9 +237,9 @@ fn arrivals(seat: &Seat) -> &'static [Arrival] {
     }
 }
 
-fn observe(state: &State, arrivals: [Arrival; 2], overdue: bool) -> Observed {
-    let mut seen = Observed { overdue, ..Observed::default() };
-    for place in Place::BOTH {
+fn observe(state: &State, arrivals: [Arrival; 2], overdue: bool) -> Observation {
+    let mut seen = Observation { overdue, ..Observation::default() };
+    for place in ControllerSlot::BOTH {
         let i = place as usize;
         let come = match arrivals[i] {
             Arrival::Early => true,
@@ -245,9 +247,9 @@ fn observe(state: &State, arrivals: [Arrival; 2], overdue: bool) -> Observed {
             Arrival::Late => false,
         };
         seen.valid[i] = come && state.seats[i].process == Process::Present;
-        seen.refused[i] = come && state.seats[i].process == Process::Garbage;
+        seen.rejected[i] = come && state.seats[i].process == Process::Garbage;
         // As far as the supervisor knows: a process may be silent already, or answer before it is expected to.
-        seen.present[i] = state.seats[i].stage == Stage::Working;
+        seen.present[i] = state.seats[i].stage == RestartStage::Working;
     }
     seen
 }

@@ -2,7 +2,7 @@
 
 use crate::link::PLACES;
 use clap::{Args, Parser, Subcommand};
-use hapfic_ipc::realtime::Wish;
+use hapfic_ipc::realtime::SchedRequest;
 use std::str::FromStr;
 
 /// Measures how long a message takes round a chain of three processes.
@@ -127,13 +127,13 @@ impl Plan {
     ///
     /// # Errors
     /// If a list has neither one nor three entries, or a priority is none.
-    pub fn wishes(&self) -> Result<[Option<Wish>; PLACES], String> {
+    pub fn wishes(&self) -> Result<[Option<SchedRequest>; PLACES], String> {
         let cores = each("core", &self.core)?;
         let priorities = each("priority", &self.priority)?;
         if let Some(bad) = priorities.iter().find(|p| **p > 98) {
             return Err(format!("--priority {bad}: expected 1 to 98, or 0 for none"));
         }
-        Ok(std::array::from_fn(|i| (priorities[i] > 0).then(|| Wish::new(priorities[i], cores[i].0))))
+        Ok(std::array::from_fn(|i| (priorities[i] > 0).then(|| SchedRequest::new(priorities[i], cores[i].0))))
     }
 
     /// Bytes of each place's message.
@@ -175,7 +175,7 @@ mod tests {
         let plan =
             plan("chain --kind futex --core 1 --priority 80 --start-ns 5 --period-ns 4000000 --count 9 --sizes 8,16,24").unwrap();
         assert_eq!(plan.sizes().unwrap(), [8, 16, 24]);
-        assert_eq!(plan.wishes().unwrap(), [Some(Wish { priority: 80, core: Some(1) }); 3]);
+        assert_eq!(plan.wishes().unwrap(), [Some(SchedRequest { priority: 80, core: Some(1) }); 3]);
     }
 
     #[test]
@@ -186,7 +186,7 @@ mod tests {
         let again = plan(&first.words().join(" ")).unwrap();
         assert_eq!(format!("{first:?}"), format!("{again:?}"));
         let wishes = again.wishes().unwrap();
-        assert_eq!(wishes[1], Some(Wish { priority: 76, core: None }));
+        assert_eq!(wishes[1], Some(SchedRequest { priority: 76, core: None }));
         assert_eq!(wishes[2], None);
     }
 

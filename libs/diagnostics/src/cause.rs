@@ -48,7 +48,7 @@ pub enum Missed {
     /// The command had no request of this tick behind it.
     Unanswered,
     /// The plant's timer was so late that simulated time slipped, by so many ticks.
-    Slipped {
+    TimebaseSlip {
         /// How many.
         ticks: u64,
     },
@@ -144,8 +144,8 @@ impl fmt::Display for Verdict {
         write!(f, "tick {} ", self.tick)?;
         match self.missed {
             Missed::Unanswered => write!(f, "unanswered")?,
-            Missed::Slipped { ticks: 1 } => write!(f, "slipped")?,
-            Missed::Slipped { ticks } => write!(f, "slipped by {ticks}")?,
+            Missed::TimebaseSlip { ticks: 1 } => write!(f, "slipped")?,
+            Missed::TimebaseSlip { ticks } => write!(f, "slipped by {ticks}")?,
         }
         let Evidence { witness_late_ns, stolen_ms, slowest, plant_late_ns } = self.evidence;
         write!(f, ": {} (witness {} us late, {stolen_ms} ms stolen", self.cause.name(), witness_late_ns / 1000)?;
@@ -205,7 +205,7 @@ mod tests {
     fn with_the_witnesses_on_time_it_is_ours_by_our_own_stamps_or_unexplained() {
         assert_eq!(cause(301, &late(10_250, 20)), Cause::Ours);
         assert_eq!(cause(300, &late(10_250, 20)), Cause::Unexplained);
-        let verdict = judge(7, Missed::Slipped { ticks: 2 }, WINDOW, &stamps(301), &Seen::default());
+        let verdict = judge(7, Missed::TimebaseSlip { ticks: 2 }, WINDOW, &stamps(301), &Seen::default());
         assert_eq!(
             verdict.to_string(),
             "tick 7 slipped by 2: ours (witness 0 us late, 0 ms stolen, plant's timer 50 us late, the controller took 301 us)"

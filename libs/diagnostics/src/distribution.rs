@@ -20,9 +20,9 @@ pub struct Distribution {
     parts: [Vec<u32>; PARTS],
 }
 
-/// Quantiles, us. One that is beyond the longest of that many durations is not known.
+/// ChainQuantiles, us. One that is beyond the longest of that many durations is not known.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
-pub struct Quantiles {
+pub struct ChainQuantiles {
     /// Durations.
     pub count: u64,
     /// The median.
@@ -69,8 +69,8 @@ impl Distribution {
 
     /// The usual quantiles.
     #[must_use]
-    pub fn quantiles(&self) -> Quantiles {
-        Quantiles {
+    pub fn quantiles(&self) -> ChainQuantiles {
+        ChainQuantiles {
             count: self.count(),
             p50: self.quantile_us(0.5),
             p99: self.quantile_us(0.99),
@@ -134,7 +134,7 @@ mod tests {
         let q = ramp().quantiles();
         assert!(near(q.p50, 500.0) && near(q.p99, 990.0) && near(q.p999, 999.0), "{q:?}");
         assert_eq!((q.count, q.p9999, q.max), (1000, None, Some(1000.0)));
-        assert_eq!(Distribution::default().quantiles(), Quantiles::default());
+        assert_eq!(Distribution::default().quantiles(), ChainQuantiles::default());
     }
 
     #[test]

@@ -4,7 +4,7 @@ use crate::arguments::{Plan, list};
 use crate::error::LatencyError;
 use crate::link::{Kind, Link, PLACES, Seat};
 use crate::measured::{Measured, Sample};
-use hapfic_ipc::realtime::{self, BringIn};
+use hapfic_ipc::realtime::{self, Prefault};
 use hapfic_ipc::{Ending, clock};
 use rustix::io::{FdFlags, fcntl_setfd};
 use std::io::{BufRead, BufReader};
@@ -13,7 +13,7 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 /// How long an answer is waited for.
-const PATIENCE: Duration = Duration::from_millis(5);
+const TIMEOUT: Duration = Duration::from_millis(5);
 /// Answers in a row that make a chain warm, and how long it may take to get there.
 const WARM: u64 = 50;
 const WARM_UP: Duration = Duration::from_secs(20);
@@ -31,7 +31,7 @@ pub fn driver(kind: &dyn Kind, plan: &Plan, lead: &[&str], ready: impl FnOnce())
     let sizes = plan.sizes().map_err(LatencyError::Arguments)?;
     tie_to_parent(name)?;
     if wishes[0].is_some() {
-        realtime::lock_memory(BringIn::Used);
+        realtime::lock_memory(Prefault::Used);
     }
     let shared = kind.prepare(&sizes).map_err(LatencyError::failed(name, "prepare the chain"))?;
     for file in &shared {
@@ -54,7 +54,7 @@ pub fn driver(kind: &dyn Kind, plan: &Plan, lead: &[&str], ready: impl FnOnce())
         ];
         relays.push(Relay::start(name, lead, &words)?);
     }
-    let granted = wishes[0].map(realtime::enter).unwrap_or_default();
+    let granted = wishes[0].map(realtime::apply_to_current_thread).unwrap_or_default();
     let mut link = kind.join(Seat { place: 0, sizes, chain, shared }).map_err(LatencyError::failed(name, "join the chain"))?;
     let mut all = vec![granted.0];
     for (i, relay) in relays.iter_mut().enumerate() {
@@ -130,8 +130,8 @@ impl<'a> Round<'a> {
         self.out[..8].copy_from_slice(&number);
         let sent = clock::now_ns();
         self.link.send(&self.out)?;
-        let deadline = sent + PATIENCE.as_nanos() as u64;
-        let mut left = PATIENCE;
+        let deadline = sent + TIMEOUT.as_nanos() as u64;
+        let mut left = TIMEOUT;
         loop {
             let length = self.link.receive(&mut self.into, Some(left))?;
             let now = clock::now_ns();

@@ -16,7 +16,7 @@ pub enum LatencyError {
         /// What there is.
         expected: String,
     },
-    /// The system, or what the chain is made of, refused.
+    /// The system, or what the chain is made of, rejected.
     #[error("{kind}: cannot {action}: {cause}")]
     Failed {
         /// The kind of chain.

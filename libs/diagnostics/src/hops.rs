@@ -1,6 +1,6 @@
 //! The stack's own chain, split by hop: from the stamps that each process logs at each tick.
 
-use crate::distribution::{Distribution, Quantiles};
+use crate::distribution::{ChainQuantiles, Distribution};
 use serde::Serialize;
 
 /// What a process says of a tick, ns of `CLOCK_MONOTONIC`; 0 for what did not happen.
@@ -106,7 +106,7 @@ pub struct PartQuantiles {
     pub part: Part,
     /// How long, us.
     #[serde(flatten)]
-    pub quantiles: Quantiles,
+    pub quantiles: ChainQuantiles,
 }
 
 impl Hops {

@@ -47,7 +47,7 @@ mod relay;
 mod timer;
 
 pub use arguments::{Core, Plan};
-pub use distribution::{Distribution, PARTS, Quantiles};
+pub use distribution::{ChainQuantiles, Distribution, PARTS};
 pub use driver::driver;
 pub use error::LatencyError;
 pub use link::{Kind, Link, PLACES, Seat};

@@ -1,7 +1,7 @@
 //! What a driver says of its chain: one line of JSON.
 
 use crate::error::LatencyError;
-use hapfic_ipc::realtime::Granted;
+use hapfic_ipc::realtime::SchedGrants;
 use serde::{Deserialize, Serialize};
 
 /// One message round the chain; times of `CLOCK_MONOTONIC` in ns. In JSON: `[due, wake, sent, end]`.
@@ -53,7 +53,7 @@ pub struct Measured {
     pub hops: u32,
     /// Messages that were due.
     pub count: u64,
-    /// What each place was granted, bits of [`Granted`].
+    /// What each place was granted, bits of [`SchedGrants`].
     pub granted: Vec<u32>,
     /// The messages, or timers, in the order of time; of a timer only those that were late enough to be told of.
     pub samples: Vec<Sample>,
@@ -93,8 +93,8 @@ impl Measured {
 
     /// What a place was granted.
     #[must_use]
-    pub fn granted(&self, place: usize) -> Granted {
-        Granted(self.granted.get(place).copied().unwrap_or(0))
+    pub fn granted(&self, place: usize) -> SchedGrants {
+        SchedGrants(self.granted.get(place).copied().unwrap_or(0))
     }
 }
 
@@ -113,7 +113,7 @@ mod tests {
         let read = Measured::parse(&line("[[1000,1010,1015,1075],[2000,2004,2005,0],[3000,0,0,0]]")).unwrap();
         assert_eq!(read.samples.iter().map(Sample::round_ns).collect::<Vec<_>>(), [Some(60), None, None]);
         assert_eq!(read.samples.iter().map(Sample::lateness_ns).collect::<Vec<_>>(), [Some(10), Some(4), None]);
-        assert!(read.granted(0).has(Granted::PINNED) && !read.granted(2).has(Granted::PINNED));
+        assert!(read.granted(0).has(SchedGrants::PINNED) && !read.granted(2).has(SchedGrants::PINNED));
         assert_eq!(Measured::parse(&serde_json::to_string(&read).unwrap()).unwrap(), read);
     }
 

@@ -5,7 +5,7 @@ use crate::arguments::RelayWords;
 use crate::error::LatencyError;
 use crate::link::{Kind, Link, PLACES, Seat};
 use hapfic_ipc::Ending;
-use hapfic_ipc::realtime::{self, BringIn, Granted, Wish};
+use hapfic_ipc::realtime::{self, Prefault, SchedGrants, SchedRequest};
 use std::io;
 use std::os::fd::{FromRawFd, OwnedFd};
 
@@ -26,7 +26,7 @@ pub fn relay(link: &mut dyn Link, size: usize, longest: usize) -> io::Result<std
 }
 
 /// Joins the chain and relays until the driver ends; `ready` is called with what was granted once it has joined.
-pub(crate) fn serve(kind: &dyn Kind, words: &RelayWords, ready: impl FnOnce(Granted)) -> Result<(), LatencyError> {
+pub(crate) fn serve(kind: &dyn Kind, words: &RelayWords, ready: impl FnOnce(SchedGrants)) -> Result<(), LatencyError> {
     let name = kind.name();
     hapfic_ipc::tie_to_supervisor(words.driver, Ending::Killed).map_err(LatencyError::failed(name, "join the driver"))?;
     let sizes: Vec<usize> = words.sizes.iter().map(|bytes| *bytes as usize).collect();
@@ -41,10 +41,10 @@ pub(crate) fn serve(kind: &dyn Kind, words: &RelayWords, ready: impl FnOnce(Gran
         // keeps, and so nothing by this number.
         shared.push(unsafe { OwnedFd::from_raw_fd(*descriptor) });
     }
-    let mut granted = Granted::default();
+    let mut granted = SchedGrants::default();
     if words.priority > 0 {
-        realtime::lock_memory(BringIn::Used);
-        granted = realtime::enter(Wish::new(words.priority, words.core.0));
+        realtime::lock_memory(Prefault::Used);
+        granted = realtime::apply_to_current_thread(SchedRequest::new(words.priority, words.core.0));
     }
     let seat = Seat { place: words.place as usize, sizes, chain: words.chain.clone(), shared };
     let (size, longest) = (sizes[seat.place], seat.longest());

@@ -5,7 +5,7 @@ use crate::driver::tie_to_parent;
 use crate::error::LatencyError;
 use crate::measured::{Measured, Sample};
 use hapfic_ipc::clock;
-use hapfic_ipc::realtime::{self, BringIn};
+use hapfic_ipc::realtime::{self, Prefault};
 
 /// Most late timers that are told of one by one where only late ones are.
 const MOST: usize = 1_000_000;
@@ -19,9 +19,9 @@ pub fn timer(name: &str, plan: &Plan, ready: impl FnOnce()) -> Result<Measured, 
     let [wish, ..] = plan.wishes().map_err(LatencyError::Arguments)?;
     tie_to_parent(name)?;
     if wish.is_some() {
-        realtime::lock_memory(BringIn::Used);
+        realtime::lock_memory(Prefault::Used);
     }
-    let granted = wish.map(realtime::enter).unwrap_or_default();
+    let granted = wish.map(realtime::apply_to_current_thread).unwrap_or_default();
     let room = if plan.above_ns > 0 { MOST.min(plan.count as usize) } else { plan.count as usize };
     // Every page of it is there before it counts.
     let mut samples = vec![Sample { due_ns: 1, ..Sample::default() }; room];

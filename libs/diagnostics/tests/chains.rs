@@ -65,9 +65,9 @@ fn the_timer_wakes_after_it_is_due() {
 fn kinds_are_listed_and_others_refused() {
     let listed = String::from_utf8(run(&["kinds".to_owned()]).stdout).unwrap();
     assert_eq!(listed.lines().collect::<Vec<_>>(), own().map(|kind| kind.name()));
-    let refused = run(&plan("pigeon", &[8]).words());
-    let said = String::from_utf8(refused.stderr).unwrap();
-    assert_eq!(refused.status.code(), Some(2));
+    let rejected = run(&plan("pigeon", &[8]).words());
+    let said = String::from_utf8(rejected.stderr).unwrap();
+    assert_eq!(rejected.status.code(), Some(2));
     assert!(said.contains("pigeon") && said.contains("futex, eventfd, datagram, timer"), "{said}");
 }
 

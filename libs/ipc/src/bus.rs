@@ -1,10 +1,10 @@
 //! Ports over iceoryx2.
 //!
-//! Each topic is a publish-subscribe service and, where someone waits for it, a bell ([`crate::bell`]). Sending makes no system call
+//! Each topic is a publish-subscribe service and, where someone waits for it, a doorbell ([`crate::doorbell`]). Sending makes no system call
 //! but the ring and no heap allocation: the sample is loaned beforehand, in the slack ([`Output::prepare`]).
 
-use crate::bell::{Bell, Bells, Listener, Place, Wakes};
 use crate::clock;
+use crate::doorbell::{Doorbell, DoorbellId, DoorbellPage, Listener, Wakes};
 use crate::error::IpcError;
 use crate::memory::{self, Senders};
 use crate::topic::{RECORDER_DEPTH, Topic};
@@ -63,9 +63,9 @@ impl Domain {
 
     /// The same corner for those who live on while others die: they wait only so long for a connection that another has begun to make.
     /// One who was killed in the middle never finishes it, and iceoryx2 would wait for him for a second, in the middle of a tick.
-    /// What could not be met counts as [unmet](Output::unmet) and is tried again when somebody joins or leaves.
+    /// What could not be met counts as [failed_connections](Output::failed_connections) and is tried again when somebody joins or leaves.
     #[must_use]
-    pub fn hasty(&self, clock: Clock) -> Self {
+    pub fn with_short_timeouts(&self, clock: Clock) -> Self {
         let mut config = self.config.clone();
         config.global.creation_timeout = match clock {
             Clock::Realtime => Duration::from_millis(5),
@@ -88,7 +88,7 @@ pub enum Wait {
 #[derive(Debug)]
 pub struct Bus {
     pub(crate) node: Node<Service>,
-    bells: Arc<Bells>,
+    page: Arc<DoorbellPage>,
 }
 
 impl Bus {
@@ -108,11 +108,11 @@ impl Bus {
             .signal_handling_mode(SignalHandlingMode::Disabled)
             .create::<Service>()
             .map_err(|e| IpcError::messaging("create node", name, e))?;
-        Ok(Self { node, bells: Bells::open(&domain.folder)? })
+        Ok(Self { node, page: DoorbellPage::open(&domain.folder)? })
     }
 
     /// Removes what killed processes have left in the domain: milliseconds, and not for real-time threads.
-    pub fn sweep_dead(&self) {
+    pub fn clean_up_dead_nodes(&self) {
         // What cannot be removed now is removed with the whole domain at the end of the run.
         let _ = self.node.try_cleanup_dead_nodes();
     }
@@ -140,7 +140,7 @@ impl Bus {
     ///
     /// # Errors
     /// [`IpcError::Messaging`] with what iceoryx2 said.
-    pub fn hold<T: Message>(&self, topic: &Topic<T>) -> Result<Box<dyn core::any::Any>, IpcError> {
+    pub fn keep_alive<T: Message>(&self, topic: &Topic<T>) -> Result<Box<dyn core::any::Any>, IpcError> {
         Ok(Box::new(self.service(topic)?))
     }
 
@@ -151,7 +151,7 @@ impl Bus {
     pub fn output<T: Message>(&self, topic: &Topic<T>) -> Result<Output<T>, IpcError> {
         let output = self.bare_output(topic)?;
         if let Some(first) = &output.loan {
-            memory::bring_in_to_write(first.payload().as_ptr());
+            memory::prefault_writes(first.payload().as_ptr());
         }
         Ok(output)
     }
@@ -164,14 +164,14 @@ impl Bus {
             .backpressure_strategy(BackpressureStrategy::DiscardData)
             .create()
             .map_err(|e| IpcError::messaging("publish on", topic.name, e))?;
-        let bell = topic.bell.map(|place| self.bell(place));
-        let mut output = Output { publisher, bell, loan: None, topic: topic.name, unmet: 0 };
-        output.prepare();
+        let doorbell = topic.doorbell.map(|place| self.doorbell(place));
+        let mut output = Output { publisher, doorbell, loan: None, topic: topic.name, failed_connections: 0 };
+        output.preloan();
         Ok(output)
     }
 
     fn input_of<T: Message>(&self, topic: &Topic<T>, wait: Wait, depth: usize) -> Result<Input<T>, IpcError> {
-        let listener = if wait == Wait::Yes { topic.bell.map(|place| self.listener(place)) } else { None };
+        let listener = if wait == Wait::Yes { topic.doorbell.map(|place| self.listener(place)) } else { None };
         let subscriber = self
             .service(topic)?
             .subscriber_builder()
@@ -179,7 +179,7 @@ impl Bus {
             .history_request(topic.history)
             .create()
             .map_err(|e| IpcError::messaging("subscribe to", topic.name, e))?;
-        Ok(Input { subscriber, listener, topic: topic.name, unmet: 0, senders: Senders::default() })
+        Ok(Input { subscriber, listener, topic: topic.name, failed_connections: 0, senders: Senders::default() })
     }
 
     /// A receiver for control: a short buffer of which the newest counts.
@@ -194,7 +194,7 @@ impl Bus {
     ///
     /// # Errors
     /// [`IpcError::Messaging`] with what iceoryx2 said.
-    pub fn stir<T: Message>(&self, topic: &Topic<T>) -> Result<(), IpcError> {
+    pub fn force_reconnect<T: Message>(&self, topic: &Topic<T>) -> Result<(), IpcError> {
         drop(self.input(topic, Wait::No)?);
         drop(self.bare_output(topic)?);
         Ok(())
@@ -202,14 +202,14 @@ impl Bus {
 
     /// Wakes those who wait for a topic without sending anything: they look around and find what has changed.
     #[must_use]
-    pub fn bell(&self, place: Place) -> Bell {
-        Bell::new(&self.bells, place)
+    pub fn doorbell(&self, place: DoorbellId) -> Doorbell {
+        Doorbell::new(&self.page, place)
     }
 
-    /// Hears a bell with which no message comes.
+    /// Hears a doorbell with which no message comes.
     #[must_use]
-    pub fn listener(&self, place: Place) -> Listener {
-        Listener::new(&self.bells, place)
+    pub fn listener(&self, place: DoorbellId) -> Listener {
+        Listener::new(&self.page, place)
     }
 
     /// A receiver for the recorder: a deep buffer that must not overflow.
@@ -228,10 +228,10 @@ pub(crate) fn service_name(name: &str) -> Result<ServiceName, IpcError> {
 /// A sender of one topic.
 pub struct Output<T: Message> {
     publisher: Publisher<Service, Wire<T>, ()>,
-    bell: Option<Bell>,
+    doorbell: Option<Doorbell>,
     loan: Option<SampleMutUninit<Service, MaybeUninit<Wire<T>>, ()>>,
     topic: &'static str,
-    unmet: u32,
+    failed_connections: u32,
 }
 
 // SAFETY: what keeps a port of `ipc::Service` on one thread is a reference count that is not atomic (iceoryx2 0.10, to which this
@@ -248,8 +248,8 @@ impl<T: Message> core::fmt::Debug for Output<T> {
 impl<T: Message> Output<T> {
     /// Work for the slack: loans the sample that the next [`send`](Self::send) will fill (one heap allocation), and lets those
     /// in who have joined since (history is handed over here).
-    pub fn prepare(&mut self) {
-        self.meet();
+    pub fn preloan(&mut self) {
+        self.update_connections();
         // A failure shows at the next send, which then has no loan.
         if self.loan.is_none() {
             self.loan = self.publisher.loan_uninit().ok();
@@ -258,8 +258,8 @@ impl<T: Message> Output<T> {
 
     /// Writes a message where the next one will be written, and sends nothing: so that it is in the caches then. Work for the slack, as
     /// [`prepare`](Self::prepare): it allocates.
-    pub fn rehearse(&mut self, message: &T) {
-        self.prepare();
+    pub fn warm_up(&mut self, message: &T) {
+        self.preloan();
         if let Some(loan) = &mut self.loan {
             loan.payload_mut().write(Wire(*message));
         }
@@ -267,14 +267,14 @@ impl<T: Message> Output<T> {
         drop(self.publisher.loan_uninit());
     }
 
-    fn meet(&mut self) {
-        self.unmet += u32::from(self.publisher.update_connections().is_err());
+    fn update_connections(&mut self) {
+        self.failed_connections += u32::from(self.publisher.update_connections().is_err());
     }
 
     /// How often somebody who had joined could not be met.
     #[must_use]
-    pub fn unmet(&self) -> u32 {
-        self.unmet
+    pub fn failed_connections(&self) -> u32 {
+        self.failed_connections
     }
 
     /// Sends a message and wakes whoever waits for it. Returns when it was there to be read, by the monotonic clock: before the
@@ -288,11 +288,11 @@ impl<T: Message> Output<T> {
             None => self.publisher.loan_uninit().map_err(|_| IpcError::NoLoan { topic: self.topic })?,
         };
         // A joiner that died half-way cannot be met: that must not cost this message, and is over once it has been tried.
-        self.meet();
+        self.update_connections();
         loan.write_payload(Wire(*message)).send().map_err(|e| IpcError::messaging("send on", self.topic, e))?;
         let published = clock::now_ns();
-        if let Some(bell) = &self.bell {
-            bell.ring();
+        if let Some(doorbell) = &self.doorbell {
+            doorbell.notify();
         }
         Ok(published)
     }
@@ -304,7 +304,7 @@ pub struct Input<T: Message> {
     subscriber: Subscriber<Service, Wire<T>, ()>,
     listener: Option<Listener>,
     topic: &'static str,
-    unmet: u32,
+    failed_connections: u32,
     senders: Senders,
 }
 
@@ -321,7 +321,7 @@ impl<T: Message> Input<T> {
         let received = match self.subscriber.receive() {
             // As in sending: one that cannot be met costs nobody else's messages.
             Err(ReceiveError::ConnectionFailure(_)) => {
-                self.unmet += 1;
+                self.failed_connections += 1;
                 self.subscriber.receive()
             }
             received => received,
@@ -338,9 +338,9 @@ impl<T: Message> Input<T> {
 
     /// Work for the slack: meets those who have joined since, so that the next [`next`](Self::next) need not, and brings in the memory
     /// through which the messages of those who have begun to send will come.
-    pub fn prepare(&mut self) {
-        self.senders.bring_in::<T>();
-        self.unmet += u32::from(self.subscriber.update_connections().is_err());
+    pub fn preloan(&mut self) {
+        self.senders.prefault::<T>();
+        self.failed_connections += u32::from(self.subscriber.update_connections().is_err());
     }
 
     /// Has the next wait not end by what was sent before now.
@@ -352,8 +352,8 @@ impl<T: Message> Input<T> {
 
     /// How often somebody who had joined could not be met.
     #[must_use]
-    pub fn unmet(&self) -> u32 {
-        self.unmet
+    pub fn failed_connections(&self) -> u32 {
+        self.failed_connections
     }
 
     /// The newest message, if any came since the last call.

@@ -4,28 +4,28 @@ mod states;
 
 pub use states::Gaps;
 
-use crate::alarm::Alarm;
-use crate::bell::{Bell, Wakes, wait};
+use crate::arrival_predictor::ArrivalPredictor;
 use crate::bus::{Bus, Domain, Input, Output};
 use crate::child::{Ending, supervisor_gone, tie_to_supervisor};
+use crate::deadline_timer::DeadlineTimer;
+use crate::doorbell::{Doorbell, Wakes, wait};
 use crate::error::IpcError;
-use crate::foresight::Foresight;
-use crate::realtime::{self, BringIn, Granted, Wish};
+use crate::realtime::{self, Prefault, SchedGrants, SchedRequest};
 use crate::run::RunFile;
 use crate::{allocations, topic};
 use core::time::Duration;
-use hapfic_messages::{Check, Clock, Message, Phase, Process, RealtimeMode, Recent, State, Timing};
+use hapfic_messages::{Check, Clock, Message, Phase, Process, RealtimeMode, State, TickBuffer, Timing};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// How long a process waits for input before it looks around.
-const PATIENCE: Duration = Duration::from_millis(50);
+const TIMEOUT: Duration = Duration::from_millis(50);
 /// How often page faults are counted, in ticks: a system call.
 const FAULTS_EVERY: i64 = 1000;
 
 /// When a tick's work was done, by the monotonic clock.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Tick {
+pub struct TickTimes {
     /// Which tick.
     pub tick: i64,
     /// When the input that started it was published (plant: when the timer should have fired).
@@ -40,14 +40,14 @@ pub struct Tick {
 
 /// Which start of its process this is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Start {
+pub struct ProcessStart {
     /// 0 for the first start in a run.
     pub generation: u32,
-    /// Tick of its forerunner's last message, from which it goes on.
+    /// TickTimes of its forerunner's last message, from which it goes on.
     pub resume: Option<i64>,
 }
 
-impl Start {
+impl ProcessStart {
     /// As the supervisor has put it into the environment.
     ///
     /// # Errors
@@ -76,27 +76,27 @@ pub struct Context {
     /// The topics.
     pub bus: Bus,
     /// Which start of the process this is.
-    pub start: Start,
+    pub start: ProcessStart,
     stop: Arc<AtomicBool>,
     supervisor_pid: i32,
     core: Option<usize>,
     reserve_core: Option<usize>,
     realtime: RealtimeMode,
-    granted: Granted,
+    granted: SchedGrants,
     timing: Output<Timing>,
-    refused: u32,
-    unmet: u32,
+    rejected: u32,
+    failed_connections: u32,
     /// When it was last heard of.
-    beaten_ns: u64,
+    heartbeat_ns: u64,
     faults_at_start: u64,
     faults: u32,
     /// First tick at which they are counted again.
     faults_due: i64,
     allocations_at_wake: u64,
     /// In lockstep: states that have come.
-    states: Recent<State>,
+    states: TickBuffer<State>,
     /// In realtime: when the next is due, if that is looked out for.
-    foresight: Option<Foresight>,
+    predictor: Option<ArrivalPredictor>,
 }
 
 impl Context {
@@ -104,7 +104,7 @@ impl Context {
     ///
     /// # Errors
     /// [`IpcError`] if the supervisor is gone already or its topics cannot be opened.
-    pub fn join(run: &RunFile, process: Process, start: Start) -> Result<Self, IpcError> {
+    pub fn join(run: &RunFile, process: Process, start: ProcessStart) -> Result<Self, IpcError> {
         let system = |action| move |e: rustix::io::Errno| IpcError::System { action, cause: e.into() };
         let stop = Arc::new(AtomicBool::new(false));
         for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
@@ -117,11 +117,11 @@ impl Context {
         tie_to_supervisor(run.supervisor_pid, Ending::Killed)
             .map_err(|cause| IpcError::System { action: "join the run", cause })?;
         if run.clock == Clock::Realtime && run.realtime != RealtimeMode::Off {
-            realtime::lock_memory(BringIn::Used);
+            realtime::lock_memory(Prefault::Used);
         }
         // What cannot be met is counted and told of by the supervisor.
         crate::service::quiet();
-        let domain = Domain::new(&run.prefix, &run.root)?.hasty(run.clock);
+        let domain = Domain::new(&run.prefix, &run.root)?.with_short_timeouts(run.clock);
         let bus = Bus::open(&domain, process.name())?;
         let timing = bus.output(&topic::TIMING)?;
         Ok(Self {
@@ -134,28 +134,35 @@ impl Context {
             core: if process == Process::Standby { run.reserve_core } else { run.core }.map(|c| c as usize),
             reserve_core: run.reserve_core.map(|c| c as usize),
             realtime: if run.clock == Clock::Lockstep { RealtimeMode::Off } else { run.realtime },
-            granted: Granted::default(),
+            granted: SchedGrants::default(),
             timing,
-            refused: 0,
-            unmet: 0,
-            beaten_ns: 0,
+            rejected: 0,
+            failed_connections: 0,
+            heartbeat_ns: 0,
             faults_at_start: 0,
             faults: 0,
             faults_due: 0,
             allocations_at_wake: 0,
-            states: Recent::default(),
-            foresight: None,
+            states: TickBuffer::default(),
+            predictor: None,
         })
     }
 
-    /// An [`Alarm`] for this process, at a priority of its own, on the core where the controller in reserve is.
+    /// An [`DeadlineTimer`] for this process, at a priority of its own, on the core where the controller in reserve is.
     ///
     /// # Errors
     /// [`IpcError::System`] if there is no thread to be had.
-    pub fn alarm(&self, name: &str, bell: Bell, period_ns: u64, priority: u32) -> Result<Alarm, IpcError> {
-        let wish = Wish { core: self.reserve_core, ..Wish::new(priority, None) };
+    pub fn deadline_timer(
+        &self,
+        name: &str,
+        doorbell: Doorbell,
+        period_ns: u64,
+        priority: u32,
+    ) -> Result<DeadlineTimer, IpcError> {
+        let wish = SchedRequest { core: self.reserve_core, ..SchedRequest::new(priority, None) };
         let wish = (self.realtime != RealtimeMode::Off).then_some(wish);
-        Alarm::start(name, bell, period_ns, wish).map_err(|cause| IpcError::System { action: "start an alarm", cause })
+        DeadlineTimer::start(name, doorbell, period_ns, wish)
+            .map_err(|cause| IpcError::System { action: "start an deadline_timer", cause })
     }
 
     fn supervisor_gone(&self) -> bool {
@@ -166,13 +173,13 @@ impl Context {
     ///
     /// # Errors
     /// [`IpcError`] if the message cannot be sent.
-    pub fn ready(&mut self, wish: Wish) -> Result<(), IpcError> {
+    pub fn ready(&mut self, wish: SchedRequest) -> Result<(), IpcError> {
         if self.realtime != RealtimeMode::Off {
             let core = wish.core.or(self.core);
-            self.granted = realtime::enter(Wish { core, ..wish });
+            self.granted = realtime::apply_to_current_thread(SchedRequest { core, ..wish });
         }
         self.faults_at_start = realtime::page_faults();
-        self.beat(Phase::Ready, -1)
+        self.heartbeat(Phase::Ready, -1)
     }
 
     /// Whether the loop should go on. Asks the system for the parent only in the slack, see [`idle`](Self::idle).
@@ -188,7 +195,7 @@ impl Context {
     /// [`IpcError`] if waiting fails or the heartbeat cannot be sent.
     pub fn wait(&mut self, inputs: &[&dyn Wakes], tick: i64) -> Result<bool, IpcError> {
         // Also when it is woken again and again by what it cannot use.
-        if !wait(inputs, PATIENCE)? || crate::clock::now_ns() - self.beaten_ns > PATIENCE.as_nanos() as u64 {
+        if !wait(inputs, TIMEOUT)? || crate::clock::now_ns() - self.heartbeat_ns > TIMEOUT.as_nanos() as u64 {
             self.idle(tick)?;
         }
         Ok(self.running())
@@ -219,7 +226,7 @@ impl Context {
     {
         while let Some(message) = input.next()? {
             if message.check().is_err() {
-                self.refuse();
+                self.reject();
             } else if enough(message) {
                 break;
             }
@@ -253,8 +260,8 @@ impl Context {
     /// [`IpcError`] if the heartbeat cannot be sent.
     pub fn finish(&mut self, tick: i64) -> Result<(), IpcError> {
         while self.running() {
-            self.beat(Phase::Finished, tick)?;
-            wait(&[], PATIENCE)?;
+            self.heartbeat(Phase::Finished, tick)?;
+            wait(&[], TIMEOUT)?;
             if self.supervisor_gone() {
                 break;
             }
@@ -270,17 +277,17 @@ impl Context {
         if self.supervisor_gone() {
             self.stop.store(true, Ordering::Relaxed);
         }
-        self.beat(if tick < 0 { Phase::Ready } else { Phase::Waiting }, tick)
+        self.heartbeat(if tick < 0 { Phase::Ready } else { Phase::Waiting }, tick)
     }
 
     /// Counts a message that was not used.
-    pub fn refuse(&mut self) {
-        self.refused = self.refused.saturating_add(1);
+    pub fn reject(&mut self) {
+        self.rejected = self.rejected.saturating_add(1);
     }
 
     /// How often the process's ports could not meet somebody: the supervisor then lets all look round once more.
-    pub fn tell_unmet(&mut self, unmet: u32) {
-        self.unmet = unmet;
+    pub fn report_failed_connections(&mut self, failed_connections: u32) {
+        self.failed_connections = failed_connections;
     }
 
     /// To be called on waking up with work to do: starts counting allocations.
@@ -301,8 +308,8 @@ impl Context {
     ///
     /// # Errors
     /// [`IpcError`] if the message cannot be sent.
-    pub fn account(&mut self, done: Tick) -> Result<(), IpcError> {
-        let Tick { tick, due_ns, wake_ns, publish_ns, latency_ns } = done;
+    pub fn account(&mut self, done: TickTimes) -> Result<(), IpcError> {
+        let TickTimes { tick, due_ns, wake_ns, publish_ns, latency_ns } = done;
         // A system call: in the slack, and not at every tick.
         if tick >= self.faults_due {
             self.faults_due = tick - tick % FAULTS_EVERY + FAULTS_EVERY;
@@ -327,7 +334,7 @@ impl Context {
     ///
     /// # Errors
     /// [`IpcError`] if the message cannot be sent.
-    pub fn beat(&mut self, phase: Phase, tick: i64) -> Result<(), IpcError> {
+    pub fn heartbeat(&mut self, phase: Phase, tick: i64) -> Result<(), IpcError> {
         let now = crate::clock::now_ns();
         if phase == Phase::Finished {
             self.count_faults();
@@ -340,15 +347,15 @@ impl Context {
     }
 
     fn send(&mut self, timing: &Timing) -> Result<(), IpcError> {
-        self.beaten_ns = crate::clock::now_ns();
-        self.timing.prepare();
+        self.heartbeat_ns = crate::clock::now_ns();
+        self.timing.preloan();
         self.timing.send(&Timing {
             process: self.process.code(),
-            refused: self.refused,
+            rejected: self.rejected,
             page_faults: self.faults,
             realtime: self.granted.0,
             generation: self.start.generation,
-            unmet: self.unmet,
+            failed_connections: self.failed_connections,
             ..*timing
         })?;
         Ok(())

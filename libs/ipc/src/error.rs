@@ -1,12 +1,12 @@
 //! What can go wrong between processes.
 
-use hapfic_messages::Defect;
+use hapfic_messages::ValidationError;
 use std::path::PathBuf;
 
 /// An error of messaging or of a process's set-up.
 #[derive(Debug, thiserror::Error)]
 pub enum IpcError {
-    /// iceoryx2 refused.
+    /// iceoryx2 rejected.
     #[error("cannot {action} '{topic}': {cause}")]
     Messaging {
         /// What was tried.
@@ -34,7 +34,7 @@ pub enum IpcError {
         /// What is wrong.
         cause: String,
     },
-    /// The operating system refused.
+    /// The operating system rejected.
     #[error("cannot {action}: {cause}")]
     System {
         /// What was tried.
@@ -43,12 +43,12 @@ pub enum IpcError {
         cause: std::io::Error,
     },
     /// A message that a process must not use.
-    #[error("message on '{topic}' refused: {defect}")]
+    #[error("message on '{topic}' rejected: {defect}")]
     Message {
         /// The topic.
         topic: &'static str,
         /// What is wrong with it.
-        defect: Defect,
+        defect: ValidationError,
     },
     /// A sender with no loan left.
     #[error("'{topic}': no memory left to send from")]

@@ -12,7 +12,7 @@ const WAITING: usize = 32;
 const STALE: i64 = 100;
 
 /// A message that can be made bad.
-pub trait Tamper: Copy {
+pub trait Corruptible: Copy {
     /// A number that is none.
     fn nan(&mut self);
     /// Codes and counts that mean nothing.
@@ -21,7 +21,7 @@ pub trait Tamper: Copy {
     fn tick_mut(&mut self) -> &mut i64;
 }
 
-impl Tamper for State {
+impl Corruptible for State {
     fn nan(&mut self) {
         self.joint_position[0] = f64::NAN;
     }
@@ -34,7 +34,7 @@ impl Tamper for State {
     }
 }
 
-impl Tamper for Reference {
+impl Corruptible for Reference {
     fn nan(&mut self) {
         self.position[0] = f64::NAN;
     }
@@ -48,7 +48,7 @@ impl Tamper for Reference {
     }
 }
 
-impl Tamper for Request {
+impl Corruptible for Request {
     fn nan(&mut self) {
         self.torque[0] = f64::NAN;
     }
@@ -71,7 +71,7 @@ pub struct Injector<T> {
     last: Option<T>,
 }
 
-impl<T: Tamper + Message> Injector<T> {
+impl<T: Corruptible + Message> Injector<T> {
     /// For the messages of a process.
     ///
     /// # Errors
@@ -103,7 +103,7 @@ impl<T: Tamper + Message> Injector<T> {
             return;
         }
         self.taken = new.number;
-        // One too many is not made; who counts what was refused sees it.
+        // One too many is not made; who counts what was rejected sees it.
         if let Some(place) = self.waiting.iter_mut().find(|w| w.is_none()) {
             *place = Some(new);
         }
@@ -127,23 +127,23 @@ impl<T: Tamper + Message> Injector<T> {
         None
     }
 
-    /// Sends a message as it should be, or as it was asked to be spoilt. Returns when it was sent, ns; 0 if it was not.
+    /// Sends a message as it should be, or as it was asked to be corrupted. Returns when it was sent, ns; 0 if it was not.
     ///
     /// # Errors
     /// [`IpcError`] if it cannot be sent.
     pub fn send(&mut self, output: &mut Output<T>, message: &T, tick: i64) -> Result<u64, IpcError> {
         let fault = self.due(tick);
         let last = self.last.replace(*message);
-        let mut spoilt = *message;
+        let mut corrupted = *message;
         match fault {
             None => {}
             Some((Tampering::Slow, by_us)) => clock::sleep_until(clock::now_ns() + u64::from(by_us) * 1000),
             Some((Tampering::Drop, _)) => return Ok(0),
-            Some((Tampering::Repeat, _)) => spoilt = last.unwrap_or(*message),
-            Some((Tampering::Corrupt, _)) => spoilt.corrupt(),
-            Some((Tampering::Nan, _)) => spoilt.nan(),
-            Some((Tampering::Stale, _)) => *spoilt.tick_mut() -= STALE,
+            Some((Tampering::Repeat, _)) => corrupted = last.unwrap_or(*message),
+            Some((Tampering::Corrupt, _)) => corrupted.corrupt(),
+            Some((Tampering::Nan, _)) => corrupted.nan(),
+            Some((Tampering::Stale, _)) => *corrupted.tick_mut() -= STALE,
         }
-        output.send(&spoilt)
+        output.send(&corrupted)
     }
 }

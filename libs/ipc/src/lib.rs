@@ -21,15 +21,15 @@
 //! This is the stack's only crate with `unsafe` code (`latency`, which measures beside it, has some of its own).
 #![allow(unsafe_code)]
 
-pub mod alarm;
 pub mod allocations;
-pub mod bell;
+mod arrival_predictor;
 mod bus;
 mod child;
 pub mod clock;
 mod context;
+pub mod deadline_timer;
+pub mod doorbell;
 mod error;
-mod foresight;
 pub mod inject;
 mod memory;
 pub mod realtime;
@@ -38,11 +38,11 @@ pub mod service;
 pub mod topic;
 mod wire;
 
-pub use alarm::Alarm;
-pub use bell::{Bell, Listener, Wakes, wait, watch};
+pub use arrival_predictor::ArrivalPredictor;
 pub use bus::{Bus, Domain, Input, Output, Wait};
 pub use child::{Ending, tie_to_supervisor};
-pub use context::{Context, Gaps, Start, Tick};
+pub use context::{Context, Gaps, ProcessStart, TickTimes};
+pub use deadline_timer::DeadlineTimer;
+pub use doorbell::{Doorbell, Listener, Wakes, wait, watch};
 pub use error::IpcError;
-pub use foresight::Foresight;
 pub use run::RunFile;

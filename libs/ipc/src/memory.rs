@@ -17,26 +17,26 @@ const HEAP: usize = 512 << 10;
 const PIECE: usize = 64 << 10;
 /// Messages of one sender that can be on their way at once: all that the recorder may be behind, and what short queues, histories and
 /// loans hold. A sender takes the one given back last, so it never uses more than that many.
-const ON_THEIR_WAY: usize = RECORDER_DEPTH + 128;
+const IN_FLIGHT: usize = RECORDER_DEPTH + 128;
 /// Senders of a topic whose memory is known to be in.
 const SENDERS: usize = 4;
 /// Bytes of a page. Larger ones do no harm.
 const PAGE: usize = 4096;
 
 /// Whether memory is brought in beforehand.
-static WANTED: AtomicBool = AtomicBool::new(false);
+static ENABLED: AtomicBool = AtomicBool::new(false);
 
 /// From here on memory is brought in beforehand.
-pub(crate) fn want() {
-    WANTED.store(true, Ordering::Relaxed);
+pub(crate) fn enable() {
+    ENABLED.store(true, Ordering::Relaxed);
 }
 
-fn wanted() -> bool {
-    WANTED.load(Ordering::Relaxed)
+fn enabled() -> bool {
+    ENABLED.load(Ordering::Relaxed)
 }
 
 /// Brings in what is there to read, or to write, at these addresses. Before Linux 5.14 nothing is: pages then come in as they are used.
-fn bring_in(from: usize, bytes: usize, advice: Advice) {
+fn prefault(from: usize, bytes: usize, advice: Advice) {
     let start = from - from % PAGE;
     let ptr = core::ptr::without_provenance_mut::<c_void>(start);
     // SAFETY: the advices passed here change no contents and take no mapping away; an address that is not mapped is an error.
@@ -46,13 +46,13 @@ fn bring_in(from: usize, bytes: usize, advice: Advice) {
 /// Brings in the program's code, and the libraries as a whole.
 ///
 /// The program's constants come in as they are used: most of them are what reports are made of.
-pub(crate) fn bring_in_code() {
+pub(crate) fn prefault_code() {
     let mut first = true;
     // SAFETY: the callback is of the type that is asked for, and `first` lives through the call.
-    unsafe { libc::dl_iterate_phdr(Some(bring_in_object), (&raw mut first).cast()) };
+    unsafe { libc::dl_iterate_phdr(Some(prefault_object), (&raw mut first).cast()) };
 }
 
-unsafe extern "C" fn bring_in_object(info: *mut libc::dl_phdr_info, _size: usize, first: *mut c_void) -> c_int {
+unsafe extern "C" fn prefault_object(info: *mut libc::dl_phdr_info, _size: usize, first: *mut c_void) -> c_int {
     // SAFETY: the loader passes a description that is valid during the call, and the pointer that it was given.
     let (info, first) = unsafe { (&*info, &mut *first.cast::<bool>()) };
     // The program itself comes first.
@@ -63,14 +63,14 @@ unsafe extern "C" fn bring_in_object(info: *mut libc::dl_phdr_info, _size: usize
     // SAFETY: there are as many headers, which stay as long as the object is loaded.
     let headers = unsafe { core::slice::from_raw_parts(info.dlpi_phdr, usize::from(info.dlpi_phnum)) };
     for header in headers.iter().filter(|h| h.p_type == libc::PT_LOAD && (whole || h.p_flags & libc::PF_X != 0)) {
-        bring_in(info.dlpi_addr as usize + header.p_vaddr as usize, header.p_memsz as usize, Advice::LinuxPopulateRead);
+        prefault(info.dlpi_addr as usize + header.p_vaddr as usize, header.p_memsz as usize, Advice::LinuxPopulateRead);
     }
     0
 }
 
 /// Has the calling thread's heap keep a reserve that is in memory. Where the allocator is another one than glibc's, it decides itself.
-pub(crate) fn bring_in_heap() {
-    if !wanted() {
+pub(crate) fn prefault_heap() {
+    if !enabled() {
         return;
     }
     #[cfg(target_env = "gnu")]
@@ -85,15 +85,15 @@ pub(crate) fn bring_in_heap() {
     core::hint::black_box(&pieces);
 }
 
-fn bytes_on_their_way<T>() -> usize {
+fn bytes_in_flight<T>() -> usize {
     let chunk = (size_of::<Header>() + size_of::<T>()).next_multiple_of(align_of::<T>().max(align_of::<Header>()));
-    chunk * ON_THEIR_WAY
+    chunk * IN_FLIGHT
 }
 
 /// Brings in what a sender's messages will be written to, from its first one on.
-pub(crate) fn bring_in_to_write<T>(first: *const T) {
-    if wanted() {
-        bring_in(first.addr(), bytes_on_their_way::<T>(), Advice::LinuxPopulateWrite);
+pub(crate) fn prefault_writes<T>(first: *const T) {
+    if enabled() {
+        prefault(first.addr(), bytes_in_flight::<T>(), Advice::LinuxPopulateWrite);
     }
 }
 
@@ -110,7 +110,7 @@ pub(crate) struct Senders {
 impl Senders {
     /// Looks at a message and who sent it.
     pub(crate) fn look_at<T>(&mut self, message: *const T, sender: UniquePublisherId) {
-        if wanted() && !self.known.contains(&Some(sender)) {
+        if enabled() && !self.known.contains(&Some(sender)) {
             self.known[self.next] = Some(sender);
             self.next = (self.next + 1) % SENDERS;
             self.found = Some(message.addr());
@@ -118,9 +118,9 @@ impl Senders {
     }
 
     /// Work for the slack: brings in where the messages of a new sender will be read.
-    pub(crate) fn bring_in<T>(&mut self) {
+    pub(crate) fn prefault<T>(&mut self) {
         if let Some(first) = self.found.take() {
-            bring_in(first, bytes_on_their_way::<T>(), Advice::LinuxPopulateRead);
+            prefault(first, bytes_in_flight::<T>(), Advice::LinuxPopulateRead);
         }
     }
 }
@@ -154,24 +154,24 @@ mod tests {
     #[test]
     fn what_was_brought_in_costs_no_fault_and_what_was_not_one_a_page() {
         assert!(faults_after(|_| {}) >= PAGES as u64 / 16, "the counter counts");
-        assert!(faults_after(|at| bring_in(at + 100, (PAGES - 1) * PAGE, Advice::LinuxPopulateWrite)) <= 1);
+        assert!(faults_after(|at| prefault(at + 100, (PAGES - 1) * PAGE, Advice::LinuxPopulateWrite)) <= 1);
     }
 
     #[test]
     fn the_whole_window_of_a_topic_is_brought_in() {
         type Message = [u64; 16];
-        want();
-        let bytes = bytes_on_their_way::<Message>();
-        assert!(bytes >= ON_THEIR_WAY * size_of::<Message>() && bytes < PAGES * PAGE);
-        let untouched = faults_after(|at| bring_in_to_write(core::ptr::without_provenance::<Message>(at)));
+        enable();
+        let bytes = bytes_in_flight::<Message>();
+        assert!(bytes >= IN_FLIGHT * size_of::<Message>() && bytes < PAGES * PAGE);
+        let untouched = faults_after(|at| prefault_writes(core::ptr::without_provenance::<Message>(at)));
         assert!(untouched <= (PAGES - bytes / PAGE) as u64, "{untouched} faults");
     }
 
     #[test]
     fn code_and_heap_can_be_brought_in() {
-        want();
-        bring_in_code();
-        bring_in_heap();
+        enable();
+        prefault_code();
+        prefault_heap();
         let before = page_faults();
         let piece = core::hint::black_box(vec![1_u8; PIECE]);
         assert!(page_faults() - before <= 1, "{} bytes", piece.len());

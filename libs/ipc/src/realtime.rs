@@ -10,9 +10,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 /// What a thread got; a set of bits that travels in [`hapfic_messages::Timing`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Granted(pub u32);
+pub struct SchedGrants(pub u32);
 
-impl Granted {
+impl SchedGrants {
     /// The scheduler `SCHED_FIFO` at the priority asked for.
     pub const FIFO: u32 = 1;
     /// All memory of the process is locked.
@@ -29,14 +29,14 @@ impl Granted {
 
 /// What a thread asks for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Wish {
+pub struct SchedRequest {
     /// Priority of `SCHED_FIFO`, 1 to 98.
     pub priority: i32,
     /// Core to stay on.
     pub core: Option<usize>,
 }
 
-impl Wish {
+impl SchedRequest {
     /// A priority, and a core or none.
     #[must_use]
     pub fn new(priority: u32, core: Option<u32>) -> Self {
@@ -76,31 +76,31 @@ pub fn reserve_core(index: usize) -> Option<u32> {
 /// Makes the calling thread a real-time one as far as it may; memory is locked beforehand, by [`lock_memory`]. Nothing fails: what is
 /// missing is missing in the result.
 #[must_use]
-pub fn enter(wish: Wish) -> Granted {
-    memory::bring_in_heap();
-    enter_without_heap(wish)
+pub fn apply_to_current_thread(wish: SchedRequest) -> SchedGrants {
+    memory::prefault_heap();
+    apply_without_heap(wish)
 }
 
 /// The same for a thread that allocates nothing.
 #[must_use]
-pub(crate) fn enter_without_heap(wish: Wish) -> Granted {
+pub(crate) fn apply_without_heap(wish: SchedRequest) -> SchedGrants {
     let mut granted = 0;
     if MEMORY_LOCKED.load(Ordering::Relaxed) {
-        granted |= Granted::LOCKED;
+        granted |= SchedGrants::LOCKED;
     }
     touch_stack();
     if let Some(core) = wish.core
         && pin(None, core).is_ok()
     {
-        granted |= Granted::PINNED;
+        granted |= SchedGrants::PINNED;
     }
-    if set_fifo(wish.priority) {
-        granted |= Granted::FIFO;
+    if try_set_fifo(wish.priority) {
+        granted |= SchedGrants::FIFO;
     }
-    Granted(granted)
+    SchedGrants(granted)
 }
 
-fn set_fifo(priority: i32) -> bool {
+fn try_set_fifo(priority: i32) -> bool {
     let parameters = libc::sched_param { sched_priority: priority };
     // SAFETY: `parameters` lives through the call; 0 names the calling thread.
     unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO, &raw const parameters) == 0 }
@@ -110,7 +110,7 @@ fn set_fifo(priority: i32) -> bool {
 ///
 /// # Errors
 /// If the system refuses.
-pub fn put_before_others(priority: u32) -> std::io::Result<()> {
+pub fn set_fifo(priority: u32) -> std::io::Result<()> {
     let parameters = libc::sched_param { sched_priority: priority as i32 };
     // SAFETY: `parameters` lives through the call; 0 names the calling thread.
     let done = unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO | libc::SCHED_RESET_ON_FORK, &raw const parameters) };
@@ -156,7 +156,7 @@ fn capable(capability: CapabilitySet) -> bool {
 
 /// How much memory is brought in when it is locked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum BringIn {
+pub enum Prefault {
     /// All there is now. For the supervisor: what it holds of the program's file stays in memory for all processes of the stack, so
     /// that theirs never have to wait for a disk.
     All,
@@ -173,19 +173,19 @@ pub enum BringIn {
 /// on their way.
 ///
 /// Only where the limit cannot be reached: with a finite limit a later allocation would fail, and abort the process.
-pub fn lock_memory(bring_in: BringIn) {
+pub fn lock_memory(prefault: Prefault) {
     let used = MlockAllFlags::CURRENT | MlockAllFlags::FUTURE | MlockAllFlags::ONFAULT;
     let all = || mlockall(MlockAllFlags::CURRENT).and_then(|()| mlockall(MlockAllFlags::FUTURE | MlockAllFlags::ONFAULT));
     let locked = may_lock()
-        && match bring_in {
-            BringIn::All => all().is_ok(),
-            BringIn::Used => mlockall(used).is_ok(),
+        && match prefault {
+            Prefault::All => all().is_ok(),
+            Prefault::Used => mlockall(used).is_ok(),
         };
     MEMORY_LOCKED.store(locked, Ordering::Relaxed);
     // Without the lock, too: it stays then as long as nobody needs the memory more.
-    memory::want();
-    if bring_in == BringIn::Used {
-        memory::bring_in_code();
+    memory::enable();
+    if prefault == Prefault::Used {
+        memory::prefault_code();
     }
 }
 
@@ -197,7 +197,7 @@ pub fn lock_memory(bring_in: BringIn) {
 ///
 /// # Errors
 /// If the system refuses; the table then grows when it has to.
-pub fn make_room_for_files(count: u64) -> std::io::Result<()> {
+pub fn reserve_fd_table(count: u64) -> std::io::Result<()> {
     let may_have = getrlimit(Resource::Nofile).current.unwrap_or(u64::MAX);
     let last = count.min(may_have).saturating_sub(1);
     let file = File::open("/dev/null")?;
@@ -225,12 +225,12 @@ fn rtprio_limit() -> u64 {
 
 /// Keeps the processors out of idle states that take long to leave, for as long as it lives.
 #[derive(Debug)]
-pub struct IdleHold(#[allow(dead_code)] File);
+pub struct CpuLatencyGuard(#[allow(dead_code)] File);
 
 /// Where the wish for the longest exit latency is written.
 const DMA_LATENCY: &str = "/dev/cpu_dma_latency";
 
-impl IdleHold {
+impl CpuLatencyGuard {
     /// Asks for no exit latency at all; `None` if this user may not.
     #[must_use]
     pub fn take() -> Option<Self> {

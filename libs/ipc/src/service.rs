@@ -1,10 +1,10 @@
 //! Requests to a running stack and their replies: what `hapfic set`, `status` and `stop` ask, and any other program may.
 //!
-//! A request-response service, and a bell that wakes the one who answers. The service is made and held by the supervisor
+//! A request-response service, and a doorbell that wakes the one who answers. The service is made and held by the supervisor
 //! ([`hold`]); callers only open it, so that one killed while it calls cannot damage it.
 
-use crate::bell::{Bell, Listener, Wakes};
 use crate::bus::{Bus, service_name};
+use crate::doorbell::{Doorbell, Listener, Wakes};
 use crate::error::IpcError;
 use crate::topic;
 use crate::wire::Wire;
@@ -29,12 +29,12 @@ const CROWD: usize = 4;
 /// Nodes that may know the service: callers, the supervisor and its thread.
 const MAX_NODES: usize = 32;
 /// How often a caller looks for its reply.
-const LOOK_EVERY: Duration = Duration::from_millis(1);
+const POLL_INTERVAL: Duration = Duration::from_millis(1);
 /// Creates the service and keeps it in being as long as the returned guard lives.
 ///
 /// # Errors
 /// [`IpcError::Messaging`] with what iceoryx2 said.
-pub fn hold(bus: &Bus) -> Result<Box<dyn core::any::Any>, IpcError> {
+pub fn keep_alive(bus: &Bus) -> Result<Box<dyn core::any::Any>, IpcError> {
     Ok(Box::new(made_service(bus)?))
 }
 
@@ -79,7 +79,7 @@ impl Requests {
             .backpressure_strategy(BackpressureStrategy::DiscardData)
             .create()
             .map_err(|e| IpcError::messaging("answer on", NAME, e))?;
-        Ok(Self { server, listener: bus.listener(topic::ASKED), factory })
+        Ok(Self { server, listener: bus.listener(topic::OPERATOR_REQUEST), factory })
     }
 
     /// The oldest request not taken yet.
@@ -91,7 +91,7 @@ impl Requests {
         Ok(received.map(|active| Asked { request: active.payload().0, active }))
     }
 
-    /// Whether there are so many callers that some are probably dead; [`Bus::sweep_dead`] then makes room.
+    /// Whether there are so many callers that some are probably dead; [`Bus::clean_up_dead_nodes`] then makes room.
     #[must_use]
     pub fn crowded(&self) -> bool {
         self.factory.dynamic_config().number_of_clients() > CROWD
@@ -117,7 +117,7 @@ impl Asked {
 /// The side that asks.
 pub struct Caller {
     client: Client<Transport, Wire<OperatorRequest>, (), Wire<OperatorReply>, ()>,
-    bell: Bell,
+    doorbell: Doorbell,
 }
 
 impl Caller {
@@ -136,7 +136,7 @@ impl Caller {
             .backpressure_strategy(BackpressureStrategy::DiscardData)
             .create()
             .map_err(|e| IpcError::messaging("ask on", NAME, e))?;
-        Ok(Self { client, bell: bus.bell(topic::ASKED) })
+        Ok(Self { client, doorbell: bus.doorbell(topic::OPERATOR_REQUEST) })
     }
 
     /// Asks and waits for the reply; `None` if none came in time.
@@ -146,7 +146,7 @@ impl Caller {
     pub fn ask(&self, request: &OperatorRequest, patience: Duration) -> Result<Option<OperatorReply>, IpcError> {
         let pending = self.client.send_copy(Wire(*request)).map_err(|e| IpcError::messaging("send on", NAME, e))?;
         // Whoever answers looks by itself, too; this only makes it sooner.
-        self.bell.ring();
+        self.doorbell.notify();
         let asked = Instant::now();
         loop {
             if let Some(response) = pending.receive().map_err(|e| IpcError::messaging("receive on", NAME, e))? {
@@ -157,7 +157,7 @@ impl Caller {
             if asked.elapsed() > patience {
                 return Ok(None);
             }
-            std::thread::sleep(LOOK_EVERY);
+            std::thread::sleep(POLL_INTERVAL);
         }
     }
 }

@@ -4,7 +4,7 @@
 #![allow(clippy::unwrap_used, missing_docs)]
 
 use hapfic_ipc::allocations::{Counting, count};
-use hapfic_ipc::{Context, Input, RunFile, Start, Tick, Wait, topic};
+use hapfic_ipc::{Context, Input, ProcessStart, RunFile, TickTimes, Wait, topic};
 use hapfic_messages::{Clock, Process, RealtimeMode, Timing};
 use std::hint::black_box;
 
@@ -53,11 +53,11 @@ fn a_process_tells_of_what_it_allocated_in_a_tick_and_of_the_pages_it_touched() 
         urdf_name: String::new(),
         urdf: String::new(),
     };
-    let mut context = Context::join(&run, Process::Controller, Start::default()).unwrap();
+    let mut context = Context::join(&run, Process::Controller, ProcessStart::default()).unwrap();
     // Whoever runs the tests may end before them.
     rustix::process::set_parent_process_death_signal(None).unwrap();
     let mut timing = context.bus.input(&topic::TIMING, Wait::No).unwrap();
-    let done = |tick| Tick { tick, due_ns: 0, wake_ns: 0, publish_ns: 0, latency_ns: 0 };
+    let done = |tick| TickTimes { tick, due_ns: 0, wake_ns: 0, publish_ns: 0, latency_ns: 0 };
     // The first meets the receiver.
     context.account(done(1)).unwrap();
     let first = told(&mut timing);

@@ -40,7 +40,7 @@ fn a_rehearsal_sends_nothing_and_the_next_message_is_the_next() {
     let mut input = bus.input(&topic::CREDIT, Wait::No).unwrap();
     for tick in 0..100 {
         for _ in 0..3 {
-            output.rehearse(&Credit { tick: -7 });
+            output.warm_up(&Credit { tick: -7 });
         }
         assert_eq!(input.next().unwrap(), None, "tick {tick}");
         output.send(&Credit { tick }).unwrap();
@@ -58,10 +58,10 @@ fn ports_go_from_thread_to_thread_with_what_they_have_on_loan() {
         ports = std::thread::scope(|scope| {
             let there = scope.spawn(move || {
                 let (mut output, mut input) = ports;
-                output.prepare();
+                output.preloan();
                 output.send(&Credit { tick }).unwrap();
                 // On loan when it goes back.
-                output.prepare();
+                output.preloan();
                 assert_eq!(input.next().unwrap().unwrap().tick, tick);
                 (output, input)
             });

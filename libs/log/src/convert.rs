@@ -66,7 +66,7 @@ pub fn request(request: &Request) -> proto::Request {
         converging: flags(&request.state.converging),
         force: request.force.to_vec(),
         torque: first(&request.torque, request.joints),
-        still_ticks: request.state.still_ticks.to_vec(),
+        at_rest_ticks: request.state.at_rest_ticks.to_vec(),
     }
 }
 
@@ -93,7 +93,7 @@ pub fn command(command: &Command) -> proto::Command {
         severity: severity(command.severity).to_owned(),
         limited: command.limited,
         ramped: command.ramped,
-        still_ticks: request.state.still_ticks.to_vec(),
+        at_rest_ticks: request.state.at_rest_ticks.to_vec(),
     }
 }
 
@@ -149,7 +149,7 @@ pub fn timing(timing: &Timing) -> proto::Timing {
         latency_ns: timing.latency_ns,
         wake_lateness_ns: timing.wake_ns.saturating_sub(timing.due_ns),
         allocations: timing.allocations,
-        refused: timing.refused,
+        rejected: timing.rejected,
         page_faults: timing.page_faults,
         generation: timing.generation,
     }

@@ -18,12 +18,12 @@
 //! chunk at a time, whatever the length of the log.
 
 mod bytes;
-mod carry;
+mod copy;
 mod error;
 mod found;
-mod judge;
 mod lz4;
 mod output;
+mod plausibility;
 mod records;
 mod scan;
 
@@ -33,7 +33,7 @@ pub use found::{Loss, Recovery, TickGaps};
 use crate::error::LogError;
 use crate::frames::LONGEST_RECORD;
 use bytes::Source;
-use carry::Carry;
+use copy::Carry;
 use mcap::MAGIC;
 use mcap::records::op;
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};

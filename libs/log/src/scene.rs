@@ -1,6 +1,6 @@
 //! What a viewer draws of a scenario: the robot's links, the objects and the floor.
 
-use crate::viewer::{Scene, SceneBody, SceneShape, Shape};
+use crate::viewer::{Scene, SceneBody, SceneShape, ViewerShape};
 use hapfic_config::{ObjectShape, Settings};
 use hapfic_messages::State;
 use hapfic_robot::{Chain, Shape as RobotShape};
@@ -37,8 +37,8 @@ pub fn scene(settings: &Settings, chain: &Chain) -> Scene {
     bodies.push(fixed);
     for object in &settings.world.objects {
         let form = match object.shape {
-            ObjectShape::Box { size_m } => Shape::Box { size: size_m },
-            ObjectShape::Ball { radius_m } => Shape::Sphere { radius: radius_m },
+            ObjectShape::Box { size_m } => ViewerShape::Box { size: size_m },
+            ObjectShape::Ball { radius_m } => ViewerShape::Sphere { radius: radius_m },
         };
         let whole = SceneShape { position: [0.0; 3], orientation: [0.0, 0.0, 0.0, 1.0], shape: form, color: OBJECT_COLOR };
         bodies.push(SceneBody { name: object.name.clone(), frame: object.name.clone(), shapes: vec![whole] });
@@ -50,7 +50,7 @@ pub fn scene(settings: &Settings, chain: &Chain) -> Scene {
             shapes: vec![SceneShape {
                 position: [0.0, 0.0, floor.height_m],
                 orientation: [0.0, 0.0, 0.0, 1.0],
-                shape: Shape::Plane { size: FLOOR_SIZE_M },
+                shape: ViewerShape::Plane { size: FLOOR_SIZE_M },
                 color: FLOOR_COLOR,
             }],
         });
@@ -60,11 +60,11 @@ pub fn scene(settings: &Settings, chain: &Chain) -> Scene {
 
 fn shape(shape: &RobotShape, origin: &nalgebra::Isometry3<f64>, color: [f64; 4]) -> SceneShape {
     let shape = match *shape {
-        RobotShape::Sphere { radius } => Shape::Sphere { radius },
-        RobotShape::Cylinder { radius, length } => Shape::Cylinder { radius, length },
+        RobotShape::Sphere { radius } => ViewerShape::Sphere { radius },
+        RobotShape::Cylinder { radius, length } => ViewerShape::Cylinder { radius, length },
         // A viewer has no capsules: the cylinder that contains it is close enough.
-        RobotShape::Capsule { radius, length } => Shape::Cylinder { radius, length: length + 2.0 * radius },
-        RobotShape::Box { size } => Shape::Box { size },
+        RobotShape::Capsule { radius, length } => ViewerShape::Cylinder { radius, length: length + 2.0 * radius },
+        RobotShape::Box { size } => ViewerShape::Box { size },
     };
     let (position, orientation) = pose(origin);
     SceneShape { position, orientation, shape, color }

@@ -59,14 +59,14 @@ pub struct SceneShape {
     /// Unit quaternion, x y z w.
     pub orientation: [f64; 4],
     /// Form and size.
-    pub shape: Shape,
+    pub shape: ViewerShape,
     /// Red, green, blue and opacity, 0 to 1.
     pub color: [f64; 4],
 }
 
 /// Form and size of a shape.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Shape {
+pub enum ViewerShape {
     /// A sphere.
     Sphere {
         /// Radius, m.
@@ -163,18 +163,18 @@ impl Viewer {
             let pose = pose(part.position, part.orientation);
             let color = Some(rgba(part.color));
             match part.shape {
-                Shape::Sphere { radius } => entity.spheres.push(sphere(pose, 2.0 * radius, part.color)),
-                Shape::Cylinder { radius, length } => entity.cylinders.push(CylinderPrimitive {
+                ViewerShape::Sphere { radius } => entity.spheres.push(sphere(pose, 2.0 * radius, part.color)),
+                ViewerShape::Cylinder { radius, length } => entity.cylinders.push(CylinderPrimitive {
                     pose: Some(pose),
                     size: Some(vector([2.0 * radius, 2.0 * radius, length])),
                     bottom_scale: 1.0,
                     top_scale: 1.0,
                     color,
                 }),
-                Shape::Box { size } => {
+                ViewerShape::Box { size } => {
                     entity.cubes.push(CubePrimitive { pose: Some(pose), size: Some(vector(size)), color });
                 }
-                Shape::Plane { size } => {
+                ViewerShape::Plane { size } => {
                     let size = Some(vector([size, size, PLANE_M]));
                     entity.cubes.push(CubePrimitive { pose: Some(pose), size, color });
                 }

@@ -7,7 +7,7 @@ use crate::{
 
 /// What is wrong with a message.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-pub enum Defect {
+pub enum ValidationError {
     /// Not a number, or infinite.
     #[error("'{field}' is {found}, expected a finite number")]
     NotFinite {
@@ -77,35 +77,39 @@ pub trait Check {
     /// The first defect found.
     ///
     /// # Errors
-    /// The [`Defect`].
-    fn check(&self) -> Result<(), Defect>;
+    /// The [`ValidationError`].
+    fn check(&self) -> Result<(), ValidationError>;
 }
 
-fn finite(field: &'static str, values: &[f64]) -> Result<(), Defect> {
+fn finite(field: &'static str, values: &[f64]) -> Result<(), ValidationError> {
     match values.iter().find(|v| !v.is_finite()) {
-        Some(&found) => Err(Defect::NotFinite { field, found }),
+        Some(&found) => Err(ValidationError::NotFinite { field, found }),
         None => Ok(()),
     }
 }
 
-fn code<T>(field: &'static str, found: u32, decoded: Option<T>) -> Result<(), Defect> {
-    decoded.map(drop).ok_or(Defect::Code { field, found })
+fn code<T>(field: &'static str, found: u32, decoded: Option<T>) -> Result<(), ValidationError> {
+    decoded.map(drop).ok_or(ValidationError::Code { field, found })
 }
 
-fn at_most(field: &'static str, found: u32, most: usize) -> Result<(), Defect> {
-    if found as usize <= most { Ok(()) } else { Err(Defect::Count { field, found: found.into(), expected: most as u64 }) }
+fn at_most(field: &'static str, found: u32, most: usize) -> Result<(), ValidationError> {
+    if found as usize <= most {
+        Ok(())
+    } else {
+        Err(ValidationError::Count { field, found: found.into(), expected: most as u64 })
+    }
 }
 
-fn positive(field: &'static str, values: &[f64]) -> Result<(), Defect> {
+fn positive(field: &'static str, values: &[f64]) -> Result<(), ValidationError> {
     finite(field, values)?;
     match values.iter().find(|v| **v <= 0.0) {
-        Some(&found) => Err(Defect::Range { field, found, expected: "a positive number" }),
+        Some(&found) => Err(ValidationError::Range { field, found, expected: "a positive number" }),
         None => Ok(()),
     }
 }
 
 impl Check for State {
-    fn check(&self) -> Result<(), Defect> {
+    fn check(&self) -> Result<(), ValidationError> {
         at_most("joints", self.joints, MAX_JOINTS)?;
         at_most("object_count", self.object_count, MAX_OBJECTS)?;
         at_most("contact_count", self.contact_count, MAX_CONTACTS)?;
@@ -127,7 +131,7 @@ impl Check for State {
 }
 
 impl Check for Reference {
-    fn check(&self) -> Result<(), Defect> {
+    fn check(&self) -> Result<(), ValidationError> {
         finite("position", &self.position)?;
         finite("velocity", &self.velocity)?;
         for a in &self.planner.axes {
@@ -141,7 +145,7 @@ impl Check for Reference {
 }
 
 impl Check for ControllerState {
-    fn check(&self) -> Result<(), Defect> {
+    fn check(&self) -> Result<(), ValidationError> {
         finite("offset", &self.offset)?;
         finite("x_max", &self.x_max)?;
         finite("stiffness", &self.stiffness)?;
@@ -149,14 +153,14 @@ impl Check for ControllerState {
         finite("position_bound", &self.position_bound)?;
         finite("force", &self.force)?;
         match self.converging.iter().find(|c| **c > 1) {
-            Some(&found) => Err(Defect::Code { field: "converging", found }),
+            Some(&found) => Err(ValidationError::Code { field: "converging", found }),
             None => Ok(()),
         }
     }
 }
 
 impl Check for Request {
-    fn check(&self) -> Result<(), Defect> {
+    fn check(&self) -> Result<(), ValidationError> {
         at_most("joints", self.joints, MAX_JOINTS)?;
         code("controller", self.controller, Process::from_code(self.controller))?;
         finite("error", &self.error)?;
@@ -168,7 +172,7 @@ impl Check for Request {
 }
 
 impl Check for Command {
-    fn check(&self) -> Result<(), Defect> {
+    fn check(&self) -> Result<(), ValidationError> {
         code("mode", self.mode, Mode::from_code(self.mode))?;
         code("source", self.source, Source::from_code(self.source))?;
         code("severity", self.severity, Severity::from_code(self.severity))?;
@@ -179,7 +183,7 @@ impl Check for Command {
 }
 
 impl Check for Parameters {
-    fn check(&self) -> Result<(), Defect> {
+    fn check(&self) -> Result<(), ValidationError> {
         code("reset_policy", self.reset_policy, ResetPolicy::from_code(self.reset_policy))?;
         code("saturation", self.saturation, Saturation::from_code(self.saturation))?;
         code("search", self.search, Search::from_code(self.search))?;
@@ -200,14 +204,14 @@ impl Check for Parameters {
 }
 
 impl Check for Operator {
-    fn check(&self) -> Result<(), Defect> {
+    fn check(&self) -> Result<(), ValidationError> {
         self.current.check()?;
         self.next.check()
     }
 }
 
 impl Check for Event {
-    fn check(&self) -> Result<(), Defect> {
+    fn check(&self) -> Result<(), ValidationError> {
         code("process", self.process, Process::from_code(self.process))?;
         code("kind", self.kind, EventKind::from_code(self.kind))?;
         code("severity", self.severity, Severity::from_code(self.severity))?;
@@ -217,14 +221,14 @@ impl Check for Event {
 }
 
 impl Check for Timing {
-    fn check(&self) -> Result<(), Defect> {
+    fn check(&self) -> Result<(), ValidationError> {
         code("process", self.process, Process::from_code(self.process))?;
         code("phase", self.phase, Phase::from_code(self.phase))
     }
 }
 
 impl Check for Credit {
-    fn check(&self) -> Result<(), Defect> {
+    fn check(&self) -> Result<(), ValidationError> {
         Ok(())
     }
 }
@@ -240,17 +244,17 @@ mod tests {
         assert_eq!(good.check(), Ok(()));
         let mut bad = good;
         bad.foot_force[2] = f64::NAN;
-        assert!(matches!(bad.check(), Err(Defect::NotFinite { field: "foot_force", .. })));
+        assert!(matches!(bad.check(), Err(ValidationError::NotFinite { field: "foot_force", .. })));
         let mut request = Request { controller: Process::Controller.code(), joints: 3, ..Request::default() };
         assert_eq!(request.check(), Ok(()));
         request.state.converging[1] = 7;
-        assert_eq!(request.check(), Err(Defect::Code { field: "converging", found: 7 }));
+        assert_eq!(request.check(), Err(ValidationError::Code { field: "converging", found: 7 }));
     }
 
     #[test]
     fn counts_beyond_the_room_are_refused() {
         let state = State { joints: 9, ..State::default() };
-        assert_eq!(state.check(), Err(Defect::Count { field: "joints", found: 9, expected: 8 }));
+        assert_eq!(state.check(), Err(ValidationError::Count { field: "joints", found: 9, expected: 8 }));
         let event =
             Event { text_len: 5000, ..Event::new(0, Process::Plant, EventKind::Note, Severity::Nominal, Detector::None, "") };
         assert!(event.check().is_err());

@@ -58,7 +58,7 @@ wire_enum! {
         /// No valid request: before the first one, or braking.
         None = 2, "none";
         /// A valid request of this tick that is not passed on, since a brake has not cleared yet.
-        Withheld = 3, "withheld";
+        Suppressed = 3, "withheld";
     }
 }
 
@@ -127,12 +127,12 @@ wire_enum! {
         Ended = 1, "ended";
         /// A process was lost.
         Lost = 2, "lost";
-        /// A message was refused.
-        Refused = 3, "refused";
+        /// A message was rejected.
+        Rejected = 3, "rejected";
         /// No valid request came by the deadline.
         Missed = 4, "missed";
         /// The plant's timer came a period or more late; simulated time slipped.
-        Slipped = 5, "slipped";
+        TimebaseSlip = 5, "slipped";
         /// The severity changed.
         Transition = 6, "transition";
         /// A parameter set took effect.

@@ -23,7 +23,7 @@ mod tick_buffer;
 mod timing;
 mod wire_enum;
 
-pub use check::{Check, Defect};
+pub use check::{Check, ValidationError};
 pub use codes::{Detector, Drive, EventKind, Mode, Phase, Process, ResetPolicy, Saturation, Search, Severity, Source, Tampering};
 pub use command::Command;
 pub use event::Event;
@@ -35,5 +35,5 @@ pub use reference::{AxisPlan, PlannerState, Reference};
 pub use request::{ControllerState, Request};
 pub use run_mode::{Clock, RealtimeMode};
 pub use state::{ContactState, ObjectState, Physics, State};
-pub use tick_buffer::{Recent, Ticked};
+pub use tick_buffer::{TickBuffer, Ticked};
 pub use timing::{Credit, Injection, Timing};

@@ -1,6 +1,6 @@
 //! Requests of operators to a running stack, and the replies.
 
-use crate::check::{Check, Defect};
+use crate::check::{Check, ValidationError};
 use crate::message::Message;
 use crate::wire_enum::wire_enum;
 use zerocopy::{FromBytes, Immutable, IntoBytes};
@@ -34,7 +34,7 @@ wire_enum! {
         /// It is done, or will be at the tick that the reply names.
         Done = 1, "done";
         /// It cannot be done; nothing has changed, and the text says why.
-        Refused = 2, "refused";
+        Refused = 2, "rejected";
     }
 }
 
@@ -70,21 +70,25 @@ pub struct OperatorReply {
     pub text: [u8; REPLY_TEXT],
 }
 
-fn length(found: usize, most: usize) -> Result<(), Defect> {
-    if found <= most { Ok(()) } else { Err(Defect::Count { field: "text_len", found: found as u64, expected: most as u64 }) }
+fn length(found: usize, most: usize) -> Result<(), ValidationError> {
+    if found <= most {
+        Ok(())
+    } else {
+        Err(ValidationError::Count { field: "text_len", found: found as u64, expected: most as u64 })
+    }
 }
 
-fn utf8(bytes: &[u8], len: u32) -> Result<&str, Defect> {
+fn utf8(bytes: &[u8], len: u32) -> Result<&str, ValidationError> {
     length(len as usize, bytes.len())?;
-    core::str::from_utf8(&bytes[..len as usize]).map_err(|_| Defect::Text { field: "text" })
+    core::str::from_utf8(&bytes[..len as usize]).map_err(|_| ValidationError::Text { field: "text" })
 }
 
 impl OperatorRequest {
     /// A request.
     ///
     /// # Errors
-    /// [`Defect::Count`] if the text is longer than [`REQUEST_TEXT`] bytes.
-    pub fn new(kind: OperatorKind, text: &str) -> Result<Self, Defect> {
+    /// [`ValidationError::Count`] if the text is longer than [`REQUEST_TEXT`] bytes.
+    pub fn new(kind: OperatorKind, text: &str) -> Result<Self, ValidationError> {
         length(text.len(), REQUEST_TEXT)?;
         let mut bytes = [0; REQUEST_TEXT];
         bytes[..text.len()].copy_from_slice(text.as_bytes());
@@ -95,14 +99,14 @@ impl OperatorRequest {
     ///
     /// # Errors
     /// What is wrong with them.
-    pub fn parts(&self) -> Result<(OperatorKind, &str), Defect> {
-        let kind = OperatorKind::from_code(self.kind).ok_or(Defect::Code { field: "kind", found: self.kind })?;
+    pub fn parts(&self) -> Result<(OperatorKind, &str), ValidationError> {
+        let kind = OperatorKind::from_code(self.kind).ok_or(ValidationError::Code { field: "kind", found: self.kind })?;
         Ok((kind, utf8(&self.text, self.text_len)?))
     }
 }
 
 impl Check for OperatorRequest {
-    fn check(&self) -> Result<(), Defect> {
+    fn check(&self) -> Result<(), ValidationError> {
         self.parts().map(drop)
     }
 }
@@ -121,14 +125,14 @@ impl OperatorReply {
     ///
     /// # Errors
     /// What is wrong with them.
-    pub fn parts(&self) -> Result<(ReplyCode, &str), Defect> {
-        let code = ReplyCode::from_code(self.code).ok_or(Defect::Code { field: "code", found: self.code })?;
+    pub fn parts(&self) -> Result<(ReplyCode, &str), ValidationError> {
+        let code = ReplyCode::from_code(self.code).ok_or(ValidationError::Code { field: "code", found: self.code })?;
         Ok((code, utf8(&self.text, self.text_len)?))
     }
 }
 
 impl Check for OperatorReply {
-    fn check(&self) -> Result<(), Defect> {
+    fn check(&self) -> Result<(), ValidationError> {
         self.parts().map(drop)
     }
 }

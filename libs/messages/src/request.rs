@@ -23,7 +23,7 @@ pub struct ControllerState {
     /// 1 in convergence, 0 in divergence.
     pub converging: [u32; 3],
     /// Ticks in a row in which the axis stood still in convergence, without contact.
-    pub still_ticks: [u32; 3],
+    pub at_rest_ticks: [u32; 3],
 }
 
 /// What a controller asks for at `tick`.

@@ -23,8 +23,8 @@ pub struct Timing {
     pub latency_ns: u64,
     /// Heap allocations of the thread between receiving and sending, in this tick.
     pub allocations: u32,
-    /// Messages refused since the start.
-    pub refused: u32,
+    /// Messages rejected since the start.
+    pub rejected: u32,
     /// Page faults of the thread since it began to run, minor and major.
     pub page_faults: u32,
     /// Real-time privileges in use, bits: 1 `SCHED_FIFO`, 2 memory locked, 4 pinned to its core.
@@ -32,7 +32,7 @@ pub struct Timing {
     /// Which start of the process this is: 0 for the first.
     pub generation: u32,
     /// How often somebody who had joined could not be met, since the start.
-    pub unmet: u32,
+    pub failed_connections: u32,
 }
 
 impl Message for Timing {

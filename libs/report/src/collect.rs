@@ -1,6 +1,5 @@
 //! What a report gathers on its way through a log.
 
-use crate::bands::Lanes;
 use crate::events::Events;
 use crate::frames::Frames;
 use crate::geometry::{Vector, norm};
@@ -8,6 +7,7 @@ use crate::incidents::Incidents;
 use crate::parameters::{ParameterSet, Sets};
 use crate::scene::{self, Update};
 use crate::series::Series;
+use crate::timelines::Lanes;
 use crate::timing::Histogram;
 use crate::{LATEST_TICK, believable, vector};
 use foxglove::messages::{FrameTransforms, SceneUpdate};

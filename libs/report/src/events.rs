@@ -15,7 +15,7 @@ const PARAMETERS: &str = "parameters";
 /// Kinds of what else the operator does.
 const BY_OPERATOR: [&str; 1] = ["rearmed"];
 /// Kinds of what went wrong.
-const FAULTS: [&str; 6] = ["lost", "refused", "missed", "slipped", "injected", "differs"];
+const FAULTS: [&str; 6] = ["lost", "rejected", "missed", "slipped", "injected", "differs"];
 /// Kinds of what the stack did about it, and of what came of it.
 const REACTIONS: [&str; 4] = ["promoted", "restarted", "joined", "discontinuity"];
 /// Most kinds that are counted one by one.
@@ -190,7 +190,7 @@ mod tests {
     #[test]
     fn what_went_wrong_what_was_done_about_it_and_what_the_operator_did_are_marked() {
         let mut events = Events::default();
-        let kinds = "lost missed refused slipped injected differs promoted restarted joined discontinuity rearmed \
+        let kinds = "lost missed rejected slipped injected differs promoted restarted joined discontinuity rearmed \
                      note limited contact started ended";
         for (tick, kind) in (0..).zip(kinds.split(' ')) {
             events.push(&proto::Event { tick, kind: kind.to_owned(), ..proto::Event::default() });

@@ -10,7 +10,7 @@ pub const MOST_INCIDENTS: usize = 500;
 /// How long before an incident its cause may lie, ticks.
 const CAUSE_TICKS: i64 = 50;
 /// Kinds of events that an incident may begin with.
-const CAUSES: [&str; 4] = ["lost", "refused", "missed", "injected"];
+const CAUSES: [&str; 4] = ["lost", "rejected", "missed", "injected"];
 
 /// An incident: from the first command with severity brake or stopped on until the severity is nominal again.
 #[derive(Clone, Debug, PartialEq, Serialize)]

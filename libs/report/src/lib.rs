@@ -14,7 +14,6 @@
 //! # Ok::<(), hapfic_report::ReportError>(())
 //! ```
 
-pub mod bands;
 mod canvas;
 mod chart;
 mod collect;
@@ -37,6 +36,7 @@ pub mod series;
 mod snapshots;
 mod table;
 mod ticks;
+pub mod timelines;
 pub mod timing;
 mod view;
 

@@ -41,7 +41,7 @@ fn read(text: &str) -> Result<Chain, RobotError> {
 }
 
 /// The error of a bad description, whose message starts with the file and contains all parts.
-fn refused(text: &str, parts: &[&str]) -> RobotError {
+fn rejected(text: &str, parts: &[&str]) -> RobotError {
     let error = read(text).unwrap_err();
     says(&error, parts);
     error
@@ -79,7 +79,7 @@ fn continuous_joint_has_no_position_limits() {
 
 #[test]
 fn xml_that_does_not_parse() {
-    let error = refused("<robot name='arm'><link name='base'", &["cannot be read as URDF", "correct the file"]);
+    let error = rejected("<robot name='arm'><link name='base'", &["cannot be read as URDF", "correct the file"]);
     assert!(matches!(error, RobotError::Parse { .. }));
     for text in ["", "<robot>", "base", r#"<robot><link name="base"></joint></robot>"#] {
         assert!(matches!(read(text), Err(RobotError::Parse { .. })), "{text}");
@@ -88,7 +88,7 @@ fn xml_that_does_not_parse() {
 
 #[test]
 fn word_where_a_number_belongs() {
-    let error = refused(&with(r#"<mass value="1.5"/>"#, r#"<mass value="heavy"/>"#), &["cannot be read as URDF"]);
+    let error = rejected(&with(r#"<mass value="1.5"/>"#, r#"<mass value="heavy"/>"#), &["cannot be read as URDF"]);
     assert!(matches!(error, RobotError::Parse { .. }));
 }
 
@@ -99,7 +99,7 @@ fn unknown_base_or_tip() {
     let error = Chain::from_urdf(GOOD, "arm.urdf", "base", "tipp").unwrap_err();
     says(&error, &["tip link 'tipp' does not exist", "'tip'"]);
     assert!(matches!(error, RobotError::UnknownLink { role: "tip", .. }));
-    refused("<robot name='empty'/>", &["base link 'base' does not exist", "this one has none"]);
+    rejected("<robot name='empty'/>", &["base link 'base' does not exist", "this one has none"]);
 }
 
 #[test]
@@ -113,17 +113,17 @@ fn unknown_link_among_many_names_the_nearest() {
 
 #[test]
 fn joint_with_an_undeclared_link() {
-    let error = refused(&with(r#"<link name="cover"/>"#, ""), &["joint 'ear'", "child link 'cover'"]);
+    let error = rejected(&with(r#"<link name="cover"/>"#, ""), &["joint 'ear'", "child link 'cover'"]);
     assert!(matches!(error, RobotError::DanglingJoint { end: "child", .. }));
     let text = with(r#"<parent link="base"/><child link="cover"/>"#, r#"<parent link="bass"/><child link="cover"/>"#);
-    refused(&text, &["joint 'ear'", "parent link 'bass'"]);
+    rejected(&text, &["joint 'ear'", "parent link 'bass'"]);
 }
 
 #[test]
 fn name_used_twice() {
     let text = with(r#"<link name="cover"/>"#, r#"<link name="cover"/><link name="upper"/>"#);
-    assert!(matches!(refused(&text, &["two links 'upper'"]), RobotError::Duplicate { .. }));
-    refused(&with(r#"<joint name="ear""#, r#"<joint name="turn""#), &["two joints 'turn'"]);
+    assert!(matches!(rejected(&text, &["two links 'upper'"]), RobotError::Duplicate { .. }));
+    rejected(&with(r#"<joint name="ear""#, r#"<joint name="turn""#), &["two joints 'turn'"]);
 }
 
 #[test]
@@ -141,7 +141,7 @@ fn link_with_two_parents() {
         r#"<link name="cover"/>"#,
         r#"<link name="cover"/><joint name="strut" type="fixed"><parent link="cover"/><child link="tip"/></joint>"#,
     );
-    let error = refused(&text, &["link 'tip'", "joint 'end'", "joint 'strut'"]);
+    let error = rejected(&text, &["link 'tip'", "joint 'end'", "joint 'strut'"]);
     assert!(matches!(error, RobotError::TwoParents { .. }));
 }
 
@@ -151,16 +151,16 @@ fn link_that_is_its_own_ancestor() {
         r#"<link name="cover"/>"#,
         r#"<link name="cover"/><joint name="back" type="fixed"><parent link="tip"/><child link="base"/></joint>"#,
     );
-    assert!(matches!(refused(&text, &["its own ancestor", "remove a joint"]), RobotError::Cycle { .. }));
+    assert!(matches!(rejected(&text, &["its own ancestor", "remove a joint"]), RobotError::Cycle { .. }));
     let text = with(r#"<parent link="base"/><child link="cover"/>"#, r#"<parent link="cover"/><child link="cover"/>"#);
-    refused(&text, &["link 'cover' is its own ancestor"]);
+    rejected(&text, &["link 'cover' is its own ancestor"]);
 }
 
 #[test]
 fn joint_of_a_kind_that_a_chain_cannot_have() {
     for found in ["floating", "planar", "spherical"] {
         let text = with(r#""turn" type="revolute""#, &format!(r#""turn" type="{found}""#));
-        let error = refused(&text, &["joint 'turn'", &format!("is {found}")]);
+        let error = rejected(&text, &["joint 'turn'", &format!("is {found}")]);
         assert!(matches!(error, RobotError::UnsupportedJoint { .. }));
     }
 }
@@ -168,7 +168,7 @@ fn joint_of_a_kind_that_a_chain_cannot_have() {
 #[test]
 fn joint_that_mimics() {
     let text = with(r#"<axis xyz="0 1 0"/>"#, r#"<axis xyz="0 1 0"/><mimic joint="turn" multiplier="2"/>"#);
-    assert!(matches!(refused(&text, &["joint 'slide'", "mimics joint 'turn'"]), RobotError::Mimic { .. }));
+    assert!(matches!(rejected(&text, &["joint 'slide'", "mimics joint 'turn'"]), RobotError::Mimic { .. }));
 }
 
 #[test]
@@ -202,7 +202,7 @@ fn nine_joints_are_too_many_and_eight_are_not() {
 fn axis_without_direction() {
     for bad in ["0 0 0", "nan 0 1", "inf 0 0"] {
         let text = with(r#"<axis xyz="0 1 0"/>"#, &format!(r#"<axis xyz="{bad}"/>"#));
-        let error = refused(&text, &["joint 'slide' <axis xyz>", "not zero"]);
+        let error = rejected(&text, &["joint 'slide' <axis xyz>", "not zero"]);
         assert!(matches!(error, RobotError::Axis { .. }));
     }
 }
@@ -210,27 +210,27 @@ fn axis_without_direction() {
 #[test]
 fn limits_that_are_missing() {
     let limit = r#"<limit lower="0" upper="0.3" effort="50" velocity="1"/>"#;
-    let error = refused(&with(limit, ""), &["prismatic joint 'slide' has no <limit>", "lower=.. upper=.."]);
+    let error = rejected(&with(limit, ""), &["prismatic joint 'slide' has no <limit>", "lower=.. upper=.."]);
     assert!(matches!(error, RobotError::MissingLimit { .. }));
     let text = with(r#"<limit lower="-1" upper="1" effort="5" velocity="2"/>"#, "");
-    refused(&text, &["revolute joint 'turn' has no <limit>"]);
+    rejected(&text, &["revolute joint 'turn' has no <limit>"]);
     // A continuous joint needs no positions, but a peak torque all the same.
     let text = text.replace(r#""turn" type="revolute""#, r#""turn" type="continuous""#);
-    refused(&text, &["continuous joint 'turn' has no <limit>", "<limit effort=.. velocity=../>"]);
+    rejected(&text, &["continuous joint 'turn' has no <limit>", "<limit effort=.. velocity=../>"]);
 }
 
 #[test]
 fn limits_that_make_no_sense() {
     let text = with(r#"lower="0" upper="0.3""#, r#"lower="0.5" upper="0.3""#);
-    let error = refused(&text, &["joint 'slide'", "lower = 0.5", "upper = 0.3"]);
+    let error = rejected(&text, &["joint 'slide'", "lower = 0.5", "upper = 0.3"]);
     assert!(matches!(error, RobotError::LimitsReversed { .. }));
     for bad in ["0", "-3"] {
-        let error = refused(&with(r#"effort="5""#, &format!(r#"effort="{bad}""#)), &["joint 'turn' <limit effort>", bad]);
+        let error = rejected(&with(r#"effort="5""#, &format!(r#"effort="{bad}""#)), &["joint 'turn' <limit effort>", bad]);
         assert!(matches!(error, RobotError::Effort { .. }));
     }
-    let error = refused(&with(r#"velocity="2""#, r#"velocity="-2""#), &["joint 'turn' <limit velocity>", "-2"]);
+    let error = rejected(&with(r#"velocity="2""#, r#"velocity="-2""#), &["joint 'turn' <limit velocity>", "-2"]);
     assert!(matches!(error, RobotError::Negative { .. }));
-    refused(&with(r#"damping="0.5""#, r#"damping="-0.5""#), &["joint 'turn' <dynamics damping>", "-0.5"]);
+    rejected(&with(r#"damping="0.5""#, r#"damping="-0.5""#), &["joint 'turn' <dynamics damping>", "-0.5"]);
 }
 
 #[test]
@@ -254,16 +254,16 @@ fn numbers_that_are_not_finite() {
         ),
     ];
     for (from, to, place) in cases {
-        let error = refused(&with(from, to), &[place, "finite"]);
+        let error = rejected(&with(from, to), &[place, "finite"]);
         assert!(matches!(error, RobotError::NotFinite { .. }), "{error}");
     }
 }
 
 #[test]
 fn masses_that_make_no_sense() {
-    let error = refused(&with(r#"mass value="1.5""#, r#"mass value="-1.5""#), &["link 'upper' <mass value>", "-1.5"]);
+    let error = rejected(&with(r#"mass value="1.5""#, r#"mass value="-1.5""#), &["link 'upper' <mass value>", "-1.5"]);
     assert!(matches!(error, RobotError::Negative { .. }));
-    let error = refused(&with(r#"mass value="1.5""#, r#"mass value="0""#), &["joint 'turn'", "link 'upper'", "0 kg"]);
+    let error = rejected(&with(r#"mass value="1.5""#, r#"mass value="0""#), &["joint 'turn'", "link 'upper'", "0 kg"]);
     assert!(matches!(error, RobotError::Massless { .. }));
 }
 
@@ -272,7 +272,7 @@ fn mass_of_a_fixed_part_counts_for_a_link_without_any() {
     let inertial =
         r#"<inertial><mass value="0.5"/><inertia ixx="0.001" iyy="0.001" izz="0.001" ixy="0" ixz="0" iyz="0"/></inertial>"#;
     let text = with(inertial, "");
-    refused(&text, &["joint 'slide'", "link 'lower'", "0 kg"]);
+    rejected(&text, &["joint 'slide'", "link 'lower'", "0 kg"]);
     let text = text.replace(r#"<link name="tip"/>"#, &format!(r#"<link name="tip">{inertial}</link>"#));
     let chain = read(&text).unwrap();
     assert_eq!(chain.inertia(1).mass_kg, 0.5);
@@ -285,18 +285,18 @@ fn last_body_without_inertia_about_its_axis() {
     // A slide does not mind.
     read(&text).unwrap();
     let text = text.replace(r#""slide" type="prismatic""#, r#""slide" type="revolute""#);
-    let error = refused(&text, &["joint 'slide'", "about its axis is 0 kg m^2", "link 'lower'"]);
+    let error = rejected(&text, &["joint 'slide'", "about its axis is 0 kg m^2", "link 'lower'"]);
     assert!(matches!(error, RobotError::NoInertia { .. }));
 }
 
 #[test]
 fn inertia_that_no_body_has() {
-    let error = refused(&with(r#"izz="0.04""#, r#"izz="0.06""#), &["link 'upper' <inertia>", "sum of the other two"]);
+    let error = rejected(&with(r#"izz="0.04""#, r#"izz="0.06""#), &["link 'upper' <inertia>", "sum of the other two"]);
     assert!(matches!(error, RobotError::Inertia { .. }));
-    refused(&with(r#"ixx="0.02""#, r#"ixx="-0.02""#), &["link 'upper' <inertia>", "none of them negative"]);
+    rejected(&with(r#"ixx="0.02""#, r#"ixx="-0.02""#), &["link 'upper' <inertia>", "none of them negative"]);
     // Hidden in a product of inertia.
     let text = with(r#"izz="0.04" ixy="0""#, r#"izz="0.04" ixy="0.03""#);
-    refused(&text, &["link 'upper' <inertia>", "none of them negative"]);
+    rejected(&text, &["link 'upper' <inertia>", "none of them negative"]);
     // Thin plates and rods are at the limit, and rounding in the file is forgiven.
     read(&with(r#"izz="0.04""#, r#"izz="0.05""#)).unwrap();
     read(&with(r#"izz="0.04""#, r#"izz="0.05000001""#)).unwrap();
@@ -306,7 +306,7 @@ fn inertia_that_no_body_has() {
 fn mesh_counts_only_where_the_tip_touches() {
     let mesh = r#"<collision><geometry><mesh filename="cover.stl"/></geometry></collision>"#;
     let text = with(r#"<link name="tip"/>"#, &format!(r#"<link name="tip">{mesh}</link>"#));
-    let error = refused(&text, &["link 'tip'", "mesh 'cover.stl'", "meshes are not supported"]);
+    let error = rejected(&text, &["link 'tip'", "mesh 'cover.stl'", "meshes are not supported"]);
     assert!(matches!(error, RobotError::Mesh { .. }));
     // Elsewhere it is left out, as most descriptions of real arms have meshes everywhere.
     let text = with(r#"<link name="cover"/>"#, &format!(r#"<link name="cover">{mesh}</link>"#));
@@ -318,8 +318,8 @@ fn mesh_counts_only_where_the_tip_touches() {
 
 #[test]
 fn shape_without_extent() {
-    let error = refused(&with(r#"radius="0.02""#, r#"radius="0""#), &["link 'lower' <collision> capsule radius", "found 0"]);
+    let error = rejected(&with(r#"radius="0.02""#, r#"radius="0""#), &["link 'lower' <collision> capsule radius", "found 0"]);
     assert!(matches!(error, RobotError::NotPositive { .. }));
-    refused(&with(r#"length="0.1""#, r#"length="-0.1""#), &["link 'lower' <collision> capsule length", "-0.1"]);
-    refused(&with(r#"size="1 2 3""#, r#"size="1 0 3""#), &["link 'base' <collision> box size"]);
+    rejected(&with(r#"length="0.1""#, r#"length="-0.1""#), &["link 'lower' <collision> capsule length", "-0.1"]);
+    rejected(&with(r#"size="1 2 3""#, r#"size="1 0 3""#), &["link 'base' <collision> box size"]);
 }

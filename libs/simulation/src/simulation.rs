@@ -5,12 +5,12 @@
 //! (stamps are zero in both). For studies, checks and searches over parameters.
 
 use hapfic_config::{OperatorChange, Settings};
-use hapfic_controller::answer::{Known, answer};
-use hapfic_gate::parameter_schedule::Timeline;
-use hapfic_gate::protocol::{Observed, Place, Wishes};
+use hapfic_controller::control_step::{ControlInputs, control_step};
+use hapfic_gate::parameter_schedule::ParameterSchedule;
+use hapfic_gate::protocol::{ControllerSlot, GateInputs, Observation};
 use hapfic_gate::torque_check::TorqueCheck;
 use hapfic_gate::{Gate, Limits};
-use hapfic_messages::{Command, Defect, Mode, Operator, Process, Reference, State};
+use hapfic_messages::{Command, Mode, Operator, Process, Reference, State, ValidationError};
 use hapfic_planner::Plan;
 use hapfic_plant::{Plant, PlantError};
 use hapfic_robot::Chain;
@@ -38,7 +38,7 @@ pub struct Snapshot {
     pub reference: Reference,
     /// command(k), with the request it accepted.
     pub command: Command,
-    /// The operator's sets as they were known when tick k was answered; [`Operator::at`] k is the one in force.
+    /// The operator's sets as they were inputs when tick k was answered; [`Operator::at`] k is the one in force.
     pub operator: Operator,
 }
 
@@ -48,7 +48,7 @@ pub enum SimulationError {
     /// The plant cannot be built, or left the finite numbers.
     #[error(transparent)]
     Plant(#[from] PlantError),
-    /// The controller has no answer to a state.
+    /// The controller has no control_step to a state.
     #[error(
         "tick {tick}: the controller gave no request for the state, expected one; its numbers have overflowed: lower the gains"
     )]
@@ -57,12 +57,12 @@ pub enum SimulationError {
         tick: i64,
     },
     /// The gate refuses the controller's request.
-    #[error("tick {tick}: the gate refused the controller's request: {defect}; lower the gains")]
+    #[error("tick {tick}: the gate rejected the controller's request: {defect}; lower the gains")]
     Refused {
         /// The tick.
         tick: i64,
         /// Why.
-        defect: Defect,
+        defect: ValidationError,
     },
 }
 
@@ -73,7 +73,7 @@ pub struct Simulation {
     chain: Chain,
     gravity: Vector3<f64>,
     gate: Gate,
-    timeline: Timeline,
+    schedule: ParameterSchedule,
     /// The planner's plan; none before the first tick.
     plan: Option<Plan>,
     dead_time: DeadTime,
@@ -102,8 +102,8 @@ impl Simulation {
             TorqueCheck::new(plant.chain().clone(), settings.world.gravity_m_per_s2),
         );
         let state = plant.sample();
-        let mut timeline = Timeline::new(settings, state.foot_position);
-        timeline.announce(-1);
+        let mut schedule = ParameterSchedule::new(settings, state.foot_position);
+        schedule.announce(-1);
         let first = *gate.last();
         Ok(Self {
             chain: plant.chain().clone(),
@@ -111,10 +111,10 @@ impl Simulation {
             plan: None,
             dead_time,
             commands: [first; 2],
-            snapshot: Snapshot { state, reference: Reference::default(), command: first, operator: *timeline.operator() },
+            snapshot: Snapshot { state, reference: Reference::default(), command: first, operator: *schedule.operator() },
             plant,
             gate,
-            timeline,
+            schedule,
         })
     }
 
@@ -136,16 +136,16 @@ impl Simulation {
         &self.snapshot
     }
 
-    /// The operator's sets as they are known after the last tick, with what was announced in it.
+    /// The operator's sets as they are inputs after the last tick, with what was announced in it.
     #[must_use]
     pub fn operator(&self) -> &Operator {
-        self.timeline.operator()
+        self.schedule.operator()
     }
 
     /// Puts a change of the operator in, to take effect as soon as an announced change can. Returns its version and that tick;
     /// `None` if too many are waiting.
     pub fn change(&mut self, change: &OperatorChange) -> Option<(u64, i64)> {
-        self.timeline.insert(change, self.gate.tick())
+        self.schedule.insert(change, self.gate.tick())
     }
 
     /// Does one tick. Nothing ends it: a scenario's duration is the caller's business.
@@ -155,20 +155,20 @@ impl Simulation {
     pub fn step(&mut self) -> Result<&Snapshot, SimulationError> {
         let tick = self.gate.tick();
         let state = self.plant.sample();
-        let operator = *self.timeline.operator();
-        let reference = self.follow(&state, &operator);
-        let known = Known {
+        let operator = *self.schedule.operator();
+        let reference = self.take_reference(&state, &operator);
+        let inputs = ControlInputs {
             state: &state,
             reference_position: reference.position,
             reference_velocity: reference.velocity,
             parameters: operator.at(tick),
-            carried: self.commands[0].request.state,
+            previous_state: self.commands[0].request.state,
         };
         let request =
-            answer(&self.chain, &self.gravity, &known, Process::Controller).ok_or(SimulationError::NoRequest { tick })?;
-        self.gate.judge(&request, &state, operator.at(tick)).map_err(|defect| SimulationError::Refused { tick, defect })?;
-        let command = self.gate.accept(Place::First, &request, &Observed::alone(), &Wishes::default());
-        self.timeline.announce(tick);
+            control_step(&self.chain, &self.gravity, &inputs, Process::Controller).ok_or(SimulationError::NoRequest { tick })?;
+        self.gate.validate(&request, &state, operator.at(tick)).map_err(|defect| SimulationError::Refused { tick, defect })?;
+        let command = self.gate.accept(ControllerSlot::First, &request, &Observation::alone(), &GateInputs::default());
+        self.schedule.announce(tick);
         self.drive(tick, &command);
         self.plant.advance()?;
         self.commands = [command, self.commands[0]];
@@ -177,10 +177,10 @@ impl Simulation {
     }
 
     /// The planner's tick: returns reference(k) and makes the plan of k + 1.
-    fn follow(&mut self, state: &State, operator: &Operator) -> Reference {
+    fn take_reference(&mut self, state: &State, operator: &Operator) -> Reference {
         // As the planner signs them: reference(k) was made at k - 1, that of tick 0 together with that of tick 1.
         let version = operator.at(state.tick.max(1)).version;
-        let plan = self.plan.unwrap_or_else(|| Plan::resting(0, state.foot_position));
+        let plan = self.plan.unwrap_or_else(|| Plan::at_rest(0, state.foot_position));
         let active = self.commands[0].mode == Mode::Active.code();
         self.plan = Some(Plan::next(Some(plan), state, active, operator));
         plan.reference(version)

@@ -22,7 +22,7 @@ const STILL_RAD_PER_S: f64 = 0.02;
 
 /// What became of the limb.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Verdict {
+pub struct StabilityResult {
     /// Whether it has come to rest.
     pub settles: bool,
     /// How far the foot moved at the end, m: from one extreme to the other, on the axis where it is most. Infinite if the motion
@@ -31,7 +31,7 @@ pub struct Verdict {
     /// Fastest joint at the end, rad/s (m/s for a prismatic joint). Infinite as above.
     pub joint_speed: f64,
     /// Whether the foot was, on the average, within x_b of where it is held at the end.
-    pub carried: bool,
+    pub previous_state: bool,
 }
 
 /// A set of parameters that a scenario uses and under which the limb does not come to rest.
@@ -42,7 +42,7 @@ pub struct Unstable {
     /// The set.
     pub parameters: Parameters,
     /// What became of the limb.
-    pub verdict: Verdict,
+    pub verdict: StabilityResult,
 }
 
 impl Unstable {
@@ -63,7 +63,7 @@ impl Unstable {
             p.stiffness,
             p.max_force,
             p.position_bound,
-            if self.verdict.carried {
+            if self.verdict.previous_state {
                 "lower the stiffness or add joint damping"
             } else {
                 "it sinks out of its bound: max_force does not carry it"
@@ -80,14 +80,14 @@ impl Unstable {
 ///
 /// # Errors
 /// [`SimulationError::Plant`] if the limb cannot be simulated at all. One that diverges is a verdict, not an error.
-pub fn settles(settings: &Settings, gains: &Parameters, dead_time: DeadTime) -> Result<Verdict, SimulationError> {
+pub fn settles(settings: &Settings, gains: &Parameters, dead_time: DeadTime) -> Result<StabilityResult, SimulationError> {
     let mut free = settings.clone();
     free.world.floor = None;
     free.world.objects.clear();
     free.operator.clear();
     free.initial = Parameters { target_position: None, desired_force: [0.0; 3], ..*gains };
     let mut simulation = Simulation::with_dead_time(&free, dead_time)?;
-    let lost = Verdict { settles: false, amplitude_m: f64::INFINITY, joint_speed: f64::INFINITY, carried: true };
+    let lost = StabilityResult { settles: false, amplitude_m: f64::INFINITY, joint_speed: f64::INFINITY, previous_state: true };
     Ok(watch(&mut simulation, &gains.position_bound).unwrap_or(lost))
 }
 
@@ -121,7 +121,7 @@ fn same_loop(a: &Parameters, b: &Parameters) -> bool {
     gains(a) == gains(b) && rules(a) == rules(b)
 }
 
-fn watch(simulation: &mut Simulation, bound: &[f64; 3]) -> Result<Verdict, SimulationError> {
+fn watch(simulation: &mut Simulation, bound: &[f64; 3]) -> Result<StabilityResult, SimulationError> {
     let (mut lowest, mut highest) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
     let mut joint_speed = 0.0_f64;
     let mut start = [0.0; 3];
@@ -145,8 +145,13 @@ fn watch(simulation: &mut Simulation, bound: &[f64; 3]) -> Result<Verdict, Simul
         }
     }
     let amplitude_m = (0..3).map(|axis| highest[axis] - lowest[axis]).fold(0.0, f64::max);
-    let carried = (0..3).all(|axis| (0.5 * (lowest[axis] + highest[axis]) - start[axis]).abs() <= bound[axis]);
-    Ok(Verdict { settles: amplitude_m <= STILL_M && joint_speed <= STILL_RAD_PER_S, amplitude_m, joint_speed, carried })
+    let previous_state = (0..3).all(|axis| (0.5 * (lowest[axis] + highest[axis]) - start[axis]).abs() <= bound[axis]);
+    Ok(StabilityResult {
+        settles: amplitude_m <= STILL_M && joint_speed <= STILL_RAD_PER_S,
+        amplitude_m,
+        joint_speed,
+        previous_state,
+    })
 }
 
 #[cfg(test)]
@@ -155,7 +160,7 @@ mod tests {
     use super::*;
     use hapfic_config::OperatorChange;
 
-    fn verdict(overrides: &[&str], dead_time: DeadTime) -> Verdict {
+    fn verdict(overrides: &[&str], dead_time: DeadTime) -> StabilityResult {
         let overrides: Vec<String> = overrides.iter().map(|argument| (*argument).to_owned()).collect();
         let settings = Settings::load("floor", &overrides).unwrap();
         settles(&settings, &settings.initial, dead_time).unwrap()

@@ -3,7 +3,7 @@
 
 use hapfic_config::Settings;
 use hapfic_gate::TorqueCheck;
-use hapfic_messages::Defect;
+use hapfic_messages::ValidationError;
 use hapfic_simulation::Simulation;
 
 #[test]
@@ -20,7 +20,7 @@ fn every_request_of_the_stack_passes_and_a_changed_torque_does_not() {
             assert_eq!(check.check(&made.state, &request, parameters), Ok(()));
             let mut bad = request;
             bad.torque[1] += 1e-3;
-            assert!(matches!(check.check(&made.state, &bad, parameters), Err(Defect::Torque { joint: 1, .. })));
+            assert!(matches!(check.check(&made.state, &bad, parameters), Err(ValidationError::Torque { joint: 1, .. })));
             let mut bad = request;
             bad.force[2] += 1.0;
             assert!(check.check(&made.state, &bad, parameters).is_err());

@@ -4,9 +4,9 @@
 
 use hapfic_config::Settings;
 use hapfic_ipc::inject::Injector;
-use hapfic_ipc::realtime::Wish;
-use hapfic_ipc::{Context, Gaps, Input, IpcError, Output, Tick, Wait, Wakes, clock, topic};
-use hapfic_messages::{Clock, Command, Mode, Operator, Recent, Reference, State};
+use hapfic_ipc::realtime::SchedRequest;
+use hapfic_ipc::{Context, Gaps, Input, IpcError, Output, TickTimes, Wait, Wakes, clock, topic};
+use hapfic_messages::{Clock, Command, Mode, Operator, Reference, State, TickBuffer};
 use hapfic_planner::Plan;
 
 struct Ports {
@@ -33,10 +33,10 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), IpcError> {
         Some(tick) => Some(context.bus.input(&topic::REFERENCE, Wait::Yes)?).zip(Some(tick)),
         None => None,
     };
-    context.ready(Wish::new(settings.realtime.priority_planner, settings.realtime.core_planner))?;
+    context.ready(SchedRequest::new(settings.realtime.priority_planner, settings.realtime.core_planner))?;
     let last_tick = settings.duration_ticks as i64 - 1;
     let mut plan: Option<Plan> = None;
-    let mut commands = Recent::<Command>::default();
+    let mut commands = TickBuffer::<Command>::default();
     let mut operator: Option<Operator> = None;
     let mut seen = -1;
     if let Some((mut input, tick)) = handed_over {
@@ -46,12 +46,12 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), IpcError> {
         seen = tick - 1;
     }
 
-    let answered = (context.clock == Clock::Realtime).then(|| context.bus.listener(topic::ANSWERED));
+    let answered = (context.clock == Clock::Realtime).then(|| context.bus.listener(topic::COMMAND_SENT));
     let instead = answered.as_ref().map(|a| a as &dyn Wakes);
     while let Some(state) = context.next_state(&mut ports.state, seen, Gaps::Never, instead, || {
-        ports.reference.prepare();
-        ports.command.prepare();
-        ports.operator.prepare();
+        ports.reference.preloan();
+        ports.command.preloan();
+        ports.operator.preloan();
     })? {
         let wake = clock::now_ns();
         context.begin();
@@ -61,14 +61,14 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), IpcError> {
         }
         let Some(operator) = operator else {
             // Nobody has said what to do yet.
-            context.refuse();
+            context.reject();
             continue;
         };
         let parameters = operator.at(state.tick + 1);
         let active = commands.before(state.tick).is_some_and(|c| c.mode == Mode::Active.code());
         if state.tick == 0 {
-            // Tick 0 has no tick before it in which its reference could have been made.
-            let first = Plan::resting(0, state.foot_position);
+            // TickTimes 0 has no tick before it in which its reference could have been made.
+            let first = Plan::at_rest(0, state.foot_position);
             plan = Some(first);
             send(context, &mut ports, &first, parameters.version)?;
         }
@@ -78,18 +78,21 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), IpcError> {
         if next.tick <= last_tick {
             published = send(context, &mut ports, &next, parameters.version)?;
         }
-        context.account(Tick {
+        context.account(TickTimes {
             tick: state.tick,
             due_ns: state.stamp_ns,
             wake_ns: wake,
             publish_ns: published,
             latency_ns: 0,
         })?;
-        ports.reference.prepare();
-        ports.state.prepare();
-        ports.command.prepare();
-        let unmet = ports.reference.unmet() + ports.state.unmet() + ports.command.unmet() + ports.operator.unmet();
-        context.tell_unmet(unmet);
+        ports.reference.preloan();
+        ports.state.preloan();
+        ports.command.preloan();
+        let failed_connections = ports.reference.failed_connections()
+            + ports.state.failed_connections()
+            + ports.command.failed_connections()
+            + ports.operator.failed_connections();
+        context.report_failed_connections(failed_connections);
         ports.injector.listen()?;
         if state.tick >= last_tick {
             context.finish(state.tick)?;
@@ -108,17 +111,17 @@ fn send(context: &Context, ports: &mut Ports, plan: &Plan, parameters_version: u
 fn fill(
     context: &mut Context,
     ports: &mut Ports,
-    commands: &mut Recent<Command>,
+    commands: &mut TickBuffer<Command>,
     operator: &mut Option<Operator>,
     tick: i64,
 ) -> Result<bool, IpcError> {
     loop {
-        context.drain(&mut ports.command, |new| commands.keep(new))?;
+        context.drain(&mut ports.command, |new| commands.insert(new))?;
         context.drain(&mut ports.operator, |new| *operator = Some(new))?;
         if context.clock == Clock::Realtime || (commands.at(tick).is_some() && operator.is_some()) {
             return Ok(true);
         }
-        ports.reference.prepare();
+        ports.reference.preloan();
         if !context.wait(&[&ports.command], tick)? {
             return Ok(false);
         }

@@ -8,9 +8,9 @@ mod error;
 pub use error::PlantProcessError;
 use hapfic_config::Settings;
 use hapfic_ipc::inject::Injector;
-use hapfic_ipc::realtime::Wish;
-use hapfic_ipc::{Alarm, Context, Input, IpcError, Output, Tick, Wait, clock, topic, wait, watch};
-use hapfic_messages::{Clock, Command, Credit, PERIOD_NS, Recent, State};
+use hapfic_ipc::realtime::SchedRequest;
+use hapfic_ipc::{Context, DeadlineTimer, Input, IpcError, Output, TickTimes, Wait, clock, topic, wait, watch};
+use hapfic_messages::{Clock, Command, Credit, PERIOD_NS, State, TickBuffer};
 use hapfic_plant::Plant;
 use std::time::Duration;
 
@@ -26,30 +26,32 @@ struct Ports {
     injector: Injector<State>,
     command: Input<Command>,
     credit: Input<Credit>,
-    commands: Recent<Command>,
+    commands: TickBuffer<Command>,
 }
 
 impl Ports {
     /// Takes in the commands that have come.
     fn read(&mut self, context: &mut Context) -> Result<(), IpcError> {
         let commands = &mut self.commands;
-        context.drain(&mut self.command, |new| commands.keep(new))
+        context.drain(&mut self.command, |new| commands.insert(new))
     }
 
     /// Takes in commands up to the one that answers a tick.
     fn read_answer(&mut self, context: &mut Context, tick: i64) -> Result<(), IpcError> {
         let commands = &mut self.commands;
         context.take_until(&mut self.command, |new| {
-            commands.keep(new);
+            commands.insert(new);
             new.tick >= tick
         })
     }
 
     /// What can be done while nobody waits for it.
     fn slack(&mut self, context: &mut Context) -> Result<(), IpcError> {
-        self.state.prepare();
-        self.command.prepare();
-        context.tell_unmet(self.state.unmet() + self.command.unmet() + self.credit.unmet());
+        self.state.preloan();
+        self.command.preloan();
+        context.report_failed_connections(
+            self.state.failed_connections() + self.command.failed_connections() + self.credit.failed_connections(),
+        );
         self.injector.listen()
     }
 
@@ -71,21 +73,21 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), PlantProces
         injector: Injector::open(context)?,
         command: context.bus.input(&topic::COMMAND, Wait::Yes)?,
         credit: context.bus.input(&topic::CREDIT, Wait::Yes)?,
-        commands: Recent::default(),
+        commands: TickBuffer::default(),
     };
     let mut plant = Plant::new(settings)?;
     let handed_over = match context.start.resume {
         Some(tick) => Some(context.bus.input(&topic::STATE, Wait::Yes)?).zip(Some(tick)),
         None => None,
     };
-    context.ready(Wish::new(settings.realtime.priority_plant, settings.realtime.core_plant))?;
+    context.ready(SchedRequest::new(settings.realtime.priority_plant, settings.realtime.core_plant))?;
     while ports.commands.newest().is_none() {
         if !context.wait(&[&ports.command], -1)? {
             return Ok(());
         }
         ports.read(context)?;
         // Everyone is there by now: meet them before time counts.
-        ports.state.prepare();
+        ports.state.preloan();
     }
     let mut resumed = None;
     if let Some((mut input, tick)) = handed_over {
@@ -109,8 +111,9 @@ fn realtime(
     ports: &mut Ports,
     resumed: Option<State>,
 ) -> Result<(), PlantProcessError> {
-    let bell = context.bus.bell(topic::COMMAND_BELL);
-    let alarm = context.alarm("hapfic-plant-alarm", bell, PERIOD_NS, settings.realtime.priority_plant)?;
+    let doorbell = context.bus.doorbell(topic::COMMAND_DOORBELL);
+    let deadline_timer =
+        context.deadline_timer("hapfic-plant-deadline_timer", doorbell, PERIOD_NS, settings.realtime.priority_plant)?;
     // Two periods to get everyone's first steps out of the way.
     let begun = clock::now_ns() + 2 * PERIOD_NS;
     let (first, mut slipped) = match &resumed {
@@ -147,12 +150,12 @@ fn realtime(
         }
         // One that comes from here on is too late for this tick.
         let due_now = ports.commands.before(tick).map(|command| command.tick);
-        let answered = await_answer(context, ports, &alarm, tick, published)?;
+        let answered = await_answer(context, ports, &deadline_timer, tick, published)?;
         if let Some(command) = due_now.and_then(|tick| ports.commands.at(tick)) {
             plant.take(command);
         }
         plant.advance()?;
-        context.account(Tick { tick, due_ns: due, wake_ns: wake, publish_ns: published, latency_ns: answered })?;
+        context.account(TickTimes { tick, due_ns: due, wake_ns: wake, publish_ns: published, latency_ns: answered })?;
         ports.slack(context)?;
         if !context.running() {
             return Ok(());
@@ -162,13 +165,19 @@ fn realtime(
 }
 
 /// Waits for the command that answers `tick`, for a while. Returns how long it took, ns; zero if it did not come.
-fn await_answer(context: &mut Context, ports: &mut Ports, alarm: &Alarm, tick: i64, published: u64) -> Result<u64, IpcError> {
+fn await_answer(
+    context: &mut Context,
+    ports: &mut Ports,
+    deadline_timer: &DeadlineTimer,
+    tick: i64,
+    published: u64,
+) -> Result<u64, IpcError> {
     // None was sent: then there is none to wait for.
     let sent = if published == 0 { clock::now_ns() } else { published };
     let end = sent + COURTESY.as_nanos() as u64;
-    alarm.set(end);
+    deadline_timer.set(end);
     loop {
-        // Woken by a command, by the controller that is about to get it, by the alarm, or by a signal.
+        // Woken by a command, by the controller that is about to get it, by the deadline_timer, or by a signal.
         wait(&[&ports.command], Duration::MAX)?;
         let woken = clock::now_ns();
         ports.read_answer(context, tick)?;
@@ -177,7 +186,7 @@ fn await_answer(context: &mut Context, ports: &mut Ports, alarm: &Alarm, tick: i
         }
         let now = clock::now_ns();
         if ports.commands.at(tick).is_some() {
-            alarm.clear();
+            deadline_timer.clear();
             return Ok(if published == 0 { 0 } else { now - published });
         }
         if now >= end || !context.running() {
@@ -202,7 +211,7 @@ fn lockstep(
             } else if !context.wait(&[&ports.credit], tick)? {
                 return Ok(());
             } else {
-                ports.state.prepare();
+                ports.state.preloan();
             }
         }
         context.begin();
@@ -216,14 +225,14 @@ fn lockstep(
                 break;
             }
             // Whoever joins late gets the last state handed over here.
-            ports.state.prepare();
+            ports.state.preloan();
             if !context.wait(&[&ports.command], tick)? {
                 return Ok(());
             }
         }
         ports.pass(plant, tick);
         plant.advance()?;
-        context.account(Tick { tick, due_ns: due, wake_ns: due, publish_ns: published, latency_ns: 0 })?;
+        context.account(TickTimes { tick, due_ns: due, wake_ns: due, publish_ns: published, latency_ns: 0 })?;
         ports.slack(context)?;
     }
     Ok(())

@@ -7,4 +7,4 @@ pub mod client;
 mod serve;
 pub mod status;
 
-pub use serve::{Served, Start};
+pub use serve::{OperatorServerStart, Served};

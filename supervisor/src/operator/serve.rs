@@ -1,13 +1,13 @@
 //! The thread that answers.
 
-use super::status::{ProcessStatus, Quantiles, Status};
+use super::status::{LatencyQuantiles, ProcessStatus, Status};
 use crate::recorder::GATE;
 use crate::say;
 use crate::watch;
 use anyhow::{Context, Result};
 use hapfic_config::{Fault, OperatorChange, PERIOD_S, Parameters, differences};
-use hapfic_gate_process::change_exchange::{Answer, Desk, Verdict};
-use hapfic_gate_process::shared_status::Live;
+use hapfic_gate_process::change_exchange::{ChangeClient, ChangeOutcome, ChangeReply};
+use hapfic_gate_process::shared_status::SharedStatus;
 use hapfic_ipc::service::{Asked, Requests};
 use hapfic_ipc::{Bus, Domain, IpcError, wait};
 use hapfic_messages::{Clock, Detector, Mode, OperatorKind, OperatorReply, Phase, Process, REPLY_TEXT, ReplyCode, Severity};
@@ -20,7 +20,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 /// How long the thread waits at most before it looks by itself.
-const LOOK_EVERY: Duration = Duration::from_millis(20);
+const POLL_INTERVAL: Duration = Duration::from_millis(20);
 /// How long the gate may take to take a change. It looks every tick; if it does not, no tick is done.
 const GATE_PATIENCE: Duration = Duration::from_millis(500);
 /// How often a change is made anew because the script was faster.
@@ -33,7 +33,7 @@ const STARTED: [Process; 4] = [Process::Plant, Process::Planner, Process::Contro
 
 /// What the thread starts with.
 #[derive(Debug)]
-pub struct Start {
+pub struct OperatorServerStart {
     /// The run's domain.
     pub domain: Domain,
     /// Name of the run.
@@ -49,13 +49,13 @@ pub struct Start {
     /// The first set, its target named.
     pub initial: Parameters,
     /// The way to the gate.
-    pub desk: Desk,
+    pub change_client: ChangeClient,
     /// The way to those who make faults on purpose.
     pub inject: Sender<Fault>,
     /// Whether there is a second controller.
     pub standby: bool,
     /// Shared with the rest of the supervisor.
-    pub live: Arc<Live>,
+    pub shared: Arc<SharedStatus>,
 }
 
 /// The running thread; ends when dropped.
@@ -70,7 +70,7 @@ impl Served {
     ///
     /// # Errors
     /// If the thread or its ports cannot be had.
-    pub fn start(start: Start) -> Result<Self> {
+    pub fn start(start: OperatorServerStart) -> Result<Self> {
         let end = Arc::new(AtomicBool::new(false));
         let seen = Arc::clone(&end);
         let (ready, opened) = channel();
@@ -110,7 +110,7 @@ impl Drop for Served {
 
 /// The thread's state.
 struct Desked {
-    start: Start,
+    start: OperatorServerStart,
     /// The set that the next change is made on, as far as is known, and its version.
     base: Parameters,
     version: u64,
@@ -120,7 +120,7 @@ impl Desked {
     fn serve(&mut self, mut requests: Requests, end: &AtomicBool) -> Result<(), IpcError> {
         let mut swept = Instant::now();
         while !end.load(Ordering::Acquire) {
-            wait(&[&requests], LOOK_EVERY)?;
+            wait(&[&requests], POLL_INTERVAL)?;
             while let Some(asked) = self.next(&mut requests) {
                 let arrived = self.due_tick();
                 let (reply, stop) = match asked.request.parts() {
@@ -131,19 +131,19 @@ impl Desked {
                     Ok((OperatorKind::Rearm, _)) => (self.rearm(), false),
                     Ok((OperatorKind::Inject, text)) => (self.inject(text), false),
                     Err(defect) => {
-                        self.start.live.requests_refused.fetch_add(1, Ordering::Relaxed);
-                        let text = format!("request refused: {defect}; ask with the same version of hapfic that runs");
+                        self.start.shared.requests_rejected.fetch_add(1, Ordering::Relaxed);
+                        let text = format!("request rejected: {defect}; ask with the same version of hapfic that runs");
                         (OperatorReply::new(ReplyCode::Refused, &text), false)
                     }
                 };
                 // A caller that is gone has nobody to be told.
                 let _ = asked.reply(&OperatorReply { arrived_tick: arrived, ..reply });
                 if stop {
-                    self.start.live.asked_to_stop.store(true, Ordering::Release);
+                    self.start.shared.asked_to_stop.store(true, Ordering::Release);
                 }
             }
             if swept.elapsed() > SWEEP_EVERY && requests.crowded() {
-                self.start.live.sweep_wanted.store(true, Ordering::Release);
+                self.start.shared.cleanup_requested.store(true, Ordering::Release);
                 swept = Instant::now();
             }
         }
@@ -153,13 +153,13 @@ impl Desked {
     /// The next request. A connection that a killed caller has left half-made is no reason to stop answering the others.
     fn next(&self, requests: &mut Requests) -> Option<Asked> {
         requests.take().unwrap_or_else(|_| {
-            self.start.live.requests_refused.fetch_add(1, Ordering::Relaxed);
+            self.start.shared.requests_rejected.fetch_add(1, Ordering::Relaxed);
             None
         })
     }
 
     fn due_tick(&self) -> i64 {
-        self.start.live.gated.load(Ordering::Acquire) + 1
+        self.start.shared.gated.load(Ordering::Acquire) + 1
     }
 
     fn stop(&self) -> OperatorReply {
@@ -168,10 +168,10 @@ impl Desked {
 
     /// The gate latches at the next tick; what it takes until then is told.
     fn emergency_stop(&self) -> OperatorReply {
-        let live = &self.start.live;
-        live.stop_latched(Detector::Operator);
+        let shared = &self.start.shared;
+        shared.stop_latched(Detector::Operator);
         if self.await_gate(|severity| severity == Severity::Stopped) {
-            let tick = live.gated.load(Ordering::Acquire);
+            let tick = shared.gated.load(Ordering::Acquire);
             return OperatorReply::new(
                 ReplyCode::Done,
                 &format!("latched stop at tick {tick}: the drive brakes until `hapfic rearm`"),
@@ -184,11 +184,11 @@ impl Desked {
     }
 
     fn rearm(&self) -> OperatorReply {
-        let live = &self.start.live;
-        if live.severity.load(Ordering::Relaxed) != Severity::Stopped.code() {
+        let shared = &self.start.shared;
+        if shared.severity.load(Ordering::Relaxed) != Severity::Stopped.code() {
             return OperatorReply::new(ReplyCode::Refused, "nothing to re-arm: the run is not in a latched stop");
         }
-        live.rearms.fetch_add(1, Ordering::AcqRel);
+        shared.rearms.fetch_add(1, Ordering::AcqRel);
         if self.await_gate(|severity| severity < Severity::Stopped) {
             let text =
                 "re-armed: the drive brakes until 20 ticks in a row were good, then the torque ramps in from where the foot is";
@@ -198,22 +198,22 @@ impl Desked {
     }
 
     fn inject(&self, text: &str) -> OperatorReply {
-        let refused = |text: &str| OperatorReply::new(ReplyCode::Refused, text);
+        let rejected = |text: &str| OperatorReply::new(ReplyCode::Refused, text);
         let pairs: Vec<&str> = text.split('\0').filter(|pair| !pair.is_empty()).collect();
         let fault = match Fault::from_pairs(&pairs) {
             Ok(fault) => fault,
-            Err(e) => return refused(&e.to_string()),
+            Err(e) => return rejected(&e.to_string()),
         };
-        if !self.start.live.go.load(Ordering::Acquire) {
-            return refused(
+        if !self.start.shared.go.load(Ordering::Acquire) {
+            return rejected(
                 "nothing injected: the run has not started yet, expected its first tick. Hint: try again in a moment",
             );
         }
         if let Err(e) = watch::fault_possible(&fault, &self.start.log, self.start.standby) {
-            return refused(&format!("{e:#}"));
+            return rejected(&format!("{e:#}"));
         }
         if self.start.inject.send(fault).is_err() {
-            return refused("nothing injected: the run is ending");
+            return rejected("nothing injected: the run is ending");
         }
         OperatorReply::new(ReplyCode::Done, &format!("{}: at once, or as soon as it does ticks", watch::describe_fault(&fault)))
     }
@@ -222,7 +222,7 @@ impl Desked {
     fn await_gate(&self, wished: impl Fn(Severity) -> bool) -> bool {
         let asked = Instant::now();
         while asked.elapsed() < GATE_PATIENCE {
-            if Severity::from_code(self.start.live.severity.load(Ordering::Acquire)).is_some_and(&wished) {
+            if Severity::from_code(self.start.shared.severity.load(Ordering::Acquire)).is_some_and(&wished) {
                 return true;
             }
             std::thread::sleep(Duration::from_micros(500));
@@ -232,26 +232,28 @@ impl Desked {
 
     /// All pairs at one tick, or none.
     fn set(&mut self, text: &str) -> OperatorReply {
-        let refused = |text: &str| OperatorReply::new(ReplyCode::Refused, text);
-        if !self.start.live.go.load(Ordering::Acquire) {
-            return refused("nothing changed: the run has not started yet, expected its first tick. Hint: try again in a moment");
+        let rejected = |text: &str| OperatorReply::new(ReplyCode::Refused, text);
+        if !self.start.shared.go.load(Ordering::Acquire) {
+            return rejected(
+                "nothing changed: the run has not started yet, expected its first tick. Hint: try again in a moment",
+            );
         }
         let arrived = self.due_tick();
         let pairs: Vec<&str> = text.split('\0').filter(|pair| !pair.is_empty()).collect();
         for _ in 0..TRIES {
             let asked = match OperatorChange::from_pairs(&pairs, &self.base) {
                 Ok(asked) => asked,
-                Err(e) => return refused(&e.to_string()),
+                Err(e) => return rejected(&e.to_string()),
             };
             let made_on = asked.relative.then_some(self.version);
-            let Some(answer) = self.start.desk.ask(made_on, &asked.change, GATE_PATIENCE) else {
-                return refused(
+            let Some(answer) = self.start.change_client.ask(made_on, &asked.change, GATE_PATIENCE) else {
+                return rejected(
                     "nothing changed: the gate has taken no change in time, expected it to look every tick. Hint: see `hapfic status`",
                 );
             };
             let before = self.named(&answer);
-            match answer.verdict {
-                Verdict::Placed => {
+            match answer.outcome {
+                ChangeOutcome::Placed => {
                     let after = before.with(&asked.change);
                     (self.base, self.version) = (after, answer.version);
                     let text = describe(&answer, arrived, &before, &after);
@@ -262,23 +264,23 @@ impl Desked {
                         ..OperatorReply::new(ReplyCode::Done, &text)
                     };
                 }
-                Verdict::Stale => (self.base, self.version) = (before, answer.version.saturating_sub(1)),
-                Verdict::TooLate => {
-                    return refused(&format!(
+                ChangeOutcome::Stale => (self.base, self.version) = (before, answer.version.saturating_sub(1)),
+                ChangeOutcome::TooLate => {
+                    return rejected(&format!(
                         "nothing changed: the run ends at tick {}, and the change could take effect at tick {} at the earliest",
                         self.start.ticks, answer.effective_tick
                     ));
                 }
-                Verdict::Full => {
-                    return refused("nothing changed: too many changes are waiting for their tick. Hint: try again in a moment");
+                ChangeOutcome::Full => {
+                    return rejected("nothing changed: too many changes are waiting for their tick. Hint: try again in a moment");
                 }
             }
         }
-        refused("nothing changed: the script changes parameters faster than single axes can be set. Hint: give the whole vector")
+        rejected("nothing changed: the script changes parameters faster than single axes can be set. Hint: give the whole vector")
     }
 
     /// The set a change follows. Its target is the start's until one is given.
-    fn named(&self, answer: &Answer) -> Parameters {
+    fn named(&self, answer: &ChangeReply) -> Parameters {
         let target_position = answer.before.target_position.or(self.start.initial.target_position);
         Parameters { target_position, ..answer.before }
     }
@@ -296,54 +298,54 @@ impl Desked {
     }
 
     fn status(&self) -> Status {
-        let live = &self.start.live;
-        let glance = live.glance.lock().map(|g| *g).unwrap_or_default();
-        let tick = live.gated.load(Ordering::Acquire);
-        let latencies = if self.start.clock == Clock::Realtime { live.latencies.sorted() } else { Vec::new() };
+        let shared = &self.start.shared;
+        let snapshot = shared.snapshot.lock().map(|g| *g).unwrap_or_default();
+        let tick = shared.gated.load(Ordering::Acquire);
+        let latencies = if self.start.clock == Clock::Realtime { shared.latencies.sorted() } else { Vec::new() };
         let name = |process: Process| if process == GATE { "gate" } else { process.name() };
         Status {
             run: self.start.run.clone(),
             scenario: self.start.scenario.clone(),
             clock: self.start.clock.name().to_owned(),
-            mode: Mode::from_code(glance.mode).map_or("?", Mode::name).to_owned(),
-            severity: Severity::from_code(live.severity.load(Ordering::Relaxed)).map_or("?", Severity::name).to_owned(),
+            mode: Mode::from_code(snapshot.mode).map_or("?", Mode::name).to_owned(),
+            severity: Severity::from_code(shared.severity.load(Ordering::Relaxed)).map_or("?", Severity::name).to_owned(),
             tick,
             end_tick: self.start.ticks,
             time_s: tick.max(0) as f64 * PERIOD_S,
-            force_n: glance.foot_force,
-            desired_force_n: glance.desired_force,
-            tracking_m: glance.tracking,
-            position_bound_m: glance.bound,
-            parameters_version: glance.version,
-            announced_version: live.announced.load(Ordering::Relaxed),
-            latency_us: Quantiles::of(&latencies),
-            primary: Process::from_code(live.primary.load(Ordering::Relaxed)).map_or("?", Process::name).to_owned(),
+            force_n: snapshot.foot_force,
+            desired_force_n: snapshot.desired_force,
+            tracking_m: snapshot.tracking,
+            position_bound_m: snapshot.bound,
+            parameters_version: snapshot.version,
+            announced_version: shared.announced.load(Ordering::Relaxed),
+            latency_us: LatencyQuantiles::of(&latencies),
+            primary: Process::from_code(shared.primary.load(Ordering::Relaxed)).map_or("?", Process::name).to_owned(),
             processes: STARTED
                 .iter()
                 .filter(|process| self.start.standby || **process != Process::Standby)
                 .chain([&GATE])
                 .map(|process| {
-                    let pulse = live.pulse(*process);
+                    let heartbeat = shared.heartbeat(*process);
                     ProcessStatus {
                         name: name(*process).to_owned(),
-                        phase: pulse.phase().map_or("not heard of", Phase::name).to_owned(),
-                        tick: pulse.tick(),
-                        heard_ms_ago: pulse.age_ns().map(|ns| ns as f64 * 1e-6),
-                        refused: pulse.refused(),
+                        phase: heartbeat.phase().map_or("not heard of", Phase::name).to_owned(),
+                        tick: heartbeat.tick(),
+                        heard_ms_ago: heartbeat.age_ns().map(|ns| ns as f64 * 1e-6),
+                        rejected: heartbeat.rejected(),
                     }
                 })
                 .collect(),
-            late_ticks: glance.late,
-            missed_ticks: glance.missed,
-            brake_ticks: glance.braked,
-            refused_requests: live.requests_refused.load(Ordering::Relaxed),
+            late_ticks: snapshot.late,
+            missed_ticks: snapshot.missed,
+            brake_ticks: snapshot.braked,
+            rejected_requests: shared.requests_rejected.load(Ordering::Relaxed),
             log: self.start.log.clone(),
             log_bytes: std::fs::metadata(&self.start.log).map_or(0, |m| m.len()),
         }
     }
 }
 
-fn describe(answer: &Answer, arrived: i64, before: &Parameters, after: &Parameters) -> String {
+fn describe(answer: &ChangeReply, arrived: i64, before: &Parameters, after: &Parameters) -> String {
     let mut text = format!(
         "parameters {} in force from tick {} (asked at tick {arrived}, taken at tick {})",
         answer.version, answer.effective_tick, answer.taken_tick

@@ -36,7 +36,7 @@ pub struct Status {
     /// Version of the parameters announced last.
     pub announced_version: u64,
     /// From state to command in the last second, us; none in lockstep.
-    pub latency_us: Option<Quantiles>,
+    pub latency_us: Option<LatencyQuantiles>,
     /// Whose requests count if both controllers answer.
     pub primary: String,
     /// The processes, and the gate.
@@ -48,7 +48,7 @@ pub struct Status {
     /// Ticks at which the drive braked after it had been active.
     pub brake_ticks: u64,
     /// Requests of operators that could not be read.
-    pub refused_requests: u64,
+    pub rejected_requests: u64,
     /// The log.
     pub log: PathBuf,
     /// Its size so far, bytes.
@@ -66,13 +66,13 @@ pub struct ProcessStatus {
     pub tick: i64,
     /// How long ago it was heard of, ms.
     pub heard_ms_ago: Option<f64>,
-    /// Messages it has refused.
-    pub refused: u32,
+    /// Messages it has rejected.
+    pub rejected: u32,
 }
 
 /// Of latencies, us.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Quantiles {
+pub struct LatencyQuantiles {
     /// Median.
     pub p50: u32,
     /// One in a hundred is longer.
@@ -81,7 +81,7 @@ pub struct Quantiles {
     pub max: u32,
 }
 
-impl Quantiles {
+impl LatencyQuantiles {
     /// Of values in ascending order.
     #[must_use]
     pub fn of(sorted: &[u32]) -> Option<Self> {
@@ -123,12 +123,12 @@ impl Status {
         for p in &self.processes {
             let heard = p.heard_ms_ago.map_or("never".to_owned(), |ms| format!("{ms:.0} ms ago"));
             let primary = if p.name == self.primary { ", primary" } else { "" };
-            writeln!(out, "  {:<12}{:<14}tick {:<10}heard {heard:<12}{} refused{primary}", p.name, p.phase, p.tick, p.refused)?;
+            writeln!(out, "  {:<12}{:<14}tick {:<10}heard {heard:<12}{} rejected{primary}", p.name, p.phase, p.tick, p.rejected)?;
         }
         writeln!(
             out,
-            "  ticks: {} late, {} missed, {} braked; {} requests refused",
-            self.late_ticks, self.missed_ticks, self.brake_ticks, self.refused_requests
+            "  ticks: {} late, {} missed, {} braked; {} requests rejected",
+            self.late_ticks, self.missed_ticks, self.brake_ticks, self.rejected_requests
         )?;
         writeln!(out, "  log: {:.1} MB, {}", self.log_bytes as f64 / 1e6, self.log.display())
     }
@@ -140,9 +140,9 @@ mod tests {
 
     #[test]
     fn quantiles_are_values_that_occurred() {
-        assert_eq!(Quantiles::of(&[]), None);
-        assert_eq!(Quantiles::of(&[7]), Some(Quantiles { p50: 7, p99: 7, max: 7 }));
+        assert_eq!(LatencyQuantiles::of(&[]), None);
+        assert_eq!(LatencyQuantiles::of(&[7]), Some(LatencyQuantiles { p50: 7, p99: 7, max: 7 }));
         let all: Vec<u32> = (0..=1000).collect();
-        assert_eq!(Quantiles::of(&all), Some(Quantiles { p50: 500, p99: 990, max: 1000 }));
+        assert_eq!(LatencyQuantiles::of(&all), Some(LatencyQuantiles { p50: 500, p99: 990, max: 1000 }));
     }
 }

@@ -1,7 +1,7 @@
 //! The draining half.
 
 use super::Record;
-use hapfic_gate_process::shared_status::Live;
+use hapfic_gate_process::shared_status::SharedStatus;
 use hapfic_ipc::{Bus, Domain, Input, IpcError, Output, topic};
 use hapfic_messages::{Check, Clock, Command, Credit, Event, Operator, Process, Reference, Request, State, Timing};
 use std::sync::Arc;
@@ -25,7 +25,7 @@ const AHEAD: i64 = 3;
 pub(super) struct Drain {
     clock: Clock,
     window: i64,
-    live: Arc<Live>,
+    shared: Arc<SharedStatus>,
     sender: SyncSender<Vec<Record>>,
     /// What the writer has done with, to be filled again: fresh memory for each batch would be most of the work.
     empties: Receiver<Vec<Record>>,
@@ -50,7 +50,7 @@ impl Drain {
         domain: &Domain,
         clock: Clock,
         credit_ticks: u32,
-        live: Arc<Live>,
+        shared: Arc<SharedStatus>,
         sender: SyncSender<Vec<Record>>,
         empties: Receiver<Vec<Record>>,
     ) -> Result<Self, IpcError> {
@@ -59,7 +59,7 @@ impl Drain {
             clock,
             // Less than the buffers hold, whatever the setting, so that nothing can overflow in lockstep.
             window: i64::from(credit_ticks).min(topic::RECORDER_DEPTH as i64 / 4),
-            live,
+            shared,
             sender,
             empties,
             come: Vec::new(),
@@ -81,11 +81,11 @@ impl Drain {
         let mut newest = -1;
         loop {
             // Read before draining: what was sent before the flag was set is then taken in.
-            let last = self.live.drain.load(Ordering::Acquire);
+            let last = self.shared.drain.load(Ordering::Acquire);
             let batch = self.take_all()?;
             for record in &batch {
                 match record {
-                    Record::Timing(timing) => self.live.hear(timing),
+                    Record::Timing(timing) => self.shared.record_heartbeat(timing),
                     Record::State(state) => newest = newest.max(state.tick),
                     _ => {}
                 }
@@ -93,12 +93,19 @@ impl Drain {
             if self.clock == Clock::Lockstep && newest + self.window > self.granted {
                 self.granted = newest + self.window;
                 self.credit.send(&Credit { tick: self.granted })?;
-                self.credit.prepare();
+                self.credit.preloan();
             }
-            let inputs = self.state.unmet() + self.reference.unmet() + self.request.unmet() + self.command.unmet();
-            let unmet = inputs + self.operator.unmet() + self.event.unmet() + self.timing.unmet() + self.credit.unmet();
-            self.live.recorder_unmet.store(unmet, Ordering::Relaxed);
-            self.live.listened();
+            let inputs = self.state.failed_connections()
+                + self.reference.failed_connections()
+                + self.request.failed_connections()
+                + self.command.failed_connections();
+            let failed_connections = inputs
+                + self.operator.failed_connections()
+                + self.event.failed_connections()
+                + self.timing.failed_connections()
+                + self.credit.failed_connections();
+            self.shared.recorder_unmet.store(failed_connections, Ordering::Relaxed);
+            self.shared.listened();
             let quiet = batch.is_empty();
             if !quiet && self.sender.send(batch).is_err() {
                 // The writer has failed, and says so itself.
@@ -109,7 +116,7 @@ impl Drain {
             }
             if self.clock == Clock::Lockstep {
                 // A plant that has just joined finds the credit in the history.
-                self.credit.prepare();
+                self.credit.preloan();
             }
             if !last {
                 // Nobody wakes the recorder: that would cost every sender a system call a message.
@@ -163,7 +170,7 @@ impl Drain {
         };
         let new = tick > *last;
         // A tick that cannot be yet is recorded as it is, and does not keep out those that come.
-        if new && tick <= self.live.gated.load(Ordering::Acquire) + AHEAD {
+        if new && tick <= self.shared.gated.load(Ordering::Acquire) + AHEAD {
             *last = tick;
         }
         new

@@ -4,16 +4,16 @@
 //! is made anew at its begin, at each further transition and at its end, and replaced whole, so that whenever the supervisor is
 //! lost there is a readable one. In lockstep messages carry no time of the clock on the wall: there times are counted in ticks.
 
-mod tell;
+mod account;
 
 use super::Record;
-use hapfic_gate_process::shared_status::Live;
+use account::{Age, Incident, Torques};
+use hapfic_gate_process::shared_status::SharedStatus;
 use hapfic_messages::{Clock, Command, Event, EventKind, Mode, Process, Severity, Source, Timing};
 use std::collections::VecDeque;
 use std::fs::{self, File};
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
-use tell::{Age, Incident, Torques};
 
 /// How long before the transition its cause may lie, ticks.
 const CAUSE_TICKS: i64 = 50;
@@ -92,12 +92,12 @@ impl Incidents {
     }
 
     /// Takes note of a record. Returns whether the log should be on the disk before anything else: the drive brakes or stops.
-    pub(super) fn observe(&mut self, record: &Record, live: &Live) -> bool {
+    pub(super) fn observe(&mut self, record: &Record, shared: &SharedStatus) -> bool {
         match record {
-            Record::State(m) => self.hear(Process::Plant.code(), m.stamp_ns, m.tick),
-            Record::Reference(m) => self.hear(Process::Planner.code(), m.stamp_ns, m.tick),
+            Record::State(m) => self.record_heartbeat(Process::Plant.code(), m.stamp_ns, m.tick),
+            Record::Reference(m) => self.record_heartbeat(Process::Planner.code(), m.stamp_ns, m.tick),
             Record::Request(m) => {
-                self.hear(m.controller, m.stamp_ns, m.tick);
+                self.record_heartbeat(m.controller, m.stamp_ns, m.tick);
                 self.torques.request(m);
                 if let Some(open) = self.open.as_mut().filter(|open| m.tick <= open.begin.tick) {
                     open.torques.request(m);
@@ -105,7 +105,7 @@ impl Incidents {
             }
             Record::Command(m) => self.command(m),
             Record::Timing(m) => self.timing(m),
-            Record::Event(m) => return self.event(m, live),
+            Record::Event(m) => return self.event(m, shared),
             Record::Operator(_) => {}
         }
         false
@@ -120,7 +120,7 @@ impl Incidents {
         (self.count > 0).then(|| IncidentSummary { count: self.count, file: self.file.clone(), error: self.error.clone() })
     }
 
-    fn hear(&mut self, process: u32, stamp_ns: u64, tick: i64) {
+    fn record_heartbeat(&mut self, process: u32, stamp_ns: u64, tick: i64) {
         if let Some(heard) = self.heard.get_mut(process as usize) {
             heard.stamp_ns = heard.stamp_ns.max(stamp_ns);
             heard.tick = heard.tick.max(Some(tick));
@@ -130,11 +130,11 @@ impl Incidents {
     /// Heartbeats have the time of the clock on the wall in lockstep, too, where nothing else has it.
     fn timing(&mut self, m: &Timing) {
         let stamp_ns = if self.clock == Clock::Realtime { m.wake_ns.max(m.publish_ns) } else { 0 };
-        self.hear(m.process, stamp_ns, m.tick);
+        self.record_heartbeat(m.process, stamp_ns, m.tick);
     }
 
     fn command(&mut self, m: &Command) {
-        self.hear(Process::Supervisor.code(), m.stamp_ns, m.tick);
+        self.record_heartbeat(Process::Supervisor.code(), m.stamp_ns, m.tick);
         self.torques.command(m);
         let Some(open) = &mut self.open else { return };
         if m.tick <= open.begin.tick {
@@ -148,7 +148,7 @@ impl Incidents {
         }
     }
 
-    fn event(&mut self, m: &Event, live: &Live) -> bool {
+    fn event(&mut self, m: &Event, shared: &SharedStatus) -> bool {
         if let Some(open) = self.open.as_mut().filter(|open| open.end.is_none()) {
             open.event(m);
         }
@@ -183,13 +183,13 @@ impl Incidents {
             self.dirty |= self.count <= IN_FULL;
         } else if braked && before < Severity::Brake.code() {
             self.close();
-            self.begin(m, live);
+            self.begin(m, shared);
             self.dirty |= self.count <= IN_FULL + 1;
         }
         braked
     }
 
-    fn begin(&mut self, m: &Event, live: &Live) {
+    fn begin(&mut self, m: &Event, shared: &SharedStatus) {
         self.count += 1;
         let mut open = Incident {
             number: self.count,
@@ -197,7 +197,7 @@ impl Incidents {
             events: Vec::new(),
             more_events: 0,
             torques: self.torques.until(m.tick),
-            ages: Process::ALL.iter().map(|&process| self.age(process, m, live)).collect(),
+            ages: Process::ALL.iter().map(|&process| self.age(process, m, shared)).collect(),
             end: None,
             torque_again: None,
         };
@@ -208,10 +208,13 @@ impl Incidents {
     }
 
     /// By the stamps of its messages if there are any, else by what the recorder has heard of it.
-    fn age(&self, process: Process, m: &Event, live: &Live) -> Age {
+    fn age(&self, process: Process, m: &Event, shared: &SharedStatus) -> Age {
         let Heard { stamp_ns, tick } = self.heard[process as usize];
-        let ns =
-            if stamp_ns > 0 && m.stamp_ns > 0 { Some(m.stamp_ns.saturating_sub(stamp_ns)) } else { live.pulse(process).age_ns() };
+        let ns = if stamp_ns > 0 && m.stamp_ns > 0 {
+            Some(m.stamp_ns.saturating_sub(stamp_ns))
+        } else {
+            shared.heartbeat(process).age_ns()
+        };
         Age { process, ms: ns.map(|ns| ns as f64 / 1e6), tick }
     }
 

@@ -6,23 +6,23 @@
 
 mod drain;
 mod incident;
-mod shown;
+mod viewer_frames;
 mod write;
 
 use anyhow::{Context, Result};
 use drain::Drain;
-use hapfic_gate_process::shared_status::Live;
+use hapfic_gate_process::shared_status::SharedStatus;
 use hapfic_ipc::{Domain, IpcError};
 use hapfic_log::{LogError, Metrics, MetricsSummary, Viewer, Writer};
 use hapfic_messages::{Clock, Command, Event, Operator, Process, Reference, Request, State, Timing};
 use hapfic_robot::Chain;
 use incident::Incidents;
-use shown::Shown;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::mpsc::{channel, sync_channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
+use viewer_frames::Shown;
 use write::Write;
 
 /// A message on its way to the file.
@@ -60,7 +60,7 @@ impl Record {
 }
 
 /// What a recorder starts with.
-pub struct Start {
+pub struct RecorderStart {
     /// The run's domain.
     pub domain: Domain,
     /// How time passes.
@@ -78,7 +78,7 @@ pub struct Start {
     /// Where the log is.
     pub log: PathBuf,
     /// Shared with the rest of the supervisor.
-    pub live: Arc<Live>,
+    pub shared: Arc<SharedStatus>,
 }
 
 /// What was recorded.
@@ -110,12 +110,12 @@ impl Recorder {
     ///
     /// # Errors
     /// If threads or ports cannot be had.
-    pub fn start(start: Start) -> Result<Self> {
+    pub fn start(start: RecorderStart) -> Result<Self> {
         let (sender, receiver) = sync_channel(if start.clock == Clock::Lockstep { QUEUE_LOCKSTEP } else { QUEUE_REALTIME });
         let (done_with, empties) = sync_channel(EMPTIES);
         let (ready, connected) = channel();
-        let Start { domain, clock, credit_ticks, writer, viewer, chain, flush_every, log, live } = start;
-        let drain_live = Arc::clone(&live);
+        let RecorderStart { domain, clock, credit_ticks, writer, viewer, chain, flush_every, log, shared } = start;
+        let drain_live = Arc::clone(&shared);
         let drain = std::thread::Builder::new()
             .name("hapfic-recorder".to_owned())
             .spawn(move || {
@@ -139,7 +139,7 @@ impl Recorder {
                     writer,
                     viewer,
                     chain,
-                    live,
+                    shared,
                     metrics: Metrics::new(),
                     shown: Shown::default(),
                     missed: 0,
@@ -161,7 +161,7 @@ impl Recorder {
         self.drain.is_finished() || self.write.is_finished()
     }
 
-    /// Waits for the end; [`Live::drain`] asks for it. Returns what was recorded, the brakes and stops, and what went wrong, if
+    /// Waits for the end; [`SharedStatus::drain`] asks for it. Returns what was recorded, the brakes and stops, and what went wrong, if
     /// anything did.
     #[must_use]
     pub fn finish(self) -> (Option<Recorded>, Option<IncidentSummary>, Option<String>) {

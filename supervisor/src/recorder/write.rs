@@ -1,9 +1,9 @@
 //! The writing half.
 
 use super::incident::Incidents;
-use super::shown::Shown;
+use super::viewer_frames::Shown;
 use super::{Record, Recorded, Written};
-use hapfic_gate_process::shared_status::{Glance, Live};
+use hapfic_gate_process::shared_status::{SharedStatus, StatusSnapshot};
 use hapfic_log::{LogError, Metrics, Topic, Viewer, Writer, scene};
 use hapfic_messages::{Mode, Operator, Source};
 use hapfic_robot::Chain;
@@ -17,7 +17,7 @@ pub(super) struct Write {
     pub(super) writer: Writer,
     pub(super) viewer: Viewer,
     pub(super) chain: Chain,
-    pub(super) live: Arc<Live>,
+    pub(super) shared: Arc<SharedStatus>,
     pub(super) metrics: Metrics,
     pub(super) shown: Shown,
     pub(super) missed: u64,
@@ -44,7 +44,7 @@ impl Write {
                     for record in &batch {
                         let written = self.record(record, failed.is_none());
                         failed = failed.or(written.err());
-                        sync |= self.incidents.observe(record, &self.live);
+                        sync |= self.incidents.observe(record, &self.shared);
                     }
                     // What led to a brake is on the disk before anything else happens.
                     if sync && failed.is_none() {
@@ -64,7 +64,7 @@ impl Write {
                 flushed = Instant::now();
             }
             if failed.is_some() {
-                self.live.log_failed.store(true, Ordering::Release);
+                self.shared.log_failed.store(true, Ordering::Release);
             }
         }
         let recorded = Recorded {
@@ -159,8 +159,8 @@ impl Write {
             let update = self.viewer.scene_update(tick, &picture.logged.contacts, picture.reference, target);
             self.writer.scene(tick, &update)?;
         }
-        if let Ok(mut glance) = self.live.glance.lock() {
-            *glance = Glance {
+        if let Ok(mut snapshot) = self.shared.snapshot.lock() {
+            *snapshot = StatusSnapshot {
                 time_s: m.time_ns as f64 * 1e-9,
                 foot_position: m.foot_position,
                 foot_force: m.foot_force,

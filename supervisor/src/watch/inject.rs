@@ -3,11 +3,11 @@
 //! What the operating system does to processes is done to them in earnest: signals, hogs on every core, a full disk, a limit on
 //! locked memory. What a process does wrong in its messages it is told ahead of the tick.
 
-use super::slot::Slot;
+use super::slot::ProcessSlot;
 use crate::children::this_program;
 use anyhow::{Context, Result, bail};
 use hapfic_config::{Fault, FaultKind, FaultTarget};
-use hapfic_gate_process::shared_status::Live;
+use hapfic_gate_process::shared_status::SharedStatus;
 use hapfic_ipc::{IpcError, Output};
 use hapfic_messages::{Injection, Process, Tampering};
 use rustix::process::{Resource, Rlimit, Signal, prlimit};
@@ -27,11 +27,11 @@ const LITTLE_MEMORY: u64 = 64 << 10;
 
 /// The faults of a run.
 pub struct Injections {
-    /// Signals, limits and hogs still to come, in the order of time.
+    /// Signals, limits and hogs still to come, in the action of time.
     outer: VecDeque<Fault>,
     /// Those whose time has come, or that were asked for, and that wait for somebody to be there.
     due: Vec<Fault>,
-    /// Faults in messages that have not been told of yet, in the order of time.
+    /// Faults in messages that have not been told of yet, in the action of time.
     inner: VecDeque<Fault>,
     /// Those that were told of and whose tick has not come.
     coming: Vec<Fault>,
@@ -159,7 +159,7 @@ impl Injections {
     ///
     /// # Errors
     /// If something that should be possible is not.
-    pub fn act(&mut self, slots: &mut [Slot], live: &Live, gated: i64) -> Result<Vec<(Fault, String)>> {
+    pub fn act(&mut self, slots: &mut [ProcessSlot], shared: &SharedStatus, gated: i64) -> Result<Vec<(Fault, String)>> {
         let mut done = Vec::new();
         self.wake(slots);
         while let Ok(fault) = self.asked.try_recv() {
@@ -191,7 +191,7 @@ impl Injections {
         }
         // Whoever is not there yet cannot be hit: it is, as soon as it is there; others need not wait for that.
         for fault in std::mem::take(&mut self.due) {
-            if ready(&fault, slots, live) {
+            if ready(&fault, slots, shared) {
                 self.happen(&fault, slots)?;
                 done.push((fault, describe(&fault)));
             } else {
@@ -214,7 +214,7 @@ impl Injections {
                 by_us: fault.by_us,
             };
             self.output.send(&told)?;
-            self.output.prepare();
+            self.output.preloan();
             self.told.push(told);
         }
         Ok(())
@@ -224,16 +224,16 @@ impl Injections {
     ///
     /// # Errors
     /// If it cannot be told.
-    pub fn tell_again(&mut self, process: Process, gated: i64) -> Result<(), IpcError> {
+    pub fn republish(&mut self, process: Process, gated: i64) -> Result<(), IpcError> {
         self.told.retain(|told| told.tick > gated + 1);
         for told in self.told.iter().filter(|told| told.process == process.code()) {
             self.output.send(told)?;
-            self.output.prepare();
+            self.output.preloan();
         }
         Ok(())
     }
 
-    fn happen(&mut self, fault: &Fault, slots: &mut [Slot]) -> Result<()> {
+    fn happen(&mut self, fault: &Fault, slots: &mut [ProcessSlot]) -> Result<()> {
         let until = Instant::now() + Duration::from_millis(fault.ticks.into());
         match fault.kind {
             FaultKind::Hog => {
@@ -256,7 +256,7 @@ impl Injections {
                     match kind {
                         FaultKind::Kill => {
                             child.signal(Signal::KILL);
-                            slot.doomed = true;
+                            slot.kill_pending = true;
                         }
                         FaultKind::Stop => {
                             child.signal(Signal::STOP);
@@ -275,7 +275,7 @@ impl Injections {
     }
 
     /// Lets those go on that have been halted long enough.
-    fn wake(&mut self, slots: &[Slot]) {
+    fn wake(&mut self, slots: &[ProcessSlot]) {
         let now = Instant::now();
         self.halted.retain(|(process, generation, until)| {
             let same = slots.iter().find(|s| s.process == *process && s.generation == *generation && s.child.is_some());
@@ -319,8 +319,9 @@ impl Drop for Injections {
 }
 
 /// Whether all that a fault should hit are there.
-fn ready(fault: &Fault, slots: &[Slot], live: &Live) -> bool {
+fn ready(fault: &Fault, slots: &[ProcessSlot], shared: &SharedStatus) -> bool {
     targets(fault.target).iter().all(|process| {
-        *process == Process::Supervisor || slots.iter().any(|slot| slot.process == *process && slot.ticks(live) && !slot.doomed)
+        *process == Process::Supervisor
+            || slots.iter().any(|slot| slot.process == *process && slot.ticks(shared) && !slot.kill_pending)
     })
 }

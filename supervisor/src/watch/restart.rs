@@ -1,14 +1,14 @@
 //! What is done about a lost process: noted, handed over, started again, welcomed; or given up.
 
-use super::slot::{Limits, Slot};
+use super::slot::{DetectorLimits, ProcessSlot};
 use super::{Watch, bit};
 use crate::children::{self, Child};
 use anyhow::Result;
 use hapfic_config::OnLoss;
-use hapfic_gate::protocol::Place;
-use hapfic_gate::restart::{Order, Policy, Sign};
-use hapfic_ipc::realtime::{self, Granted};
-use hapfic_ipc::{Start, topic};
+use hapfic_gate::protocol::ControllerSlot;
+use hapfic_gate::restart::{RestartAction, RestartPolicy, RestartSignal};
+use hapfic_ipc::realtime::{self, SchedGrants};
+use hapfic_ipc::{ProcessStart, topic};
 use hapfic_messages::{Clock, Detector, EventKind, Process};
 use rustix::process::Signal;
 use std::sync::atomic::Ordering;
@@ -22,59 +22,59 @@ const JOINING: u32 = 10;
 const MANY_DEAD: u32 = 3;
 
 impl Watch<'_> {
-    /// Looks at every process and does what its life orders. `false` if the run has to end.
-    pub(super) fn look_after_processes(&mut self) -> Result<bool> {
+    /// Looks at every process and does what its restart orders. `false` if the run has to end.
+    pub(super) fn check_processes(&mut self) -> Result<bool> {
         let supervisor = &self.settings.supervisor;
-        let limits = Limits {
+        let limits = DetectorLimits {
             ready: Duration::from_millis(supervisor.ready_timeout_ms.into()),
-            silence_ns: self.patience_ns(),
+            silence_ns: self.silence_limit_ns(),
             behind: (self.clock == Clock::Realtime).then_some(i64::from(supervisor.tick_timeout_ms)),
         };
         for index in 0..self.slots.len() {
             let slot = &mut self.slots[index];
             let process = slot.process;
-            if let Some((detector, what)) = slot.look(&self.live, &limits)?
-                && !self.lose(process, detector, &what)?
+            if let Some((detector, what)) = slot.check(&self.shared, &limits)?
+                && !self.on_lost(process, detector, &what)?
             {
                 return Ok(false);
             }
         }
-        if !self.live.go.load(Ordering::Relaxed) {
+        if !self.shared.go.load(Ordering::Relaxed) {
             return Ok(true);
         }
-        for place in Place::BOTH {
-            let bad = &self.live.bad_requests[place as usize];
+        for place in ControllerSlot::BOTH {
+            let bad = &self.shared.bad_requests[place as usize];
             if bad.load(Ordering::Relaxed) >= GARBAGE {
                 bad.store(0, Ordering::Relaxed);
-                let what = format!("has asked for what was refused {GARBAGE} ticks in a row");
-                if !self.lose(place.process(), Detector::Check, &what)? {
+                let what = format!("has asked for what was rejected {GARBAGE} ticks in a row");
+                if !self.on_lost(place.process(), Detector::Check, &what)? {
                     return Ok(false);
                 }
             }
         }
-        self.follow_primary();
-        self.keeper.listen(&self.live.gated)?;
-        let rearms = self.live.rearms.load(Ordering::Acquire);
+        self.update_primary();
+        self.cache.listen(&self.shared.gated)?;
+        let rearms = self.shared.rearms.load(Ordering::Acquire);
         if rearms != std::mem::replace(&mut self.rearms, rearms) {
             self.stopped_by_budget = false;
             self.faults.retain(|fault| fault.detector != "budget");
             for index in 0..self.slots.len() {
-                self.live_on(index, Sign::Rearmed)?;
+                self.advance(index, RestartSignal::Rearmed)?;
             }
         }
         for index in 0..self.slots.len() {
-            let sign = if self.slots[index].ticks(&self.live) { Sign::Ticked } else { Sign::Time };
-            self.live_on(index, sign)?;
-            self.tell_refused(index);
+            let signal = if self.slots[index].ticks(&self.shared) { RestartSignal::Ticked } else { RestartSignal::Time };
+            self.advance(index, signal)?;
+            self.report_rejected(index);
         }
         self.let_all_meet()?;
-        if self.live.sweep_wanted.swap(false, Ordering::AcqRel) {
-            self.sweep()?;
+        if self.shared.cleanup_requested.swap(false, Ordering::AcqRel) {
+            self.clean_up()?;
         }
         // When all are back: it takes milliseconds and is in the way of those who join. Topics have places for some dead ones.
-        let joining = self.slots.iter().any(Slot::joining);
-        if self.unswept > MANY_DEAD || (self.unswept > 0 && !joining) {
-            self.sweep()?;
+        let joining = self.slots.iter().any(ProcessSlot::joining);
+        if self.not_cleaned_up > MANY_DEAD || (self.not_cleaned_up > 0 && !joining) {
+            self.clean_up()?;
         }
         Ok(true)
     }
@@ -85,24 +85,25 @@ impl Watch<'_> {
         let mut more = false;
         for slot in &mut self.slots {
             // Counts begin anew with a process.
-            let unmet = self.live.pulse(slot.process).unmet();
-            more |= unmet > std::mem::replace(&mut slot.unmet, unmet);
+            let failed_connections = self.shared.heartbeat(slot.process).failed_connections();
+            more |= failed_connections > std::mem::replace(&mut slot.failed_connections, failed_connections);
         }
-        let own = self.live.pulse(crate::recorder::GATE).unmet() + self.live.recorder_unmet.load(Ordering::Relaxed);
-        more |= own > std::mem::replace(&mut self.unmet, own);
+        let own = self.shared.heartbeat(crate::recorder::GATE).failed_connections()
+            + self.shared.recorder_unmet.load(Ordering::Relaxed);
+        more |= own > std::mem::replace(&mut self.failed_connections, own);
         if !more {
             return Ok(());
         }
-        self.sweep()?;
-        self.bus.stir(&topic::STATE)?;
-        self.bus.stir(&topic::REFERENCE)?;
-        self.bus.stir(&topic::REQUEST)?;
-        self.bus.stir(&topic::COMMAND)?;
-        self.bus.stir(&topic::OPERATOR)?;
-        self.bus.stir(&topic::EVENT)?;
-        self.bus.stir(&topic::TIMING)?;
-        self.bus.stir(&topic::CREDIT)?;
-        self.bus.stir(&topic::INJECTION)?;
+        self.clean_up()?;
+        self.bus.force_reconnect(&topic::STATE)?;
+        self.bus.force_reconnect(&topic::REFERENCE)?;
+        self.bus.force_reconnect(&topic::REQUEST)?;
+        self.bus.force_reconnect(&topic::COMMAND)?;
+        self.bus.force_reconnect(&topic::OPERATOR)?;
+        self.bus.force_reconnect(&topic::EVENT)?;
+        self.bus.force_reconnect(&topic::TIMING)?;
+        self.bus.force_reconnect(&topic::CREDIT)?;
+        self.bus.force_reconnect(&topic::INJECTION)?;
         self.note(
             Process::Supervisor,
             EventKind::Note,
@@ -113,16 +114,16 @@ impl Watch<'_> {
     }
 
     /// Removes what the dead have left; what they said last is taken in before.
-    fn sweep(&mut self) -> Result<()> {
-        self.unswept = 0;
-        self.keeper.listen(&self.live.gated)?;
-        self.bus.sweep_dead();
+    fn clean_up(&mut self) -> Result<()> {
+        self.not_cleaned_up = 0;
+        self.cache.listen(&self.shared.gated)?;
+        self.bus.clean_up_dead_nodes();
         Ok(())
     }
 
-    fn policy(&self) -> Policy {
+    fn policy(&self) -> RestartPolicy {
         let supervisor = &self.settings.supervisor;
-        Policy {
+        RestartPolicy {
             budget: supervisor.restart_budget,
             window_ms: supervisor.restart_window_ms.into(),
             backoff_ms: supervisor.restart_backoff_ms.into(),
@@ -135,12 +136,12 @@ impl Watch<'_> {
     }
 
     /// A process is lost. `false` if the run has to end.
-    pub(super) fn lose(&mut self, process: Process, detector: Detector, what: &str) -> Result<bool> {
+    pub(super) fn on_lost(&mut self, process: Process, detector: Detector, what: &str) -> Result<bool> {
         let Some(index) = self.slots.iter().position(|s| s.process == process) else { return Ok(true) };
         // Gone for the gate before anything else is done.
-        self.live.present.fetch_and(!bit(process), Ordering::AcqRel);
+        self.shared.present.fetch_and(!bit(process), Ordering::AcqRel);
         let ends_the_run = match process {
-            _ if !self.live.go.load(Ordering::Relaxed) => true,
+            _ if !self.shared.go.load(Ordering::Relaxed) => true,
             Process::Plant => self.settings.plant.on_loss == OnLoss::Fail,
             _ => false,
         };
@@ -148,9 +149,9 @@ impl Watch<'_> {
             self.fault(process.name(), what.to_owned(), detector.name());
             return Ok(false);
         }
-        self.live.missing.fetch_or(bit(process), Ordering::AcqRel);
-        for bell in &self.bells {
-            bell.ring();
+        self.shared.missing.fetch_or(bit(process), Ordering::AcqRel);
+        for doorbell in &self.doorbells {
+            doorbell.notify();
         }
         let slot = &mut self.slots[index];
         slot.lost = Some(Instant::now());
@@ -161,95 +162,97 @@ impl Watch<'_> {
             children::end(vec![child])?;
         }
         self.note(process, EventKind::Lost, detector, &format!("{process} {what}"));
-        self.live_on(index, Sign::Lost)?;
+        self.advance(index, RestartSignal::Lost)?;
         // In lockstep nobody is there to be waited for, and without a plant no tick is done any more in which the gate could stop.
         if self.stopped_by_budget && (self.clock == Clock::Lockstep || process == Process::Plant) {
             return Ok(false);
         }
-        self.live_on(index, Sign::Time)?;
+        self.advance(index, RestartSignal::Time)?;
         Ok(true)
     }
 
-    /// Lets a place's life go on, and does what it orders.
-    fn live_on(&mut self, index: usize, sign: Sign) -> Result<()> {
+    /// Lets a place's restart go on, and does what it orders.
+    fn advance(&mut self, index: usize, signal: RestartSignal) -> Result<()> {
         let (policy, now) = (self.policy(), self.now_ms());
         let slot = &mut self.slots[index];
-        let (life, order) = std::mem::take(&mut slot.life).after(sign, now, &policy);
-        slot.life = life;
-        match order {
-            Some(Order::Start) => self.start_again(index),
-            Some(Order::Stop) => {
-                self.give_up(index);
+        let (restart, action) = std::mem::take(&mut slot.restart).after(signal, now, &policy);
+        slot.restart = restart;
+        match action {
+            Some(RestartAction::Start) => self.start_again(index),
+            Some(RestartAction::Stop) => {
+                self.trip_latched_stop(index);
                 Ok(())
             }
-            Some(Order::Welcome) => self.welcome(index),
+            Some(RestartAction::MarkReady) => self.mark_ready(index),
             None => Ok(()),
         }
     }
 
     fn start_again(&mut self, index: usize) -> Result<()> {
         let process = self.slots[index].process;
-        let resume = self.keeper.hand_over(process, &self.live.gated)?;
+        let resume = self.cache.hand_over(process, &self.shared.gated)?;
         let slot = &mut self.slots[index];
         slot.generation += 1;
         slot.started = Instant::now();
-        slot.refused = 0;
-        slot.doomed = false;
-        self.live.expect(process, slot.generation);
-        let start = Start { generation: slot.generation, resume };
+        slot.rejected = 0;
+        slot.kill_pending = false;
+        self.shared.reset(process, slot.generation);
+        let start = ProcessStart { generation: slot.generation, resume };
         let child = match Child::start(process, self.settings, self.run_file, start) {
             Ok(child) => child,
             // As when it dies at once: out of memory, or of processes.
             Err(e) => {
                 self.note(process, EventKind::Lost, Detector::Exit, &format!("{process} cannot be started: {e:#}"));
-                return self.live_on(index, Sign::Lost);
+                return self.advance(index, RestartSignal::Lost);
             }
         };
-        if self.clock == Clock::Realtime && Granted(self.live.pulse(crate::recorder::GATE).realtime()).has(Granted::FIFO) {
-            join_quickly(&child, self.cores.reserve);
+        if self.clock == Clock::Realtime
+            && SchedGrants(self.shared.heartbeat(crate::recorder::GATE).realtime()).has(SchedGrants::FIFO)
+        {
+            prioritise_joining(&child, self.cores.reserve);
         }
         slot.child = Some(child);
         let from = resume.map_or(String::new(), |tick| format!(", goes on from tick {tick}"));
-        let (number, waited) = (slot.life.restarts(), slot.lost.map_or(0, |lost| lost.elapsed().as_millis()));
+        let (number, waited) = (slot.restart.restarts(), slot.lost.map_or(0, |lost| lost.elapsed().as_millis()));
         let text =
             format!("{process} is started again, {waited} ms after it was found lost (number {number} of its budget){from}");
         self.note(process, EventKind::Restarted, Detector::None, &text);
-        self.unswept += 1;
+        self.not_cleaned_up += 1;
         Ok(())
     }
 
-    fn welcome(&mut self, index: usize) -> Result<()> {
+    fn mark_ready(&mut self, index: usize) -> Result<()> {
         let slot = &mut self.slots[index];
         let (process, generation) = (slot.process, slot.generation);
         let out = slot.lost.take().map_or(Duration::ZERO, |lost| lost.elapsed());
         slot.longest = slot.longest.max(out);
-        self.live.present.fetch_or(bit(process), Ordering::AcqRel);
-        self.live.missing.fetch_and(!bit(process), Ordering::AcqRel);
+        self.shared.present.fetch_or(bit(process), Ordering::AcqRel);
+        self.shared.missing.fetch_and(!bit(process), Ordering::AcqRel);
         if generation > 0 {
-            self.give_way();
+            self.swap_roles();
             let text = format!("{process} does ticks again, {:.1} ms after it was found lost", out.as_secs_f64() * 1e3);
             self.note(process, EventKind::Joined, Detector::None, &text);
-            self.injections.tell_again(process, self.live.gated.load(Ordering::Acquire))?;
+            self.injections.republish(process, self.shared.gated.load(Ordering::Acquire))?;
         }
         Ok(())
     }
 
     /// Gives controllers that have changed roles each other's place.
-    pub(super) fn follow_primary(&mut self) {
-        let primary = self.live.primary.load(Ordering::Relaxed);
+    pub(super) fn update_primary(&mut self) {
+        let primary = self.shared.primary.load(Ordering::Relaxed);
         if std::mem::replace(&mut self.primary, primary) != primary {
-            self.give_way();
+            self.swap_roles();
         }
     }
 
     /// The primary controller runs before the other one and on the core of all, whichever place it is in. One that joins is left alone
     /// until it is there.
-    fn give_way(&mut self) {
+    fn swap_roles(&mut self) {
         if self.clock == Clock::Lockstep {
             return;
         }
-        let primary = self.live.primary.load(Ordering::Relaxed);
-        let present = self.live.present.load(Ordering::Acquire);
+        let primary = self.shared.primary.load(Ordering::Relaxed);
+        let present = self.shared.present.load(Ordering::Acquire);
         let controllers = self.slots.iter().filter(|s| matches!(s.process, Process::Controller | Process::Standby));
         for slot in controllers.filter(|s| present & bit(s.process) != 0) {
             let first = slot.process.code() == primary;
@@ -258,23 +261,23 @@ impl Watch<'_> {
             let core =
                 if first { realtime.core_controller.or(self.cores.shared) } else { realtime.core_standby.or(self.cores.reserve) };
             let Some(child) = &slot.child else { continue };
-            let granted = Granted(self.live.pulse(slot.process).realtime());
+            let granted = SchedGrants(self.shared.heartbeat(slot.process).realtime());
             // One that has just died needs neither.
-            if granted.has(Granted::FIFO) {
+            if granted.has(SchedGrants::FIFO) {
                 let _ = realtime::set_priority_of(child.pid(), priority);
             }
-            if let Some(core) = core.filter(|_| granted.has(Granted::PINNED)) {
+            if let Some(core) = core.filter(|_| granted.has(SchedGrants::PINNED)) {
                 let _ = realtime::pin(Some(child.pid()), core as usize);
             }
         }
     }
 
-    fn give_up(&mut self, index: usize) {
+    fn trip_latched_stop(&mut self, index: usize) {
         let process = self.slots[index].process;
         let budget = self.settings.supervisor.restart_budget;
         let window_s = f64::from(self.settings.supervisor.restart_window_ms) * 1e-3;
         self.stopped_by_budget = true;
-        self.live.stop_latched(Detector::Budget);
+        self.shared.stop_latched(Detector::Budget);
         let what = format!("was lost once more after {budget} restarts within {window_s} s: it is not started again");
         self.fault(process.name(), what.clone(), "budget");
         if self.clock == Clock::Realtime && process != Process::Plant {
@@ -284,15 +287,15 @@ impl Watch<'_> {
         }
     }
 
-    /// Messages that a process has refused, once there are more of them.
-    fn tell_refused(&mut self, index: usize) {
-        let slot: &mut Slot = &mut self.slots[index];
+    /// Messages that a process has rejected, once there are more of them.
+    fn report_rejected(&mut self, index: usize) {
+        let slot: &mut ProcessSlot = &mut self.slots[index];
         let process = slot.process;
-        let now = self.live.pulse(process).refused();
-        let before = std::mem::replace(&mut slot.refused, now);
+        let now = self.shared.heartbeat(process).rejected();
+        let before = std::mem::replace(&mut slot.rejected, now);
         if now > before {
-            let text = format!("{process} has refused {} messages", now - before);
-            self.note(process, EventKind::Refused, Detector::Check, &text);
+            let text = format!("{process} has rejected {} messages", now - before);
+            self.note(process, EventKind::Rejected, Detector::Check, &text);
         }
     }
 }
@@ -301,7 +304,7 @@ impl Watch<'_> {
 ///
 /// Whoever meets it while it makes a connection waits until that is made. If it were put aside in the middle, on the core of a
 /// real-time thread that waits for it, that one would keep it from going on: the gate was seen to wait for 15 ms so.
-fn join_quickly(child: &Child, core: Option<u32>) {
+fn prioritise_joining(child: &Child, core: Option<u32>) {
     // One that has died at once needs neither.
     if let Some(core) = core {
         let _ = realtime::pin(Some(child.pid()), core as usize);

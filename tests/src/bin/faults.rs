@@ -2,7 +2,7 @@
 //!
 //! `faults FILE` makes four parts and writes each into the places with its markers, such as `<!-- soak -->`, up to the next
 //! `<!-- end -->`, as soon as it is done: the matrix of processes, faults and phases; kills of the supervisor; many
-//! faults in a few minutes; messages that are refused. It ends with 1 if something fell short of what is expected, with a line for
+//! faults in a few minutes; messages that are rejected. It ends with 1 if something fell short of what is expected, with a line for
 //! each, and with 2 if it was asked for something that cannot be.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stderr)]
 

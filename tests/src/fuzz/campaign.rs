@@ -4,8 +4,8 @@ use super::corpus;
 use super::mutate::mutated;
 use super::quiet::caught;
 use super::shape::shape;
-use super::target::{Target, Verdict};
-use super::watch::Watch;
+use super::target::{FuzzOutcome, Target};
+use super::watch::Watchdog;
 use fastrand::Rng;
 use std::collections::BTreeSet;
 use std::fs::File;
@@ -84,7 +84,7 @@ pub fn campaign(target: &'static Target, options: &Options) -> io::Result<Tally>
         scratch: &options.scratch,
         findings: &options.findings,
         notebook: options.notebook.as_ref().map(File::create).transpose()?,
-        watch: Watch::start(target.name, options.findings.clone()),
+        watch: Watchdog::start(target.name, options.findings.clone()),
         kinds: BTreeSet::new(),
         tally: Tally::default(),
     };
@@ -119,7 +119,7 @@ struct Bench<'a> {
     scratch: &'a Path,
     findings: &'a Path,
     notebook: Option<File>,
-    watch: Watch,
+    watch: Watchdog,
     /// Of findings.
     kinds: BTreeSet<String>,
     tally: Tally,
@@ -142,11 +142,11 @@ impl Bench<'_> {
             self.found(input, &format!("slow: took {:.1} s", took.as_secs_f64()))?;
         }
         match verdict {
-            Ok(Verdict::Accepted) => {
+            Ok(FuzzOutcome::Accepted) => {
                 self.tally.accepted += 1;
                 Ok(false)
             }
-            Ok(Verdict::Refused(message)) => Ok(self.tally.shapes.insert(shape(&message))),
+            Ok(FuzzOutcome::Refused(message)) => Ok(self.tally.shapes.insert(shape(&message))),
             Err(panic) => {
                 self.found(input, &panic)?;
                 Ok(false)

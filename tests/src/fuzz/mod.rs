@@ -21,5 +21,5 @@ mod watch;
 pub use campaign::{Budget, Finding, Options, SLOW, Tally, campaign};
 pub use corpus::{FOLDER, file_name, load, save};
 pub use shape::shape;
-pub use target::{Target, Verdict};
+pub use target::{FuzzOutcome, Target};
 pub use targets::{ALL, named};

@@ -4,10 +4,10 @@ use std::path::Path;
 
 /// What a decoder made of an input.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Verdict {
+pub enum FuzzOutcome {
     /// It was taken, and whatever uses it did so.
     Accepted,
-    /// It was refused, in these words.
+    /// It was rejected, in these words.
     Refused(String),
 }
 
@@ -25,5 +25,5 @@ pub struct Target {
     /// Longest input, bytes.
     pub longest: usize,
     /// Decodes an input and uses what comes out of it; panics if a promise is broken. The folder is empty at first and its own.
-    pub execute: fn(&[u8], &Path) -> Verdict,
+    pub execute: fn(&[u8], &Path) -> FuzzOutcome,
 }

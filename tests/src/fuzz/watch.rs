@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 /// An execution that takes so long will not come back.
 const LOST: Duration = Duration::from_secs(60);
-const LOOK_EVERY: Duration = Duration::from_millis(100);
+const POLL_INTERVAL: Duration = Duration::from_millis(100);
 
 /// What is being done.
 #[derive(Debug, Default)]
@@ -23,19 +23,19 @@ enum Doing {
 
 /// Watches the executions of one campaign. One that never ends cannot be stopped: its input is saved and the process ends with 1.
 #[derive(Debug)]
-pub(super) struct Watch {
+pub(super) struct Watchdog {
     doing: Arc<Mutex<Doing>>,
     thread: Option<JoinHandle<()>>,
 }
 
-impl Watch {
+impl Watchdog {
     pub(super) fn start(target: &'static str, findings: PathBuf) -> Self {
         let doing = Arc::new(Mutex::new(Doing::Nothing));
-        let watched = Arc::clone(&doing);
+        let polled = Arc::clone(&doing);
         let thread = std::thread::spawn(move || {
             loop {
-                std::thread::park_timeout(LOOK_EVERY);
-                match &*watched.lock().unwrap_or_else(PoisonError::into_inner) {
+                std::thread::park_timeout(POLL_INTERVAL);
+                match &*polled.lock().unwrap_or_else(PoisonError::into_inner) {
                     Doing::Done => return,
                     Doing::Executing(since, input) if since.elapsed() > LOST => {
                         give_up(target, &findings, input);
@@ -60,7 +60,7 @@ impl Watch {
     }
 }
 
-impl Drop for Watch {
+impl Drop for Watchdog {
     fn drop(&mut self) {
         self.set(Doing::Done);
         if let Some(thread) = self.thread.take() {

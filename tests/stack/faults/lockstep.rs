@@ -89,7 +89,7 @@ fn bad_messages_are_refused_counted_and_logged_and_nothing_comes_of_them() {
     let scenario = ["--duration", "1.5", "--set", "supervisor.stall_timeout_ms=500"];
     let undisturbed = run(&stack, "undisturbed.mcap", &scenario);
     let trace = Trace::read(&stack.path("undisturbed.mcap"));
-    assert!(trace.events.iter().all(|e| e.kind != "refused"), "{}", trace.text());
+    assert!(trace.events.iter().all(|e| e.kind != "rejected"), "{}", trace.text());
     for (process, kind) in [
         ("controller", "nan"),
         ("controller", "corrupt"),
@@ -102,13 +102,13 @@ fn bad_messages_are_refused_counted_and_logged_and_nothing_comes_of_them() {
         let disturbed = run(&stack, "disturbed.mcap", &[&scenario[..], &["--set", &faults]].concat());
         expect_undisturbed(&disturbed, &undisturbed);
         let trace = Trace::read(&stack.path("disturbed.mcap"));
-        let refused = trace.events.iter().filter(|e| e.kind == "refused" && e.detector == "check").count();
+        let rejected = trace.events.iter().filter(|e| e.kind == "rejected" && e.detector == "check").count();
         // The gate tells of each bad request, and after one of no use at all the controller is started anew; the controllers have
-        // refused the planner's references.
+        // rejected the planner's references.
         let each = process != "planner" && kind != "stale";
-        assert!(refused >= if each { 3 } else { 1 }, "{kind} of {process}:\n{}", trace.text());
+        assert!(rejected >= if each { 3 } else { 1 }, "{kind} of {process}:\n{}", trace.text());
         if each {
-            let requests = trace.events("refused", process).iter().filter(|e| e.text.contains("request refused")).count();
+            let requests = trace.events("rejected", process).iter().filter(|e| e.text.contains("request rejected")).count();
             assert_eq!(requests, 3, "{kind} of {process}:\n{}", trace.text());
         }
         assert_eq!(trace.events("injected", process).len(), 1, "{kind} of {process}:\n{}", trace.text());

@@ -11,7 +11,7 @@ const RUN: [&str; 4] = ["run", "floor", "--log", "run.mcap"];
 fn run(faults: &str, seconds: &str, more: &[&str]) -> (Stack, Trace) {
     let stack = Stack::new();
     stack.run(&[&RUN[..], &["--set", faults, "--duration", seconds], more].concat()).expect(0);
-    // A state that is no good is refused by the recorder, too.
+    // A state that is no good is rejected by the recorder, too.
     if !faults.contains("plant") {
         expect_complete(&stack.path("run.mcap"));
     }
@@ -117,8 +117,8 @@ fn bad_messages_are_refused_counted_and_logged() {
     ] {
         let faults = format!("fault=[{{kind=\"{kind}\",process=\"{process}\",at_s=0.5,for_ms=2}}]");
         let (_stack, trace) = run(&faults, "0.8", &[]);
-        let refused = trace.events.iter().filter(|e| e.kind == "refused" && e.detector == "check").count();
-        assert!(refused > 0, "{kind} of {process}:\n{}", trace.text());
+        let rejected = trace.events.iter().filter(|e| e.kind == "rejected" && e.detector == "check").count();
+        assert!(rejected > 0, "{kind} of {process}:\n{}", trace.text());
     }
 }
 
@@ -155,8 +155,8 @@ fn an_emergency_stop_is_latched_and_left_only_by_rearming() {
         let stack = Stack::new();
         let run = start(&stack, clock);
         until(&stack, |s| s["tick"].as_i64().unwrap() > 100);
-        let refused = ask(&stack, &["rearm"], 2);
-        assert!(refused.contains("nothing to re-arm"), "{refused}");
+        let rejected = ask(&stack, &["rearm"], 2);
+        assert!(rejected.contains("nothing to re-arm"), "{rejected}");
         let answer = ask(&stack, &["estop"], 0);
         assert!(answer.contains("latched stop at tick"), "{answer}");
         let stopped = until(&stack, |s| s["severity"] == "stopped" && s["mode"] == "stopped");
@@ -226,8 +226,8 @@ fn faults_can_be_made_in_a_running_stack() {
         (vec!["inject", "kind=full_disk"], "tmpfs"),
         (vec!["inject", "kind=kill", "proces=plant"], "process"),
     ] {
-        let refused = ask(&stack, &words, 2);
-        assert!(refused.contains(expected), "{words:?}: {refused}");
+        let rejected = ask(&stack, &words, 2);
+        assert!(rejected.contains(expected), "{words:?}: {rejected}");
     }
     ask(&stack, &["stop"], 0);
     run.finish().expect(3);

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 /// A call that belongs to a tick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Call {
-    /// Rings a bell.
+    /// Rings a doorbell.
     Wake,
     /// Sleeps until one is rung.
     Wait,

@@ -6,7 +6,7 @@
 
 use anyhow::{Context, Result};
 use clap::Parser;
-use hapfic_bench_micro::rate::{Outcome, Wish, measure};
+use hapfic_bench_micro::rate::{Outcome, SchedRequest, measure};
 use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -51,7 +51,7 @@ fn run(arguments: &Arguments) -> Result<bool> {
     )?;
     let mut lost = 0;
     for times in [1, arguments.times] {
-        let outcome = measure(&Wish { times, seconds: arguments.seconds, log: folder.path().join("rate.mcap") })?;
+        let outcome = measure(&SchedRequest { times, seconds: arguments.seconds, log: folder.path().join("rate.mcap") })?;
         lost += outcome.lost();
         let Outcome { received, message_bytes, file_bytes, wall_s, drain_s, write_s, .. } = outcome;
         let share = |cpu_s: f64| 100.0 * cpu_s / wall_s;

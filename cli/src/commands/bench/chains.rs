@@ -4,7 +4,7 @@ use super::stack::Found;
 use anyhow::{Context, Result, bail, ensure};
 use hapfic_config::{Placement, Settings};
 use hapfic_diagnostics::{Core, Measured, Plan, TIMER};
-use hapfic_ipc::realtime::Granted;
+use hapfic_ipc::realtime::SchedGrants;
 use hapfic_messages::{Command as CommandMessage, PERIOD_NS, Request, State};
 use hapfic_supervisor::children::this_program;
 use std::io::{BufRead, BufReader};
@@ -55,7 +55,7 @@ impl Where {
     }
 
     /// The stack's cores, each once; `None` alone where any will do.
-    pub(super) fn watched(&self) -> Vec<Option<u32>> {
+    pub(super) fn polled(&self) -> Vec<Option<u32>> {
         let mut cores: Vec<_> = [self.cores[0], self.cores[1], self.gate].into_iter().flatten().map(Some).collect();
         cores.sort_unstable();
         cores.dedup();
@@ -144,7 +144,7 @@ fn plans(kinds: &[Contender], place: &Where, start_ns: u64, seconds: u64) -> Vec
         let plan = plan(TIMER, start_ns + WITNESS_PHASE_NS, WITNESS_EVERY_NS, &[core; 3], above.clone(), WITNESS_ABOVE_NS);
         Plan { count: plan.count + WITNESS_LONGER, ..plan }
     };
-    plans.extend(place.watched().into_iter().map(witness));
+    plans.extend(place.polled().into_iter().map(witness));
     plans
 }
 
@@ -253,13 +253,13 @@ pub(super) fn lacks(name: &str, measured: &Measured, place: &Where) -> Vec<Strin
     for i in 0..measured.granted.len() {
         let granted = measured.granted(i);
         let mut lacking = Vec::new();
-        if !granted.has(Granted::FIFO) {
+        if !granted.has(SchedGrants::FIFO) {
             lacking.push("not FIFO".to_owned());
         }
-        if !granted.has(Granted::LOCKED) {
+        if !granted.has(SchedGrants::LOCKED) {
             lacking.push("memory not locked".to_owned());
         }
-        if let Some(core) = place.cores.get(i).copied().flatten().filter(|_| !granted.has(Granted::PINNED)) {
+        if let Some(core) = place.cores.get(i).copied().flatten().filter(|_| !granted.has(SchedGrants::PINNED)) {
             lacking.push(format!("NOT on core {core}"));
         }
         if !lacking.is_empty() {

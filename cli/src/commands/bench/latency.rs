@@ -3,10 +3,10 @@
 use super::arguments::LatencyArgs;
 use super::chains::{Chains, Contender, Heard, Where, contenders, lacks};
 use super::load::Load;
-use super::places::{Folder, check};
+use super::output_paths::{Folder, check};
 use super::results::{About, Results, seen};
 use super::stack::{Found, Stack};
-use super::steal::Watch;
+use super::steal::StealMonitor;
 use super::ticks::Ticks;
 use super::{figure, table};
 use crate::{Outcome, print, say};
@@ -24,7 +24,7 @@ const WARM_UP_S: [u64; 2] = [2, 6];
 /// How much longer the run is than warm-up and measurement, s: its own start, and what comes late.
 const MARGIN_S: u64 = 3;
 /// How often stolen time is looked at.
-const LOOK_EVERY: Duration = Duration::from_millis(10);
+const POLL_INTERVAL: Duration = Duration::from_millis(10);
 const NS_PER_S: u64 = 1_000_000_000;
 
 /// Measures, and prints what was found.
@@ -83,7 +83,7 @@ fn measure(args: &LatencyArgs, settings: &Settings, kinds: &[Contender], stop: &
     let Some(found) = stack.find(stop)? else { return Ok(None) };
     let place = Where::new(settings, found);
     let span = span(found, clock::now_ns(), warm_up_s(args), args.seconds);
-    let mut watches: Vec<_> = place.watched().into_iter().map(Watch::new).collect();
+    let mut watches: Vec<_> = place.polled().into_iter().map(StealMonitor::new).collect();
     let mut chains = Chains::start(kinds, &place, span.from_ns, args.seconds)?;
     if chains.ready(span.from_ns, stop)? {
         return Ok(None);
@@ -92,11 +92,11 @@ fn measure(args: &LatencyArgs, settings: &Settings, kinds: &[Contender], stop: &
         if stop.load(Ordering::Relaxed) {
             return Ok(None);
         }
-        watches.iter_mut().for_each(Watch::look);
+        watches.iter_mut().for_each(StealMonitor::look);
         stack.ensure_running()?;
-        chains.hear(LOOK_EVERY)?;
+        chains.hear(POLL_INTERVAL)?;
     }
-    watches.iter_mut().for_each(Watch::look);
+    watches.iter_mut().for_each(StealMonitor::look);
     let Some(heard) = chains.finish(stop)? else { return Ok(None) };
     let Some(summary) = stack.finish(stop)? else { return Ok(None) };
     let busy = load.len();

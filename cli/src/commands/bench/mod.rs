@@ -5,7 +5,7 @@ mod chains;
 mod figure;
 mod latency;
 mod load;
-mod places;
+mod output_paths;
 mod results;
 mod stack;
 mod steal;

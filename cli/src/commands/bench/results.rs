@@ -4,7 +4,7 @@ use super::chains::Heard;
 use super::ticks::Figures;
 use hapfic_diagnostics::cause::{Cause, Seen, Span, Verdict};
 use hapfic_diagnostics::hops::PartQuantiles;
-use hapfic_diagnostics::{Distribution, Measured, Quantiles, Ratio};
+use hapfic_diagnostics::{ChainQuantiles, Distribution, Measured, Ratio};
 use serde::Serialize;
 
 /// What was measured, and where.
@@ -36,9 +36,9 @@ pub(super) struct About {
 pub(super) struct Chain {
     pub(super) name: String,
     /// Message about to be sent -> answer there, us.
-    pub(super) round_us: Quantiles,
+    pub(super) round_us: ChainQuantiles,
     /// How late its driver's timer was, us.
-    pub(super) timer_us: Quantiles,
+    pub(super) timer_us: ChainQuantiles,
     /// Messages without an answer in time.
     pub(super) unanswered: u64,
     /// Messages that were not sent, the one before having taken so long.
@@ -74,15 +74,15 @@ pub(super) struct Results {
     /// Ticks that were measured.
     pub(super) ticks: u64,
     /// State about to be written -> plant has the command, us.
-    pub(super) stack_us: Quantiles,
+    pub(super) stack_us: ChainQuantiles,
     /// State published -> plant has the command, us.
-    pub(super) published_us: Quantiles,
+    pub(super) published_us: ChainQuantiles,
     /// Commands that came after the plant had stopped waiting.
     pub(super) late: u64,
     pub(super) hops_us: Vec<PartQuantiles>,
     pub(super) chains: Vec<Chain>,
     /// How late a timer at the plant's priority was, us.
-    pub(super) timer_us: Quantiles,
+    pub(super) timer_us: ChainQuantiles,
     pub(super) ratios: Vec<Against>,
     pub(super) missed: Misses,
     /// Time stolen meanwhile, ms.

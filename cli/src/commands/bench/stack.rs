@@ -1,7 +1,7 @@
 //! The real stack, as a run of its own.
 
 use super::arguments::LatencyArgs;
-use super::places::Folder;
+use super::output_paths::Folder;
 use anyhow::{Context, Result, bail, ensure};
 use hapfic_ipc::{Bus, IpcError, RunFile, Wait, topic};
 use hapfic_messages::{OperatorKind, PERIOD_NS, ReplyCode};
@@ -19,7 +19,7 @@ use std::time::{Duration, Instant};
 const START: Duration = Duration::from_secs(20);
 const END: Duration = Duration::from_secs(30);
 /// How often it is looked at.
-const LOOK_EVERY: Duration = Duration::from_millis(20);
+const POLL_INTERVAL: Duration = Duration::from_millis(20);
 /// States from which the phase is taken.
 const STATES: usize = 20;
 /// A run; ended when dropped.
@@ -83,7 +83,7 @@ impl Stack {
             {
                 return look(run).map(Some);
             }
-            std::thread::sleep(LOOK_EVERY);
+            std::thread::sleep(POLL_INTERVAL);
         }
     }
 
@@ -109,7 +109,7 @@ impl Stack {
                 return Ok(None);
             }
             ensure!(begun.elapsed() < END, "the run does not end{}", self.said());
-            std::thread::sleep(LOOK_EVERY);
+            std::thread::sleep(POLL_INTERVAL);
         }
         let text = std::fs::read_to_string(&self.summary).with_context(|| format!("the run wrote no summary{}", self.said()))?;
         Ok(Some(serde_json::from_str(&text).context("the run's summary cannot be read")?))
@@ -145,7 +145,7 @@ impl Drop for Stack {
                 let _ = self.child.wait();
                 return;
             }
-            std::thread::sleep(LOOK_EVERY);
+            std::thread::sleep(POLL_INTERVAL);
         }
     }
 }

@@ -10,7 +10,7 @@ const UNIT_MS: u64 = 10;
 
 /// Looks at the time stolen from a core, or from all of them.
 #[derive(Debug)]
-pub(super) struct Watch {
+pub(super) struct StealMonitor {
     /// None where the system does not tell.
     file: Option<File>,
     line: String,
@@ -19,7 +19,7 @@ pub(super) struct Watch {
     pub(super) stolen: Vec<(Span, u64)>,
 }
 
-impl Watch {
+impl StealMonitor {
     /// Of a core; of all together if none is given.
     pub(super) fn new(core: Option<u32>) -> Self {
         let line = core.map_or("cpu".to_owned(), |core| format!("cpu{core}"));
@@ -70,7 +70,7 @@ mod tests {
 
     #[test]
     fn only_rises_are_kept() {
-        let mut watch = Watch::new(None);
+        let mut watch = StealMonitor::new(None);
         for (now, steal) in [(10, 5), (20, 5), (30, 7), (40, 7)] {
             watch.take(now, steal);
         }

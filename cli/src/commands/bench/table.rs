@@ -1,7 +1,7 @@
 //! The results of a measurement as text.
 
 use super::results::{Against, Chain, Results};
-use hapfic_diagnostics::Quantiles;
+use hapfic_diagnostics::ChainQuantiles;
 use std::fmt::{self, Write};
 
 /// Missed ticks that are shown; all of them are in the JSON.
@@ -99,7 +99,7 @@ fn write_missed(out: &mut String, r: &Results) -> fmt::Result {
     }
 }
 
-fn row(out: &mut String, name: &str, q: &Quantiles) -> fmt::Result {
+fn row(out: &mut String, name: &str, q: &ChainQuantiles) -> fmt::Result {
     write!(out, "  {name:<34} {:>9}", q.count)?;
     for value in [q.p50, q.p99, q.p999, q.p9999, q.max] {
         // Not told by so few.

@@ -59,7 +59,7 @@ impl Ticks {
             Record::State(state) => self.0.entry(state.tick).or_default().slipped = state.slipped,
             Record::Command(command) => {
                 self.0.entry(command.tick).or_default().command = Some(Command {
-                    answered: command.source == Source::Fresh.name() || command.source == Source::Withheld.name(),
+                    answered: command.source == Source::Fresh.name() || command.source == Source::Suppressed.name(),
                     held: command.mode == Mode::Hold.name(),
                     standby: command.controller == Process::Standby.name(),
                 });
@@ -108,7 +108,7 @@ impl Ticks {
             let stamps = TickStamps { plant: row.plant, controller: row.controllers[usize::from(standby)], gate: row.gate };
             if row.slipped > before {
                 let late = Span { from_ns: due, to_ns: row.plant.wake_ns };
-                let missed = Missed::Slipped { ticks: row.slipped - before };
+                let missed = Missed::TimebaseSlip { ticks: row.slipped - before };
                 figures.missed.push(judge(*tick, missed, late, &stamps, seen));
             }
             match row.command {
@@ -178,7 +178,7 @@ mod tests {
         let works = figures.hops.part(hapfic_diagnostics::hops::Part::ControllerWorks).quantiles();
         assert_eq!(works.max, Some(20.0), "the standby's, at the tick that it answered");
         let missed: Vec<_> = figures.missed.iter().map(|v| (v.tick, v.missed, v.cause)).collect();
-        assert_eq!(missed, [(6, Missed::Unanswered, Cause::Ours), (8, Missed::Slipped { ticks: 2 }, Cause::Unexplained)]);
+        assert_eq!(missed, [(6, Missed::Unanswered, Cause::Ours), (8, Missed::TimebaseSlip { ticks: 2 }, Cause::Unexplained)]);
     }
 
     #[test]

@@ -1,7 +1,7 @@
-//! What to change, most effective first: only what facts and measurement both speak for.
+//! What to change, most effective first: only what checks and measurement both speak for.
 
-use super::fact::{Facts, Level, Subject};
-use super::measure::Measured;
+use super::check::{Level, MachineChecks, Subject};
+use super::measure::Measurement;
 use serde::Serialize;
 
 /// Most changes that are named.
@@ -38,7 +38,7 @@ enum When {
 }
 
 impl When {
-    fn holds(self, m: &Measured) -> bool {
+    fn holds(self, m: &Measurement) -> bool {
         match self {
             Self::Always => true,
             Self::Stolen => m.steal_ms.is_some_and(|ms| ms > 0) && m.over_500_us > 0,
@@ -52,7 +52,7 @@ impl When {
 /// The rules, most effective change first: what it takes to run at all, permissions, the clock, the host, the kernel, the processor's
 /// sleep and speed, its other users, memory.
 ///
-/// A subject at one of the levels, and one of the moments: the change is named. Untold facts count only where the measurement
+/// A subject at one of the levels, and one of the moments: the change is named. Untold checks count only where the measurement
 /// can speak for itself.
 const RULES: [(Subject, &[Level], &[When]); 20] = {
     use Level::{Bad, Fair, Untold};
@@ -68,7 +68,7 @@ const RULES: [(Subject, &[Level], &[When]); 20] = {
         (Subject::Clock, &[Bad], &[Always]),
         (Subject::Hypervisor, &[Fair], &[Stolen]),
         (Subject::Preemption, &[Bad, Fair, Untold], &[Tail]),
-        (Subject::IdleHold, &[Fair], &[Sluggish, Tail]),
+        (Subject::CpuLatencyGuard, &[Fair], &[Sluggish, Tail]),
         (Subject::IdleStates, &[Bad, Fair], &[Sluggish, Tail]),
         (Subject::Quota, &[Bad], &[Always]),
         (Subject::Governor, &[Bad, Fair], &[Sluggish, Tail]),
@@ -82,20 +82,20 @@ const RULES: [(Subject, &[Level], &[When]); 20] = {
 };
 
 /// What to change, most effective first.
-pub(super) fn changes(facts: &Facts, measured: &Measured) -> Vec<Change> {
+pub(super) fn changes(checks: &MachineChecks, measured: &Measurement) -> Vec<Change> {
     let wanted = RULES.iter().filter_map(|(subject, levels, when)| {
-        let fact = facts.get(*subject).filter(|fact| levels.contains(&fact.level))?;
+        let check = checks.get(*subject).filter(|check| levels.contains(&check.level))?;
         let seen = when.iter().find(|when| when.holds(measured))?;
         // Where nothing can be done, nothing is asked for.
-        let how = fact.how.clone()?;
+        let how = check.how.clone()?;
         // One hint at deep sleep is enough: the states are held off by the permission.
-        let said = *subject == Subject::IdleStates && facts.level(Subject::IdleHold) == Level::Fair;
-        (!said).then(|| Change { subject: *subject, why: why(*seen, &fact.found, measured), how })
+        let said = *subject == Subject::IdleStates && checks.level(Subject::CpuLatencyGuard) == Level::Fair;
+        (!said).then(|| Change { subject: *subject, why: why(*seen, &check.found, measured), how })
     });
     wanted.take(MOST).collect()
 }
 
-fn why(when: When, found: &str, m: &Measured) -> String {
+fn why(when: When, found: &str, m: &Measurement) -> String {
     let q = &m.lateness_us;
     match when {
         When::Always => found.to_owned(),
@@ -112,15 +112,15 @@ mod tests {
     use super::super::samples::{all_at, good_measurement, late_measurement, with};
     use super::*;
 
-    fn subjects(facts: &Facts, m: &Measured) -> Vec<Subject> {
-        changes(facts, m).into_iter().map(|change| change.subject).collect()
+    fn subjects(checks: &MachineChecks, m: &Measurement) -> Vec<Subject> {
+        changes(checks, m).into_iter().map(|change| change.subject).collect()
     }
 
     #[test]
     fn nothing_is_changed_where_all_is_good() {
         assert_eq!(subjects(&all_at(Level::Good), &good_measurement()), []);
         assert_eq!(subjects(&all_at(Level::Good), &late_measurement()), []);
-        assert_eq!(subjects(&Facts::default(), &late_measurement()), []);
+        assert_eq!(subjects(&MachineChecks::default(), &late_measurement()), []);
     }
 
     /// Each rule by itself, at each level, with each measurement: named where the rules say so, and nowhere else.
@@ -130,16 +130,20 @@ mod tests {
         let measurements = [
             good.clone(),
             late_measurement(),
-            Measured { lateness_us: hapfic_log::metrics::Quantiles { p50: 30.0, ..good.lateness_us }, ..good.clone() },
-            Measured { page_faults: 3, ..good.clone() },
-            Measured { steal_ms: Some(40), ..late_measurement() },
+            Measurement { lateness_us: hapfic_log::metrics::Quantiles { p50: 30.0, ..good.lateness_us }, ..good.clone() },
+            Measurement { page_faults: 3, ..good.clone() },
+            Measurement { steal_ms: Some(40), ..late_measurement() },
         ];
         for (subject, levels, when) in RULES {
             for level in [Level::Good, Level::Fair, Level::Bad, Level::Untold] {
                 for m in &measurements {
-                    let facts = with(&all_at(Level::Good), subject, level);
+                    let checks = with(&all_at(Level::Good), subject, level);
                     let expected = levels.contains(&level) && when.iter().any(|when| when.holds(m));
-                    assert_eq!(subjects(&facts, m), if expected { vec![subject] } else { vec![] }, "{subject:?} {level:?} {m:?}");
+                    assert_eq!(
+                        subjects(&checks, m),
+                        if expected { vec![subject] } else { vec![] },
+                        "{subject:?} {level:?} {m:?}"
+                    );
                 }
             }
         }
@@ -147,30 +151,30 @@ mod tests {
 
     #[test]
     fn no_more_than_five_are_named_and_the_earlier_rules_first() {
-        let m = Measured { steal_ms: Some(40), page_faults: 1, ..late_measurement() };
+        let m = Measurement { steal_ms: Some(40), page_faults: 1, ..late_measurement() };
         let bad = subjects(&all_at(Level::Bad), &m);
         assert_eq!(bad, [Subject::Kernel, Subject::SharedMemory, Subject::OpenFiles, Subject::Priority, Subject::MemoryLock]);
         // Any two: in the order of the rules.
         for (place, (a, a_levels, _)) in RULES.into_iter().enumerate() {
             for (b, b_levels, _) in RULES.into_iter().skip(place + 1) {
-                let facts = with(&with(&all_at(Level::Good), a, a_levels[0]), b, b_levels[0]);
+                let checks = with(&with(&all_at(Level::Good), a, a_levels[0]), b, b_levels[0]);
                 // One hint at deep sleep is enough.
-                let expected = if (a, b) == (Subject::IdleHold, Subject::IdleStates) { vec![a] } else { vec![a, b] };
-                assert_eq!(subjects(&facts, &m), expected);
+                let expected = if (a, b) == (Subject::CpuLatencyGuard, Subject::IdleStates) { vec![a] } else { vec![a, b] };
+                assert_eq!(subjects(&checks, &m), expected);
             }
         }
         // Permissions before preemption, before idle states.
         let place = |subject| RULES.iter().position(|rule| rule.0 == subject).unwrap();
-        let order = [Subject::Priority, Subject::MemoryLock, Subject::Preemption, Subject::IdleHold, Subject::Governor];
+        let order = [Subject::Priority, Subject::MemoryLock, Subject::Preemption, Subject::CpuLatencyGuard, Subject::Governor];
         assert!(order.windows(2).all(|pair| place(pair[0]) < place(pair[1])));
     }
 
     #[test]
     fn no_change_is_named_that_nobody_knows_how_to_make() {
-        let mut facts = with(&all_at(Level::Good), Subject::Preemption, Level::Bad);
-        for fact in &mut facts.0 {
-            fact.how = None;
+        let mut checks = with(&all_at(Level::Good), Subject::Preemption, Level::Bad);
+        for check in &mut checks.0 {
+            check.how = None;
         }
-        assert_eq!(subjects(&facts, &late_measurement()), []);
+        assert_eq!(subjects(&checks, &late_measurement()), []);
     }
 }

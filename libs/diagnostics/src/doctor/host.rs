@@ -1,14 +1,14 @@
 //! Who else has a claim to the processors: a host, other programs, a limit.
 
-use super::fact::{Fact, Level, Subject};
-use super::own::Own;
-use super::root::Root;
+use super::check::{Level, MachineCheck, Subject};
+use super::process_info::ProcessInfo;
+use super::sysfs::SysfsRoot;
 use std::path::{Component, Path};
 
 /// Whether this is a virtual machine.
-pub(super) fn hypervisor(root: &Root) -> Fact {
+pub(super) fn hypervisor(root: &SysfsRoot) -> MachineCheck {
     const WANTED: &str = "none: a host may take a processor away at any time";
-    const HOW: &str = "a machine of one's own, or dedicated virtual processors pinned to cores (`virsh vcpupin`)";
+    const HOW: &str = "a machine of one's process_info, or dedicated virtual processors pinned to cores (`virsh vcpupin`)";
     let kind = root.text("/sys/hypervisor/type").filter(|kind| !kind.is_empty());
     // Only on processors of the x86 kind.
     let flagged = root.text("/proc/cpuinfo").and_then(|text| {
@@ -17,29 +17,29 @@ pub(super) fn hypervisor(root: &Root) -> Fact {
     });
     let vendor = root.text("/sys/class/dmi/id/sys_vendor").filter(|vendor| !vendor.is_empty());
     match (kind, flagged) {
-        (Some(kind), _) => Fact::at(Level::Fair, Subject::Hypervisor, kind, WANTED, HOW),
+        (Some(kind), _) => MachineCheck::at(Level::Fair, Subject::Hypervisor, kind, WANTED, HOW),
         (None, Some(true)) => {
             let found = vendor.map_or("a virtual machine".to_owned(), |vendor| format!("a virtual machine ({vendor})"));
-            Fact::at(Level::Fair, Subject::Hypervisor, found, WANTED, HOW)
+            MachineCheck::at(Level::Fair, Subject::Hypervisor, found, WANTED, HOW)
         }
-        (None, Some(false)) => Fact::good(Subject::Hypervisor, "none", WANTED),
-        (None, None) => Fact::untold(Subject::Hypervisor, WANTED),
+        (None, Some(false)) => MachineCheck::good(Subject::Hypervisor, "none", WANTED),
+        (None, None) => MachineCheck::unknown(Subject::Hypervisor, WANTED),
     }
 }
 
 /// Time the host kept for others since boot.
-pub(super) fn steal(root: &Root) -> Fact {
+pub(super) fn steal(root: &SysfsRoot) -> MachineCheck {
     const WANTED: &str = "below 0.1 % of the time";
     let share = root.text("/proc/stat").and_then(|text| stolen_share(&text));
-    let Some(share) = share else { return Fact::untold(Subject::Steal, WANTED) };
+    let Some(share) = share else { return MachineCheck::unknown(Subject::Steal, WANTED) };
     let percent = share * 100.0;
     let level = match percent {
         p if p < 0.1 => Level::Good,
         p if p < 1.0 => Level::Fair,
         _ => Level::Bad,
     };
-    let how = "ask for dedicated virtual processors, or take a machine of one's own";
-    Fact::at(level, Subject::Steal, format!("{percent:.2} % since boot"), WANTED, how)
+    let how = "ask for dedicated virtual processors, or take a machine of one's process_info";
+    MachineCheck::at(level, Subject::Steal, format!("{percent:.2} % since boot"), WANTED, how)
 }
 
 /// Part of all processors' time since boot that a host kept for others: the first line of `/proc/stat`.
@@ -55,41 +55,41 @@ fn stolen_share(stat: &str) -> Option<f64> {
 }
 
 /// How busy the machine is.
-pub(super) fn load(root: &Root, own: &Own) -> Fact {
+pub(super) fn load(root: &SysfsRoot, process_info: &ProcessInfo) -> MachineCheck {
     const WANTED: &str = "below half of the cores";
     let load: Option<f64> =
         root.text("/proc/loadavg").and_then(|text| text.split_whitespace().next().and_then(|word| word.parse().ok()));
-    let Some(load) = load.filter(|load| load.is_finite()) else { return Fact::untold(Subject::Load, WANTED) };
-    let cores = own.cores.len().max(1) as f64;
+    let Some(load) = load.filter(|load| load.is_finite()) else { return MachineCheck::unknown(Subject::Load, WANTED) };
+    let cores = process_info.cores.len().max(1) as f64;
     let level = match load / cores {
         part if part < 0.5 => Level::Good,
         part if part < 1.5 => Level::Fair,
         _ => Level::Bad,
     };
     let how = "end what else is running: `top` shows it";
-    Fact::at(level, Subject::Load, format!("{load:.2} on {cores} cores in the last minute"), WANTED, how)
+    MachineCheck::at(level, Subject::Load, format!("{load:.2} on {cores} cores in the last minute"), WANTED, how)
 }
 
 /// Processor time that this process's group may have.
-pub(super) fn quota(root: &Root) -> Fact {
+pub(super) fn quota(root: &SysfsRoot) -> MachineCheck {
     const WANTED: &str = "no limit: it stops the recorder and all that is not real-time";
     const HOW: &str =
         "start the container without `--cpus`/`--cpu-quota`, the unit without `CPUQuota=`; use `--cpuset-cpus` instead";
-    let Some(groups) = root.text("/proc/self/cgroup") else { return Fact::untold(Subject::Quota, WANTED) };
+    let Some(groups) = root.text("/proc/self/cgroup") else { return MachineCheck::unknown(Subject::Quota, WANTED) };
     if !root.exists("/sys/fs/cgroup") {
-        return Fact::untold(Subject::Quota, WANTED);
+        return MachineCheck::unknown(Subject::Quota, WANTED);
     }
     match groups.lines().filter_map(|line| group_quota(root, line)).min_by(f64::total_cmp) {
-        None => Fact::good(Subject::Quota, "no limit", WANTED),
+        None => MachineCheck::good(Subject::Quota, "no limit", WANTED),
         Some(cores) => {
             let level = if cores < 2.0 { Level::Bad } else { Level::Fair };
-            Fact::at(level, Subject::Quota, format!("{cores:.2} cores"), WANTED, HOW)
+            MachineCheck::at(level, Subject::Quota, format!("{cores:.2} cores"), WANTED, HOW)
         }
     }
 }
 
 /// The tightest limit on the way from a group to the top, in cores; a line of `/proc/self/cgroup`: `0::/path` or `4:cpu,cpuacct:/path`.
-fn group_quota(root: &Root, line: &str) -> Option<f64> {
+fn group_quota(root: &SysfsRoot, line: &str) -> Option<f64> {
     let mut parts = line.splitn(3, ':');
     let (id, controllers, path) = (parts.next()?, parts.next()?, parts.next()?);
     let second = id == "0" && controllers.is_empty();
@@ -112,13 +112,13 @@ fn group_quota(root: &Root, line: &str) -> Option<f64> {
 }
 
 /// `cpu.max`: `max 100000` or `150000 100000`.
-fn second_version(root: &Root, folder: &str) -> Option<f64> {
+fn second_version(root: &SysfsRoot, folder: &str) -> Option<f64> {
     let text = root.text(&format!("{folder}/cpu.max"))?;
     let (quota, period) = text.split_once(' ')?;
     share(quota.parse().ok()?, period.parse().ok()?)
 }
 
-fn first_version(root: &Root, folder: &str) -> Option<f64> {
+fn first_version(root: &SysfsRoot, folder: &str) -> Option<f64> {
     share(root.number(&format!("{folder}/cpu.cfs_quota_us"))?, root.number(&format!("{folder}/cpu.cfs_period_us"))?)
 }
 

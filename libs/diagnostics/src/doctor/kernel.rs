@@ -1,22 +1,22 @@
 //! The kernel: its version, when it can be interrupted, how much time it gives to real-time threads, and its clock.
 
-use super::fact::{Fact, Level, Subject};
-use super::root::Root;
+use super::check::{Level, MachineCheck, Subject};
+use super::sysfs::SysfsRoot;
 
 /// Oldest kernel that a run can do with: `pidfd_open`.
 const OLDEST: (u32, u32) = (5, 3);
 
 /// The kernel's version.
-pub(super) fn version(root: &Root) -> Fact {
+pub(super) fn version(root: &SysfsRoot) -> MachineCheck {
     const WANTED: &str = "Linux 5.3 or newer";
-    let Some(release) = root.text("/proc/sys/kernel/osrelease") else { return Fact::untold(Subject::Kernel, WANTED) };
+    let Some(release) = root.text("/proc/sys/kernel/osrelease") else { return MachineCheck::unknown(Subject::Kernel, WANTED) };
     let mut numbers = release.split(|c: char| !c.is_ascii_digit()).map(|part| part.parse::<u32>().ok());
     match (numbers.next().flatten(), numbers.next().flatten()) {
         (Some(major), Some(minor)) => {
             let level = if (major, minor) >= OLDEST { Level::Good } else { Level::Bad };
-            Fact::at(level, Subject::Kernel, format!("Linux {release}"), WANTED, "install a newer kernel")
+            MachineCheck::at(level, Subject::Kernel, format!("Linux {release}"), WANTED, "install a newer kernel")
         }
-        _ => Fact::at(
+        _ => MachineCheck::at(
             Level::Untold,
             Subject::Kernel,
             format!("a version that cannot be read: {release}"),
@@ -27,16 +27,16 @@ pub(super) fn version(root: &Root) -> Fact {
 }
 
 /// When the kernel can be interrupted.
-pub(super) fn preemption(root: &Root) -> Fact {
+pub(super) fn preemption(root: &SysfsRoot) -> MachineCheck {
     const WANTED: &str = "PREEMPT_RT, else full preemption";
     const REALTIME: &str =
         "install a PREEMPT_RT kernel: `apt install linux-image-rt-amd64` (Debian), `pro enable realtime-kernel` (Ubuntu)";
     const FULL: &str = "boot with `preempt=full`, or now, as root: `echo full > /sys/kernel/debug/sched/preempt`";
-    let fact = |level, found: &str, how: &str| Fact::at(level, Subject::Preemption, found, WANTED, how);
+    let check = |level, found: &str, how: &str| MachineCheck::at(level, Subject::Preemption, found, WANTED, how);
     let built = root.text("/proc/sys/kernel/version");
     let has = |word: &str| built.as_deref().is_some_and(|text| text.split_whitespace().any(|part| part == word));
     if root.number::<u32>("/sys/kernel/realtime") == Some(1) || has("PREEMPT_RT") {
-        return fact(Level::Good, "PREEMPT_RT", "");
+        return check(Level::Good, "PREEMPT_RT", "");
     }
     // `none voluntary (full) lazy`, for root alone; else what was asked for at boot.
     let now = root.text("/sys/kernel/debug/sched/preempt").and_then(|text| {
@@ -49,31 +49,31 @@ pub(super) fn preemption(root: &Root) -> Fact {
         Some(chosen.to_owned())
     };
     match now.or_else(asked).as_deref() {
-        Some("full") => return fact(Level::Good, "full", ""),
-        Some("lazy") => return fact(Level::Fair, "lazy", FULL),
-        Some(other @ ("voluntary" | "none")) => return fact(Level::Bad, other, FULL),
+        Some("full") => return check(Level::Good, "full", ""),
+        Some("lazy") => return check(Level::Fair, "lazy", FULL),
+        Some(other @ ("voluntary" | "none")) => return check(Level::Bad, other, FULL),
         _ => {}
     }
     match &built {
-        None => Fact::untold(Subject::Preemption, WANTED),
+        None => MachineCheck::unknown(Subject::Preemption, WANTED),
         Some(_) if has("PREEMPT_DYNAMIC") => {
             let how = format!("{FULL}; that file says which one it is, once debugfs is mounted");
-            Fact { level: Level::Untold, ..fact(Level::Fair, "chosen at boot (PREEMPT_DYNAMIC), not told which", &how) }
+            MachineCheck { level: Level::Untold, ..check(Level::Fair, "chosen at boot (PREEMPT_DYNAMIC), not told which", &how) }
         }
-        Some(_) if has("PREEMPT") => fact(Level::Good, "full (PREEMPT)", ""),
-        Some(_) => fact(Level::Bad, "voluntary or none", REALTIME),
+        Some(_) if has("PREEMPT") => check(Level::Good, "full (PREEMPT)", ""),
+        Some(_) => check(Level::Bad, "voluntary or none", REALTIME),
     }
 }
 
 /// How much of each second real-time threads may have.
-pub(super) fn throttling(root: &Root) -> Fact {
+pub(super) fn throttling(root: &SysfsRoot) -> MachineCheck {
     const WANTED: &str = "at least 90 % of each period, or no limit";
     const HOW: &str = "as root: `sysctl kernel.sched_rt_runtime_us=950000`";
     let runtime: Option<i64> = root.number("/proc/sys/kernel/sched_rt_runtime_us");
     let period: Option<i64> = root.number("/proc/sys/kernel/sched_rt_period_us").filter(|period| *period > 0);
-    let fact = |level, found: String| Fact::at(level, Subject::Throttling, found, WANTED, HOW);
+    let check = |level, found: String| MachineCheck::at(level, Subject::Throttling, found, WANTED, HOW);
     match (runtime, period) {
-        (Some(runtime), _) if runtime < 0 => fact(Level::Good, "no limit".to_owned()),
+        (Some(runtime), _) if runtime < 0 => check(Level::Good, "no limit".to_owned()),
         (Some(runtime), Some(period)) => {
             let percent = runtime as f64 / period as f64 * 100.0;
             let level = match percent {
@@ -81,17 +81,19 @@ pub(super) fn throttling(root: &Root) -> Fact {
                 p if p >= 50.0 => Level::Fair,
                 _ => Level::Bad,
             };
-            fact(level, format!("real-time threads may have {percent:.0} % of each {:.0} ms", period as f64 / 1e3))
+            check(level, format!("real-time threads may have {percent:.0} % of each {:.0} ms", period as f64 / 1e3))
         }
-        _ => Fact::untold(Subject::Throttling, WANTED),
+        _ => MachineCheck::unknown(Subject::Throttling, WANTED),
     }
 }
 
 /// The kernel's source of time.
-pub(super) fn clock(root: &Root) -> Fact {
+pub(super) fn clock(root: &SysfsRoot) -> MachineCheck {
     const WANTED: &str = "one that is read without leaving the processor: tsc, kvm-clock, arch_sys_counter";
     const FOLDER: &str = "/sys/devices/system/clocksource/clocksource0";
-    let Some(current) = root.text(&format!("{FOLDER}/current_clocksource")) else { return Fact::untold(Subject::Clock, WANTED) };
+    let Some(current) = root.text(&format!("{FOLDER}/current_clocksource")) else {
+        return MachineCheck::unknown(Subject::Clock, WANTED);
+    };
     let level = match current.as_str() {
         "tsc" | "kvm-clock" | "arch_sys_counter" | "hyperv_clocksource_tsc_page" | "riscv_clocksource" | "timebase" => {
             Level::Good
@@ -104,5 +106,5 @@ pub(super) fn clock(root: &Root) -> Fact {
         Some(better) => format!("as root: `echo {better} > {FOLDER}/current_clocksource`"),
         None => "boot with `clocksource=tsc tsc=reliable`; `dmesg | grep -i tsc` says why the kernel gave it up".to_owned(),
     };
-    Fact::at(level, Subject::Clock, current, WANTED, how)
+    MachineCheck::at(level, Subject::Clock, current, WANTED, how)
 }

@@ -1,11 +1,13 @@
 //! The measurement: a timer as the plant has it, and wake-ups as the chain has them, in the same milliseconds.
 
-use super::ping::{Line, Turn, ask_all};
-use super::root::Root;
-use super::tally::Tally;
+use super::lateness::Tally;
+use super::sysfs::SysfsRoot;
+use super::wakeup::{Line, Turn, ask_all};
 use anyhow::{Context, Result, anyhow};
 use hapfic_ipc::clock;
-use hapfic_ipc::realtime::{BringIn, Granted, IdleHold, Wish, enter, lock_memory, page_faults};
+use hapfic_ipc::realtime::{
+    CpuLatencyGuard, Prefault, SchedGrants, SchedRequest, apply_to_current_thread, lock_memory, page_faults,
+};
 use hapfic_log::metrics::Quantiles;
 use hapfic_messages::PERIOD_NS;
 use serde::Serialize;
@@ -19,7 +21,7 @@ const OTHER_CORE_NS: u64 = 700_000;
 
 /// What was measured.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Measured {
+pub struct Measurement {
     /// How long, s.
     pub seconds: f64,
     /// The core of the timer; none: any.
@@ -46,11 +48,11 @@ pub struct Measured {
     pub late_ticks: u64,
     /// Times three periods or more were lost at once: a drive that gets no command for so long brakes by itself.
     pub brakes: u64,
-    /// Time the host kept the timer's core for others meanwhile, ms, in steps of 10; none where the kernel does not tell.
+    /// Time the host kept the timer's core for others meanwhile, ms, in steps of 10; none where the kernel does not text.
     pub steal_ms: Option<u64>,
     /// Page faults of the timer's thread.
     pub page_faults: u64,
-    /// Interrupts that devices made on the timer's core meanwhile; none where the kernel does not tell.
+    /// Interrupts that devices made on the timer's core meanwhile; none where the kernel does not text.
     pub interrupts: Option<u64>,
     /// From waking a thread on the same core until it runs, us.
     pub wake_same_core_us: Option<Quantiles>,
@@ -62,13 +64,13 @@ pub struct Measured {
 ///
 /// # Errors
 /// If threads cannot be started, or one of those does not run.
-pub fn measure(seconds: u32, priority: u32, core: Option<usize>, other: Option<usize>) -> Result<Measured> {
-    lock_memory(BringIn::All);
-    let idle = IdleHold::take();
-    let root = Root::default();
+pub fn measure(seconds: u32, priority: u32, core: Option<usize>, other: Option<usize>) -> Result<Measurement> {
+    lock_memory(Prefault::All);
+    let idle = CpuLatencyGuard::take();
+    let root = SysfsRoot::default();
     let counted = || (core.and_then(|core| steal_ms(&root, core)), core.and_then(|core| interrupts(&root, core)));
     let below = |less: u32| priority.saturating_sub(less).max(1) as i32;
-    let wish = |less, core| Wish { priority: below(less), core };
+    let wish = |less, core| SchedRequest { priority: below(less), core };
     let (near, far) = (Line::default(), Line::default());
     let (near, far) = (&near, &far);
     let start = clock::now_ns() + 10 * PERIOD_NS;
@@ -83,8 +85,8 @@ pub fn measure(seconds: u32, priority: u32, core: Option<usize>, other: Option<u
                 spawn("doctor-far").spawn_scoped(scope, move || far.answer(wish(2, Some(other))))?;
                 turns.push(Turn { line: far, phase_ns: OTHER_CORE_NS });
             }
-            let pings = spawn("doctor-ping").spawn_scoped(scope, move || {
-                let _ = enter(wish(1, core));
+            let pings = spawn("doctor-wakeup").spawn_scoped(scope, move || {
+                let _ = apply_to_current_thread(wish(1, core));
                 let _ = ask_all(&turns, start, from)?;
                 ask_all(&turns, from, to)
             })?;
@@ -103,12 +105,12 @@ pub fn measure(seconds: u32, priority: u32, core: Option<usize>, other: Option<u
         let (pings, (granted, tally, page_faults), before, after) = done?;
         let mut pings = pings.iter().map(hapfic_log::metrics::Latencies::quantiles_us);
         let between = |a: Option<u64>, b: Option<u64>| Some(b?.saturating_sub(a?));
-        Ok(Measured {
+        Ok(Measurement {
             seconds: f64::from(seconds),
-            core: core.filter(|_| granted.has(Granted::PINNED)),
+            core: core.filter(|_| granted.has(SchedGrants::PINNED)),
             priority,
-            fifo: granted.has(Granted::FIFO),
-            locked: granted.has(Granted::LOCKED),
+            fifo: granted.has(SchedGrants::FIFO),
+            locked: granted.has(SchedGrants::LOCKED),
             idle_held: idle.is_some(),
             ticks: tally.ticks,
             lateness_us: tally.lateness.quantiles_us().context("no tick was measured")?,
@@ -131,10 +133,10 @@ fn join<T>(thread: ScopedJoinHandle<'_, Result<T>>) -> Result<T> {
 }
 
 /// Waits for an absolute timer as the plant does, and counts how late it comes.
-fn timer(wish: Wish, start: u64, from: u64, to: u64) -> Result<(Granted, Tally, u64)> {
+fn timer(wish: SchedRequest, start: u64, from: u64, to: u64) -> Result<(SchedGrants, Tally, u64)> {
     let mut tally = Tally::default();
     let mut warming = Tally::default();
-    let granted = enter(wish);
+    let granted = apply_to_current_thread(wish);
     let mut faults = page_faults();
     let mut due = start;
     while due < to {
@@ -154,7 +156,7 @@ fn timer(wish: Wish, start: u64, from: u64, to: u64) -> Result<(Granted, Tally, 
 }
 
 /// Time stolen from one core since boot, ms.
-fn steal_ms(root: &Root, core: usize) -> Option<u64> {
+fn steal_ms(root: &SysfsRoot, core: usize) -> Option<u64> {
     let text = root.text("/proc/stat")?;
     let name = format!("cpu{core}");
     let mut words = text.lines().map(str::split_whitespace).find_map(|mut words| (words.next()? == name).then_some(words))?;
@@ -163,7 +165,7 @@ fn steal_ms(root: &Root, core: usize) -> Option<u64> {
 }
 
 /// Interrupts of devices on one core since boot: the numbered rows of the table, in the core's column.
-fn interrupts(root: &Root, core: usize) -> Option<u64> {
+fn interrupts(root: &SysfsRoot, core: usize) -> Option<u64> {
     let text = root.text("/proc/interrupts")?;
     let mut lines = text.lines();
     let name = format!("CPU{core}");
@@ -183,9 +185,9 @@ mod tests {
 
     #[test]
     fn a_second_has_its_ticks() {
-        let own = super::super::Own::ask(2, 0);
-        let other = own.cores.iter().copied().find(|other| Some(*other) != own.core);
-        let m = measure(1, 2, own.core, other).unwrap();
+        let process_info = super::super::ProcessInfo::ask(2, 0);
+        let other = process_info.cores.iter().copied().find(|other| Some(*other) != process_info.core);
+        let m = measure(1, 2, process_info.core, other).unwrap();
         // Each period was a tick, or lost to a late one; the last may be lost beyond the end.
         assert!(m.ticks + m.late_ticks >= 1000 && m.ticks <= 1000, "{m:?}");
         assert!(m.over_100_us >= m.over_500_us && m.over_500_us >= m.over_1_ms && m.late_ticks >= m.brakes, "{m:?}");
@@ -197,7 +199,7 @@ mod tests {
     fn one_core_is_told_from_another() {
         let folder = tempfile::tempdir().unwrap();
         std::fs::create_dir(folder.path().join("proc")).unwrap();
-        let root = Root::new(folder.path());
+        let root = SysfsRoot::new(folder.path());
         assert_eq!((steal_ms(&root, 0), interrupts(&root, 0)), (None, None));
         let write = |name: &str, text: &str| std::fs::write(folder.path().join("proc").join(name), text).unwrap();
         write("stat", "cpu  9 9 9 9 9 9 9 99 0 0\ncpu0 1 2 3 4 5 6 7 8 0 0\ncpu1 1 2 3 4 5 6 7 25 0 0\ncpu11 1\nintr 5\n");

@@ -1,30 +1,32 @@
 //! What the kernel does with memory behind one's back.
 
-use super::fact::{Fact, Level, Subject};
-use super::own::Own;
-use super::root::Root;
+use super::check::{Level, MachineCheck, Subject};
+use super::process_info::ProcessInfo;
+use super::sysfs::SysfsRoot;
 
 /// Whether memory may be moved to a disk.
-pub(super) fn swap(root: &Root, own: &Own) -> Fact {
+pub(super) fn swap(root: &SysfsRoot, process_info: &ProcessInfo) -> MachineCheck {
     const WANTED: &str = "none, or memory locked";
-    let Some(text) = root.text("/proc/swaps") else { return Fact::untold(Subject::Swap, WANTED) };
+    let Some(text) = root.text("/proc/swaps") else { return MachineCheck::unknown(Subject::Swap, WANTED) };
     match text.lines().skip(1).filter(|line| !line.trim().is_empty()).count() {
-        0 => Fact::good(Subject::Swap, "none", WANTED),
-        count if own.may_lock() => Fact::good(Subject::Swap, format!("{count} in use; memory is locked during a run"), WANTED),
-        count => Fact::at(Level::Fair, Subject::Swap, format!("{count} in use"), WANTED, "as root: `swapoff -a`"),
+        0 => MachineCheck::good(Subject::Swap, "none", WANTED),
+        count if process_info.may_lock() => {
+            MachineCheck::good(Subject::Swap, format!("{count} in use; memory is locked during a run"), WANTED)
+        }
+        count => MachineCheck::at(Level::Fair, Subject::Swap, format!("{count} in use"), WANTED, "as root: `swapoff -a`"),
     }
 }
 
 /// Whether pages are joined behind one's back.
-pub(super) fn huge_pages(root: &Root) -> Fact {
+pub(super) fn huge_pages(root: &SysfsRoot) -> MachineCheck {
     const WANTED: &str = "madvise or never: joining pages stops whoever uses them";
     const FILE: &str = "/sys/kernel/mm/transparent_hugepage/enabled";
-    let Some(text) = root.text(FILE) else { return Fact::untold(Subject::HugePages, WANTED) };
+    let Some(text) = root.text(FILE) else { return MachineCheck::unknown(Subject::HugePages, WANTED) };
     let chosen = text.split_once('[').and_then(|(_, rest)| rest.split_once(']')).map(|(chosen, _)| chosen);
     let level = match chosen {
         Some("madvise" | "never") => Level::Good,
         Some("always") => Level::Fair,
-        _ => return Fact::untold(Subject::HugePages, WANTED),
+        _ => return MachineCheck::unknown(Subject::HugePages, WANTED),
     };
-    Fact::at(level, Subject::HugePages, chosen.unwrap_or_default(), WANTED, format!("as root: `echo madvise > {FILE}`"))
+    MachineCheck::at(level, Subject::HugePages, chosen.unwrap_or_default(), WANTED, format!("as root: `echo madvise > {FILE}`"))
 }

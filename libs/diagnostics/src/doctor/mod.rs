@@ -1,31 +1,31 @@
 //! Whether a machine is good enough for 1 kHz: what it says of itself, a measurement, and one verdict.
 //!
-//! The facts are read through a root folder, so that a made-up machine can be looked at as well as this one. The verdict is a pure
-//! function of facts and measurement.
+//! The checks are read through a root folder, so that a made-up machine can be looked at as well as this one. The verdict is a pure
+//! function of checks and measurement.
 
 mod change;
-mod fact;
+mod check;
 mod host;
 mod kernel;
+mod lateness;
 mod measure;
 mod memory;
-mod own;
-mod ping;
+mod process_info;
 mod processors;
-mod root;
-mod tally;
-mod tell;
+mod sysfs;
+mod text;
 mod verdict;
+mod wakeup;
 
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod samples;
 
-pub use fact::Facts;
-pub use measure::{Measured, measure};
-pub use own::Own;
-pub use root::Root;
-pub use verdict::{Grade, Verdict, judge};
+pub use check::MachineChecks;
+pub use measure::{Measurement, measure};
+pub use process_info::ProcessInfo;
+pub use sysfs::SysfsRoot;
+pub use verdict::{Evaluation, Grade, evaluate};
 
 use serde::Serialize;
 
@@ -33,38 +33,38 @@ use serde::Serialize;
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Examination {
     /// The judgement, and what to change.
-    pub verdict: Verdict,
+    pub verdict: Evaluation,
     /// What was measured.
-    pub measured: Measured,
+    pub measured: Measurement,
     /// What the machine says of itself.
-    pub facts: Facts,
+    pub checks: MachineChecks,
 }
 
 /// Everything the machine says of itself, in the order in which it is told.
 #[must_use]
-pub fn facts(root: &Root, own: &Own) -> Facts {
-    Facts(vec![
+pub fn checks(root: &SysfsRoot, process_info: &ProcessInfo) -> MachineChecks {
+    MachineChecks(vec![
         kernel::version(root),
         kernel::preemption(root),
-        own.priority(),
-        own.memory_lock(),
-        own.idle_hold(),
+        process_info.priority(),
+        process_info.memory_lock(),
+        process_info.idle_hold(),
         kernel::throttling(root),
         kernel::clock(root),
-        own.resolution(),
-        processors::cores(root, own),
-        processors::isolation(root, own),
-        processors::siblings(root, own),
-        processors::idle_states(root, own),
-        processors::governor(root, own),
+        process_info.resolution(),
+        processors::cores(root, process_info),
+        processors::isolation(root, process_info),
+        processors::siblings(root, process_info),
+        processors::idle_states(root, process_info),
+        processors::governor(root, process_info),
         processors::turbo(root),
         host::hypervisor(root),
         host::steal(root),
-        host::load(root, own),
+        host::load(root, process_info),
         host::quota(root),
-        own.shared_memory(),
-        own.open_files(),
-        memory::swap(root, own),
+        process_info.shared_memory(),
+        process_info.open_files(),
+        memory::swap(root, process_info),
         memory::huge_pages(root),
     ])
 }

@@ -1,10 +1,10 @@
 //! Made-up machines for tests.
 
-use super::fact::{Fact, Facts, Level, Subject};
-use super::measure::Measured;
-use super::own::Own;
-use super::root::Root;
-use super::{Grade, facts, judge};
+use super::check::{Level, MachineCheck, MachineChecks, Subject};
+use super::measure::Measurement;
+use super::process_info::ProcessInfo;
+use super::sysfs::SysfsRoot;
+use super::{Grade, checks, evaluate};
 use hapfic_ipc::realtime::Privilege;
 use hapfic_log::metrics::Quantiles;
 use tempfile::TempDir;
@@ -14,7 +14,7 @@ const SUBJECTS: [Subject; 22] = [
     Subject::Preemption,
     Subject::Priority,
     Subject::MemoryLock,
-    Subject::IdleHold,
+    Subject::CpuLatencyGuard,
     Subject::Throttling,
     Subject::Clock,
     Subject::Resolution,
@@ -34,25 +34,25 @@ const SUBJECTS: [Subject; 22] = [
     Subject::HugePages,
 ];
 
-/// Every fact at one level.
-pub(super) fn all_at(level: Level) -> Facts {
-    let fact = |subject| Fact::at(level, subject, "found", "wanted", "how");
-    Facts(SUBJECTS.map(fact).to_vec())
+/// Every check at one level.
+pub(super) fn all_at(level: Level) -> MachineChecks {
+    let check = |subject| MachineCheck::at(level, subject, "found", "wanted", "how");
+    MachineChecks(SUBJECTS.map(check).to_vec())
 }
 
-/// The same with one fact at another level.
-pub(super) fn with(facts: &Facts, subject: Subject, level: Level) -> Facts {
-    let changed = facts.0.iter().map(|fact| match fact.subject == subject {
-        true => Fact::at(level, subject, "found", "wanted", "how"),
-        false => fact.clone(),
+/// The same with one check at another level.
+pub(super) fn with(checks: &MachineChecks, subject: Subject, level: Level) -> MachineChecks {
+    let changed = checks.0.iter().map(|check| match check.subject == subject {
+        true => MachineCheck::at(level, subject, "found", "wanted", "how"),
+        false => check.clone(),
     });
-    Facts(changed.collect())
+    MachineChecks(changed.collect())
 }
 
 /// Ten seconds as on a machine made for it.
-pub(super) fn good_measurement() -> Measured {
+pub(super) fn good_measurement() -> Measurement {
     let quantiles = Quantiles { p50: 3.0, p99: 8.0, p999: 15.0, max: 25.0 };
-    Measured {
+    Measurement {
         seconds: 10.0,
         core: Some(3),
         priority: 80,
@@ -75,8 +75,8 @@ pub(super) fn good_measurement() -> Measured {
 }
 
 /// Ten seconds as on somebody else's machine; not a word of steal.
-pub(super) fn late_measurement() -> Measured {
-    Measured {
+pub(super) fn late_measurement() -> Measurement {
+    Measurement {
         lateness_us: Quantiles { p50: 55.0, p99: 400.0, p999: 4_000.0, max: 9_000.0 },
         ticks: 9_950,
         over_100_us: 300,
@@ -88,20 +88,20 @@ pub(super) fn late_measurement() -> Measured {
     }
 }
 
-fn tree(files: &[(&str, &str)]) -> (TempDir, Root) {
+fn tree(files: &[(&str, &str)]) -> (TempDir, SysfsRoot) {
     let folder = tempfile::tempdir().unwrap();
     for (path, text) in files {
         let path = folder.path().join(path);
         std::fs::create_dir_all(path.parent().unwrap()).unwrap();
         std::fs::write(path, text).unwrap();
     }
-    let root = Root::new(folder.path());
+    let root = SysfsRoot::new(folder.path());
     (folder, root)
 }
 
-fn own(granted: bool, cores: usize) -> Own {
+fn process_info(granted: bool, cores: usize) -> ProcessInfo {
     let privilege = |name| Privilege { name, granted, note: "needs something".to_owned() };
-    Own {
+    ProcessInfo {
         cores: (0..cores).collect(),
         core: cores.checked_sub(1),
         privileges: ["SCHED_FIFO", "memory lock", "no deep idle"].map(privilege).to_vec(),
@@ -166,29 +166,29 @@ const BAD: &[(&str, &str)] = &[
     ("sys/kernel/mm/transparent_hugepage/enabled", "[always] madvise never\n"),
 ];
 
-fn levels(facts: &Facts) -> Vec<(Subject, Level)> {
-    facts.0.iter().map(|fact| (fact.subject, fact.level)).collect()
+fn levels(checks: &MachineChecks) -> Vec<(Subject, Level)> {
+    checks.0.iter().map(|check| (check.subject, check.level)).collect()
 }
 
 #[test]
 fn a_machine_made_for_it_is_good_throughout() {
     let (_folder, root) = tree(GOOD);
-    let found = facts(&root, &own(true, 4));
+    let found = checks(&root, &process_info(true, 4));
     assert_eq!(levels(&found), SUBJECTS.map(|subject| (subject, Level::Good)));
-    assert!(found.0.iter().all(|fact| fact.how.is_none()));
-    assert_eq!(judge(&found, &good_measurement()).grade, Grade::Good);
+    assert!(found.0.iter().all(|check| check.how.is_none()));
+    assert_eq!(evaluate(&found, &good_measurement()).grade, Grade::Good);
 }
 
 #[test]
 fn a_bad_virtual_machine_is_told_so_fact_by_fact() {
     let (_folder, root) = tree(BAD);
-    let found = facts(&root, &own(false, 2));
+    let found = checks(&root, &process_info(false, 2));
     let good = [Subject::Resolution, Subject::Cores, Subject::Turbo, Subject::SharedMemory, Subject::OpenFiles];
-    for fact in &found.0 {
-        assert_eq!(fact.level == Level::Good, good.contains(&fact.subject), "{fact:?}");
-        assert!(fact.level == Level::Good || fact.how.as_ref().is_some_and(|how| !how.is_empty()), "{fact:?}");
+    for check in &found.0 {
+        assert_eq!(check.level == Level::Good, good.contains(&check.subject), "{check:?}");
+        assert!(check.level == Level::Good || check.how.as_ref().is_some_and(|how| !how.is_empty()), "{check:?}");
     }
-    let text = |subject| found.get(subject).map(|fact| format!("{} / {}", fact.found, fact.how.as_deref().unwrap_or("")));
+    let text = |subject| found.get(subject).map(|check| format!("{} / {}", check.found, check.how.as_deref().unwrap_or("")));
     let says = |subject, expected: &str| assert!(text(subject).unwrap().contains(expected), "{:?}", text(subject));
     says(Subject::Quota, "1.50 cores");
     says(Subject::IdleStates, "133 us");
@@ -202,15 +202,16 @@ fn a_bad_virtual_machine_is_told_so_fact_by_fact() {
 #[test]
 fn a_kernel_that_tells_nothing_is_believed() {
     let (_folder, root) = tree(&[]);
-    let silent = Own { cores: Vec::new(), core: None, privileges: Vec::new(), shared_memory: None, ..own(false, 0) };
-    for fact in facts(&root, &silent).0 {
-        let told = [Subject::Resolution, Subject::OpenFiles].contains(&fact.subject);
-        assert_eq!(fact.level, if told { Level::Good } else { Level::Untold }, "{fact:?}");
-        assert!(told || fact.found == "not told by this kernel");
+    let silent =
+        ProcessInfo { cores: Vec::new(), core: None, privileges: Vec::new(), shared_memory: None, ..process_info(false, 0) };
+    for check in checks(&root, &silent).0 {
+        let told = [Subject::Resolution, Subject::OpenFiles].contains(&check.subject);
+        assert_eq!(check.level, if told { Level::Good } else { Level::Untold }, "{check:?}");
+        assert!(told || check.found == "not told by this kernel");
     }
 }
 
-/// Whatever is in the files: a fact, and no panic.
+/// Whatever is in the files: a check, and no panic.
 #[test]
 fn nonsense_in_files_is_a_fact_like_others() {
     for nonsense in
@@ -218,7 +219,7 @@ fn nonsense_in_files_is_a_fact_like_others() {
     {
         let files: Vec<(&str, &str)> = GOOD.iter().chain(BAD).map(|(path, _)| (*path, nonsense)).collect();
         let (_folder, root) = tree(&files);
-        assert_eq!(facts(&root, &own(true, 4)).0.len(), SUBJECTS.len());
+        assert_eq!(checks(&root, &process_info(true, 4)).0.len(), SUBJECTS.len());
     }
 }
 
@@ -226,9 +227,9 @@ fn nonsense_in_files_is_a_fact_like_others() {
 fn preemption_is_what_the_kernel_says_first_and_what_was_asked_for_at_boot_next() {
     let level = |files: &[(&str, &str)]| {
         let (_folder, root) = tree(files);
-        let found = facts(&root, &own(true, 1));
-        let fact = found.get(Subject::Preemption).unwrap();
-        (fact.level, fact.found.clone())
+        let found = checks(&root, &process_info(true, 1));
+        let check = found.get(Subject::Preemption).unwrap();
+        (check.level, check.found.clone())
     };
     let dynamic = ("proc/sys/kernel/version", "#1 SMP PREEMPT_DYNAMIC x");
     let now = |text| ("sys/kernel/debug/sched/preempt", text);

@@ -1,8 +1,8 @@
 //! One verdict, by rules: whether a machine is good enough for 1 kHz.
 
 use super::change::{Change, changes};
-use super::fact::{Facts, Level, Subject};
-use super::measure::Measured;
+use super::check::{Level, MachineChecks, Subject};
+use super::measure::Measurement;
 use serde::Serialize;
 
 /// Late ticks a minute above which a run is no use to a robot.
@@ -31,7 +31,7 @@ pub enum Grade {
 
 /// The judgement.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Verdict {
+pub struct Evaluation {
     /// How good the machine is.
     pub grade: Grade,
     /// The same in one line.
@@ -53,12 +53,12 @@ pub struct Verdict {
 /// longer than the deadline. Usable: any late tick, the longest lateness above 500 us or every thousandth above 200 us, memory not
 /// locked, or waking three threads takes more than half the deadline. Else good.
 #[must_use]
-pub fn judge(facts: &Facts, measured: &Measured) -> Verdict {
+pub fn evaluate(checks: &MachineChecks, measured: &Measurement) -> Evaluation {
     let minutes = measured.seconds / 60.0;
     let per_minute = if minutes > 0.0 { measured.late_ticks as f64 / minutes } else { 0.0 };
     // The rule of three: what was not seen in a time is rarer than three in that time, with 95 % certainty.
     let below = (measured.late_ticks == 0 && minutes > 0.0).then(|| 3.0 / minutes);
-    let against = against(facts, measured, per_minute);
+    let against = against(checks, measured, per_minute);
     let short = shortcomings(measured, per_minute);
     let (grade, reasons) = match (against.is_empty(), short.is_empty()) {
         (false, _) => (Grade::NotGood, against),
@@ -75,23 +75,23 @@ pub fn judge(facts: &Facts, measured: &Measured) -> Verdict {
         Grade::Usable => format!("usable: {none}, but without margin"),
         Grade::NotGood => format!("not for a real robot: {}", reasons.first().map_or("", String::as_str)),
     };
-    Verdict {
+    Evaluation {
         grade,
         line,
         reasons,
         late_ticks_per_minute: per_minute,
         late_ticks_per_minute_below: below,
-        changes: changes(facts, measured),
+        changes: changes(checks, measured),
     }
 }
 
 /// What makes a machine unfit, worst first.
-fn against(facts: &Facts, m: &Measured, per_minute: f64) -> Vec<String> {
-    let bad = |subject| facts.get(subject).filter(|fact| fact.level == Level::Bad);
+fn against(checks: &MachineChecks, m: &Measurement, per_minute: f64) -> Vec<String> {
+    let bad = |subject| checks.get(subject).filter(|check| check.level == Level::Bad);
     let mut all = Vec::new();
     for subject in [Subject::Kernel, Subject::SharedMemory, Subject::OpenFiles] {
-        if let Some(fact) = bad(subject) {
-            all.push(format!("a run needs more than it finds ({}: {}; wanted: {})", subject.name(), fact.found, fact.wanted));
+        if let Some(check) = bad(subject) {
+            all.push(format!("a run needs more than it finds ({}: {}; wanted: {})", subject.name(), check.found, check.wanted));
         }
     }
     if m.brakes > 0 {
@@ -106,8 +106,8 @@ fn against(facts: &Facts, m: &Measured, per_minute: f64) -> Vec<String> {
     if let Some(chain) = chain_us(m).filter(|chain| *chain > DEADLINE_US) {
         all.push(format!("waking three threads takes {chain:.0} us at times, expected {DEADLINE_US:.0} at most"));
     }
-    if let Some(fact) = bad(Subject::Resolution) {
-        all.push(format!("its timers go off in steps of {}, expected {}", fact.found, fact.wanted));
+    if let Some(check) = bad(Subject::Resolution) {
+        all.push(format!("its timers go off in steps of {}, expected {}", check.found, check.wanted));
     }
     if !m.fifo {
         all.push("its threads get no real-time priority, so any program may hold them up".to_owned());
@@ -116,7 +116,7 @@ fn against(facts: &Facts, m: &Measured, per_minute: f64) -> Vec<String> {
 }
 
 /// What keeps a machine that is fit from being good.
-fn shortcomings(m: &Measured, per_minute: f64) -> Vec<String> {
+fn shortcomings(m: &Measurement, per_minute: f64) -> Vec<String> {
     let q = &m.lateness_us;
     let mut all = Vec::new();
     if m.late_ticks > 0 {
@@ -138,7 +138,7 @@ fn shortcomings(m: &Measured, per_minute: f64) -> Vec<String> {
 }
 
 /// What the chain's wake-ups take at times, us: three of the slowest hundredth.
-fn chain_us(m: &Measured) -> Option<f64> {
+fn chain_us(m: &Measurement) -> Option<f64> {
     m.wake_same_core_us.map(|q| WAKE_UPS * q.p99)
 }
 
@@ -154,10 +154,10 @@ mod tests {
     use hapfic_log::metrics::Quantiles;
 
     /// One measurement for each way in which it may be worse, with the grade that follows on an otherwise good machine.
-    fn worse() -> Vec<(&'static str, Measured, Grade)> {
+    fn worse() -> Vec<(&'static str, Measurement, Grade)> {
         let m = good_measurement();
-        let late = |q: Quantiles| Measured { lateness_us: q, ..m.clone() };
-        let wake = |p99| Measured { wake_same_core_us: Some(Quantiles { p99, ..m.lateness_us }), ..m.clone() };
+        let late = |q: Quantiles| Measurement { lateness_us: q, ..m.clone() };
+        let wake = |p99| Measurement { wake_same_core_us: Some(Quantiles { p99, ..m.lateness_us }), ..m.clone() };
         let q = m.lateness_us;
         vec![
             ("as good as it gets", m.clone(), Grade::Good),
@@ -166,37 +166,37 @@ mod tests {
             ("a tail", late(Quantiles { p999: 200.1, ..q }), Grade::Usable),
             ("half a period", late(Quantiles { p99: 500.0, ..q }), Grade::Good),
             ("over half a period", late(Quantiles { p99: 500.1, ..q }), Grade::NotGood),
-            ("one late tick", Measured { late_ticks: 1, ..m.clone() }, Grade::Usable),
-            ("sixty a minute", Measured { late_ticks: 10, ..m.clone() }, Grade::Usable),
-            ("more than sixty a minute", Measured { late_ticks: 11, ..m.clone() }, Grade::NotGood),
-            ("a brake", Measured { late_ticks: 3, brakes: 1, ..m.clone() }, Grade::NotGood),
-            ("no memory locked", Measured { locked: false, ..m.clone() }, Grade::Usable),
-            ("no priority", Measured { fifo: false, ..m.clone() }, Grade::NotGood),
+            ("one late tick", Measurement { late_ticks: 1, ..m.clone() }, Grade::Usable),
+            ("sixty a minute", Measurement { late_ticks: 10, ..m.clone() }, Grade::Usable),
+            ("more than sixty a minute", Measurement { late_ticks: 11, ..m.clone() }, Grade::NotGood),
+            ("a brake", Measurement { late_ticks: 3, brakes: 1, ..m.clone() }, Grade::NotGood),
+            ("no memory locked", Measurement { locked: false, ..m.clone() }, Grade::Usable),
+            ("no priority", Measurement { fifo: false, ..m.clone() }, Grade::NotGood),
             ("quick wake-ups", wake(133.0), Grade::Good),
             ("slow wake-ups", wake(134.0), Grade::Usable),
             ("wake-ups beyond the deadline", wake(267.0), Grade::NotGood),
-            ("no wake-ups", Measured { wake_same_core_us: None, ..m.clone() }, Grade::Good),
+            ("no wake-ups", Measurement { wake_same_core_us: None, ..m.clone() }, Grade::Good),
         ]
     }
 
     #[test]
     fn each_measurement_has_the_grade_the_rules_give_it() {
         for (name, m, expected) in worse() {
-            let verdict = judge(&all_at(Level::Good), &m);
+            let verdict = evaluate(&all_at(Level::Good), &m);
             assert_eq!(verdict.grade, expected, "{name}: {}", verdict.line);
             assert_eq!(verdict.reasons.is_empty(), expected == Grade::Good, "{name}: {:?}", verdict.reasons);
         }
     }
 
-    /// Every fact at every level, with every measurement: only the deciding facts decide, and no worse machine has a better grade.
+    /// Every check at every level, with every measurement: only the deciding checks decide, and no worse machine has a better grade.
     #[test]
     fn only_the_deciding_facts_decide() {
         let deciding = [Subject::Kernel, Subject::SharedMemory, Subject::OpenFiles, Subject::Resolution];
-        let subjects: Vec<Subject> = all_at(Level::Good).0.iter().map(|fact| fact.subject).collect();
+        let subjects: Vec<Subject> = all_at(Level::Good).0.iter().map(|check| check.subject).collect();
         for (name, m, alone) in worse() {
             for &subject in &subjects {
                 for level in [Level::Good, Level::Fair, Level::Bad, Level::Untold] {
-                    let verdict = judge(&with(&all_at(Level::Good), subject, level), &m);
+                    let verdict = evaluate(&with(&all_at(Level::Good), subject, level), &m);
                     let unfit = deciding.contains(&subject) && level == Level::Bad;
                     assert_eq!(verdict.grade, if unfit { Grade::NotGood } else { alone }, "{name}, {subject:?} {level:?}");
                 }
@@ -215,7 +215,7 @@ mod tests {
                     p999: x.p999.max(y.p999),
                     max: x.max.max(y.max),
                 };
-                let both = Measured {
+                let both = Measurement {
                     fifo: a.fifo && b.fifo,
                     locked: a.locked && b.locked,
                     late_ticks: a.late_ticks.max(b.late_ticks),
@@ -227,7 +227,7 @@ mod tests {
                     },
                     ..a.clone()
                 };
-                let grade = judge(&all_at(Level::Good), &both).grade;
+                let grade = evaluate(&all_at(Level::Good), &both).grade;
                 assert_eq!(grade, a_grade.max(b_grade), "{a_name} and {b_name}");
             }
         }
@@ -235,22 +235,22 @@ mod tests {
 
     #[test]
     fn the_line_says_what_to_expect() {
-        let line = |m: &Measured| judge(&all_at(Level::Good), m).line;
+        let line = |m: &Measurement| evaluate(&all_at(Level::Good), m).line;
         let m = good_measurement();
         assert_eq!(line(&m), "good: 1 kHz with margin; no late tick in 10 s (fewer than 18.0 a minute, with 95 % certainty)");
-        assert_eq!(line(&Measured { late_ticks: 2, ..m.clone() }), "usable: expect 12 late ticks a minute");
-        let unlocked = line(&Measured { locked: false, ..m.clone() });
+        assert_eq!(line(&Measurement { late_ticks: 2, ..m.clone() }), "usable: expect 12 late ticks a minute");
+        let unlocked = line(&Measurement { locked: false, ..m.clone() });
         assert!(unlocked.starts_with("usable: no late tick in 10 s"), "{unlocked}");
-        let long = Measured { seconds: 600.0, ..m.clone() };
-        assert_eq!(judge(&all_at(Level::Good), &long).late_ticks_per_minute_below, Some(0.3));
-        let braked = line(&Measured { late_ticks: 5, brakes: 1, ..m });
+        let long = Measurement { seconds: 600.0, ..m.clone() };
+        assert_eq!(evaluate(&all_at(Level::Good), &long).late_ticks_per_minute_below, Some(0.3));
+        let braked = line(&Measurement { late_ticks: 5, brakes: 1, ..m });
         assert_eq!(braked, "not for a real robot: a drive would have braked once in 10 s (three periods lost at once)");
     }
 
     #[test]
     fn a_run_that_cannot_start_is_named_before_all_else() {
-        let facts = with(&all_at(Level::Good), Subject::SharedMemory, Level::Bad);
-        let verdict = judge(&facts, &Measured { fifo: false, ..late_measurement() });
+        let checks = with(&all_at(Level::Good), Subject::SharedMemory, Level::Bad);
+        let verdict = evaluate(&checks, &Measurement { fifo: false, ..late_measurement() });
         assert!(verdict.line.contains("shared memory"), "{}", verdict.line);
         assert_eq!(verdict.changes[0].subject, Subject::SharedMemory);
         assert!(verdict.reasons.len() > 1 && verdict.changes.len() <= MOST);
@@ -258,7 +258,7 @@ mod tests {
 
     #[test]
     fn a_machine_that_tells_nothing_is_judged_by_the_measurement() {
-        assert_eq!(judge(&Facts::default(), &good_measurement()).grade, Grade::Good);
-        assert_eq!(judge(&all_at(Level::Untold), &late_measurement()).grade, Grade::NotGood);
+        assert_eq!(evaluate(&MachineChecks::default(), &good_measurement()).grade, Grade::Good);
+        assert_eq!(evaluate(&all_at(Level::Untold), &late_measurement()).grade, Grade::NotGood);
     }
 }

@@ -28,22 +28,22 @@ impl Kind for EventFd {
     fn join(&self, seat: Seat) -> io::Result<Box<dyn Link>> {
         let found = seat.shared.len();
         let (from, place) = (seat.before(), seat.place);
-        let [memory, bells @ ..] = seat.shared.as_slice() else {
+        let [memory, doorbells @ ..] = seat.shared.as_slice() else {
             return Err(io::Error::other("the shared memory was not handed over"));
         };
-        let (Some(ring), Some(bell)) = (bells.get(place), bells.get(from)) else {
+        let (Some(ring), Some(doorbell)) = (doorbells.get(place), doorbells.get(from)) else {
             return Err(io::Error::other(format!("found {found} files handed over, expected {}", PLACES + 1)));
         };
-        let (ring, bell) = (ring.try_clone()?, bell.try_clone()?);
+        let (ring, doorbell) = (ring.try_clone()?, doorbell.try_clone()?);
         let boxes = Mailboxes::open(memory, &seat)?;
-        Ok(Box::new(Joined { boxes, ring, bell, to: place, from, last: 0 }))
+        Ok(Box::new(Joined { boxes, ring, doorbell, to: place, from, last: 0 }))
     }
 }
 
 struct Joined {
     boxes: Mailboxes,
     ring: OwnedFd,
-    bell: OwnedFd,
+    doorbell: OwnedFd,
     to: usize,
     from: usize,
     last: u32,
@@ -61,7 +61,7 @@ impl Link for Joined {
         loop {
             if let Some(end) = end {
                 let left = end.saturating_sub(clock::now_ns());
-                let ready = poll(&mut [PollFd::new(&self.bell, PollFlags::IN)], Some(&clock::timespec(left)));
+                let ready = poll(&mut [PollFd::new(&self.doorbell, PollFlags::IN)], Some(&clock::timespec(left)));
                 match ready {
                     Ok(0) if left == 0 => return Ok(0),
                     Ok(0) | Err(Errno::INTR) => continue,
@@ -69,7 +69,7 @@ impl Link for Joined {
                     Err(e) => return Err(e.into()),
                 }
             }
-            match rustix::io::read(&self.bell, &mut [0_u8; 8]) {
+            match rustix::io::read(&self.doorbell, &mut [0_u8; 8]) {
                 Ok(_) | Err(Errno::INTR) => {}
                 Err(e) => return Err(e.into()),
             }

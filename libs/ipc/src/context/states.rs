@@ -1,12 +1,12 @@
 //! Which state a process works on next, and how it waits for it.
 
 use super::Context;
-use crate::bell::Wakes;
+use crate::arrival_predictor::ArrivalPredictor;
 use crate::bus::Input;
 use crate::clock;
+use crate::doorbell::Wakes;
 use crate::error::IpcError;
-use crate::foresight::Foresight;
-use crate::realtime::Granted;
+use crate::realtime::SchedGrants;
 use hapfic_messages::{Check, Clock, PERIOD_NS, State};
 
 /// Whether a process may pass over states in lockstep.
@@ -22,16 +22,16 @@ impl Context {
     /// Has [`next_state`](Self::next_state) look out for states from `before_us` before they are due, instead of sleeping until they
     /// come. Only a real-time thread on a core of its choice does: another would keep the plant from the processor. To be called when
     /// [ready](Self::ready).
-    pub fn look_out(&mut self, before_us: u32) {
-        if self.clock == Clock::Realtime && self.granted.has(Granted::FIFO) && self.granted.has(Granted::PINNED) {
-            self.foresight = Foresight::new(before_us);
+    pub fn enable_busy_poll(&mut self, before_us: u32) {
+        if self.clock == Clock::Realtime && self.granted.has(SchedGrants::FIFO) && self.granted.has(SchedGrants::PINNED) {
+            self.predictor = ArrivalPredictor::new(before_us);
         }
     }
 
     /// Sleeps until shortly before the state of a tick is due, where it is looked out for. Says whether there is time for a rehearsal.
     #[must_use]
-    pub fn approach(&self, tick: i64) -> bool {
-        self.foresight.as_ref().is_some_and(|foresight| foresight.approach(tick))
+    pub fn sleep_until_window(&self, tick: i64) -> bool {
+        self.predictor.as_ref().is_some_and(|predictor| predictor.sleep_until_window(tick))
     }
 
     /// The state to work on after tick `seen`: in lockstep the next one, in realtime the newest. `None` when the process should
@@ -58,8 +58,8 @@ impl Context {
             }
             slack();
             if instead.is_none()
-                && let Some(foresight) = &self.foresight
-                && foresight.watch(&[&*input], seen.saturating_add(1), u64::MAX)
+                && let Some(predictor) = &self.predictor
+                && predictor.watch(&[&*input], seen.saturating_add(1), u64::MAX)
                 && self.running()
             {
                 continue;
@@ -80,8 +80,8 @@ impl Context {
             if self.is_news(&state, seen) {
                 found = Some(state);
                 let now = clock::now_ns();
-                if let Some(foresight) = &mut self.foresight {
-                    foresight.learn(&state, now);
+                if let Some(predictor) = &mut self.predictor {
+                    predictor.observe(&state, now);
                 }
                 // One that is not a period old is the newest.
                 if now.saturating_sub(state.stamp_ns) < PERIOD_NS {
@@ -96,7 +96,7 @@ impl Context {
     fn state_after(&mut self, input: &mut Input<State>, seen: i64, gaps: Gaps) -> Result<Option<State>, IpcError> {
         while let Some(state) = input.next()? {
             if self.is_news(&state, seen) {
-                self.states.keep(state);
+                self.states.insert(state);
             }
         }
         let next = self.states.after(seen).filter(|state| gaps == Gaps::Allowed || state.tick == seen + 1);
@@ -108,7 +108,7 @@ impl Context {
     fn is_news(&mut self, state: &State, seen: i64) -> bool {
         let bad = state.check().is_err() || state.tick < seen;
         if bad {
-            self.refuse();
+            self.reject();
         }
         !bad && state.tick > seen
     }

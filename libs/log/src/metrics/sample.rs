@@ -157,7 +157,7 @@ impl CommandSample {
             force: vector(&message.force)?,
             active: message.mode == Mode::Active.name(),
             converging: std::array::from_fn(|i| message.converging.get(i).copied().unwrap_or(false)),
-            missed: ![Source::Fresh, Source::Withheld].iter().any(|s| message.source == s.name()),
+            missed: ![Source::Fresh, Source::Suppressed].iter().any(|s| message.source == s.name()),
             limited: message.limited != 0,
             offset: vector_if_any(&message.offset)?,
             error: vector_if_any(&message.error)?,

@@ -2,7 +2,7 @@
 
 use super::RecoverError;
 use super::bytes::{HEAD, Source};
-use super::carry::Carry;
+use super::copy::Carry;
 use super::lz4;
 use super::records::{self, ChunkHead};
 use crate::chunk::Chunks;

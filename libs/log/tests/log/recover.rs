@@ -226,7 +226,7 @@ fn a_whole_log_is_not_copied() {
 
 #[test]
 fn what_cannot_be_done_is_refused() {
-    let folder = folder("refused");
+    let folder = folder("rejected");
     let (path, other) = (folder.join("run.mcap"), folder.join("run.recovered.mcap"));
     fs::write(&path, &sample().bytes[..sample().bytes.len() / 2]).unwrap();
     assert!(matches!(recover(&path, Some(&path)), Err(RecoverError::SameFile { .. })));

@@ -1,7 +1,7 @@
 //! Messages with a value of its own in every field, and logs of them.
 
 use foxglove::messages::{FrameTransforms, Log, SceneUpdate};
-use hapfic_log::viewer::{Scene, SceneBody, SceneShape, Shape};
+use hapfic_log::viewer::{Scene, SceneBody, SceneShape, ViewerShape};
 use hapfic_log::{Attachment, Entry, LogError, Names, Reader, Topic, Viewer, Writer, WriterOptions, convert};
 use hapfic_messages::{
     AxisPlan, Command, ContactState, ControllerState, Detector, Drive, EVENT_TEXT, Event, EventKind, Mode, ObjectState,
@@ -112,7 +112,7 @@ pub(crate) fn request(tick: i64) -> Request {
             position_bound: [0.025; 3],
             force: [1.0, 2.0, 3.0],
             converging: [0, 1, 0],
-            still_ticks: [0, 7, 0],
+            at_rest_ticks: [0, 7, 0],
         },
     }
 }
@@ -186,20 +186,23 @@ pub(crate) fn timing(tick: i64) -> Timing {
         publish_ns: 1_900,
         latency_ns: 40_000 + tick as u64,
         allocations: 1,
-        refused: 2,
+        rejected: 2,
         page_faults: 3,
         realtime: 0,
         generation: 4,
-        unmet: 0,
+        failed_connections: 0,
     }
 }
 
 pub(crate) fn viewer() -> Viewer {
     let part = |shape| SceneShape { position: [0.0; 3], orientation: [0.0, 0.0, 0.0, 1.0], shape, color: [0.5; 4] };
-    let foot =
-        [Shape::Sphere { radius: 0.02 }, Shape::Cylinder { radius: 0.02, length: 0.3 }, Shape::Box { size: [0.1, 0.2, 0.3] }];
+    let foot = [
+        ViewerShape::Sphere { radius: 0.02 },
+        ViewerShape::Cylinder { radius: 0.02, length: 0.3 },
+        ViewerShape::Box { size: [0.1, 0.2, 0.3] },
+    ];
     let bodies = vec![
-        SceneBody { name: "floor".into(), frame: "world".into(), shapes: vec![part(Shape::Plane { size: 2.0 })] },
+        SceneBody { name: "floor".into(), frame: "world".into(), shapes: vec![part(ViewerShape::Plane { size: 2.0 })] },
         SceneBody { name: "foot".into(), frame: "shank".into(), shapes: foot.map(part).into() },
     ];
     Viewer::new(Scene { bodies }, 60, 0)

@@ -55,12 +55,12 @@ fn fields_keep_their_names() {
         ("hapfic.PlannerState", "ticks axes"),
         (
             "hapfic.Request",
-            "tick state_tick controller parameters_version error error_rate offset x_max converging force torque still_ticks",
+            "tick state_tick controller parameters_version error error_rate offset x_max converging force torque at_rest_ticks",
         ),
         (
             "hapfic.Command",
             "tick torque_raw torque controller mode state_tick parameters_version error error_rate offset x_max converging \
-             force source severity limited still_ticks ramped",
+             force source severity limited at_rest_ticks ramped",
         ),
         (
             "hapfic.Operator",
@@ -71,7 +71,7 @@ fn fields_keep_their_names() {
         ("hapfic.Event", "tick process kind severity detector text"),
         (
             "hapfic.Timing",
-            "tick process phase due_ns wake_ns publish_ns latency_ns wake_lateness_ns allocations refused page_faults generation",
+            "tick process phase due_ns wake_ns publish_ns latency_ns wake_lateness_ns allocations rejected page_faults generation",
         ),
     ];
     for (message, names) in expected {

@@ -1,6 +1,6 @@
 //! Logs of a run that did not happen: a foot that presses, a box that falls over.
 
-use hapfic_log::viewer::{Scene, SceneBody, SceneShape, Shape};
+use hapfic_log::viewer::{Scene, SceneBody, SceneShape, ViewerShape};
 use hapfic_log::{Names, Reader, Viewer, Writer, WriterOptions};
 use hapfic_messages::{
     Command, ContactState, Detector, Drive, EVENT_TEXT, Event, EventKind, Mode, ObjectState, Parameters, Process, Reference,
@@ -140,10 +140,10 @@ fn viewer() -> Viewer {
     };
     let grey = [0.5, 0.5, 0.6, 1.0];
     let bodies = vec![
-        body("floor", "world", Shape::Plane { size: 2.0 }, grey),
-        body("shank", "shank", Shape::Cylinder { radius: 0.02, length: 0.3 }, grey),
-        body("foot", "foot", Shape::Sphere { radius: 0.03 }, grey),
-        body("box", "box", Shape::Box { size: [0.2, 0.2, 0.2] }, [0.9, 0.6, 0.1, 1.0]),
+        body("floor", "world", ViewerShape::Plane { size: 2.0 }, grey),
+        body("shank", "shank", ViewerShape::Cylinder { radius: 0.02, length: 0.3 }, grey),
+        body("foot", "foot", ViewerShape::Sphere { radius: 0.03 }, grey),
+        body("box", "box", ViewerShape::Box { size: [0.2, 0.2, 0.2] }, [0.9, 0.6, 0.1, 1.0]),
     ];
     Viewer::new(Scene { bodies }, 60, 0)
 }

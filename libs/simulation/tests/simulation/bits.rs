@@ -10,7 +10,7 @@ pub fn bits(snapshot: &Snapshot) -> Vec<u64> {
     for values in [&state.joint_position, &state.joint_velocity, &state.joint_torque, &command.torque, &command.request.torque] {
         add(values);
     }
-    let (request, carried) = (&command.request, &command.request.state);
+    let (request, previous_state) = (&command.request, &command.request.state);
     for values in [
         &state.foot_position,
         &state.foot_velocity,
@@ -20,12 +20,12 @@ pub fn bits(snapshot: &Snapshot) -> Vec<u64> {
         &request.error,
         &request.error_rate,
         &request.force,
-        &carried.offset,
-        &carried.x_max,
-        &carried.stiffness,
-        &carried.max_force,
-        &carried.position_bound,
-        &carried.force,
+        &previous_state.offset,
+        &previous_state.x_max,
+        &previous_state.stiffness,
+        &previous_state.max_force,
+        &previous_state.position_bound,
+        &previous_state.force,
     ] {
         add(values);
     }
@@ -45,8 +45,8 @@ pub fn bits(snapshot: &Snapshot) -> Vec<u64> {
         add(&[contact.depth]);
     }
     add(&[state.physics.energy_j, state.physics.contact_work_j, state.physics.contact_stored_j]);
-    all.extend(carried.converging.map(u64::from));
-    all.extend(carried.still_ticks.map(u64::from));
+    all.extend(previous_state.converging.map(u64::from));
+    all.extend(previous_state.at_rest_ticks.map(u64::from));
     all.extend([state.tick as u64, request.parameters_version, operator.next.version]);
     all
 }

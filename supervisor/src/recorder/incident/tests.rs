@@ -10,7 +10,7 @@ fn stamp(clock: Clock, tick: i64) -> u64 {
 struct Story {
     folder: tempfile::TempDir,
     incidents: Incidents,
-    live: Live,
+    shared: SharedStatus,
     clock: Clock,
 }
 
@@ -18,7 +18,7 @@ impl Story {
     fn new(clock: Clock) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let incidents = Incidents::new(&folder.path().join("run.mcap"), clock);
-        Self { folder, incidents, live: Live::new(), clock }
+        Self { folder, incidents, shared: SharedStatus::new(), clock }
     }
 
     fn text(&self) -> String {
@@ -26,7 +26,7 @@ impl Story {
     }
 
     fn take(&mut self, record: Record) -> bool {
-        let sync = self.incidents.observe(&record, &self.live);
+        let sync = self.incidents.observe(&record, &self.shared);
         self.incidents.settle();
         sync
     }
@@ -76,7 +76,7 @@ impl Story {
         self.tick(from + 3, Mode::Brake, Source::None);
         assert!(self.transition(from + 3, Severity::Brake), "the log is to be synced");
         for tick in from + 4..until {
-            self.tick(tick, Mode::Brake, Source::Withheld);
+            self.tick(tick, Mode::Brake, Source::Suppressed);
         }
         self.event(until - 1, EventKind::Restarted, Severity::Brake, Detector::None, "started again");
     }
@@ -86,7 +86,7 @@ impl Story {
 fn an_incident_is_told_while_it_goes_on_and_when_it_is_over() {
     for clock in [Clock::Realtime, Clock::Lockstep] {
         let mut story = Story::new(clock);
-        story.live.hear(&Timing { process: Process::Planner.code(), tick: 5, ..Timing::default() });
+        story.shared.record_heartbeat(&Timing { process: Process::Planner.code(), tick: 5, ..Timing::default() });
         story.brake(4000, 4030);
         let text = story.text();
         assert!(text.contains("## 1. brake at tick 4003 (4.003 s)") && text.contains("has not recovered"), "{text}");
@@ -122,7 +122,7 @@ fn an_incident_is_told_while_it_goes_on_and_when_it_is_over() {
 #[test]
 fn ages_come_from_stamps_and_else_from_what_was_heard() {
     let mut story = Story::new(Clock::Realtime);
-    story.live.hear(&Timing { process: Process::Planner.code(), tick: 5, ..Timing::default() });
+    story.shared.record_heartbeat(&Timing { process: Process::Planner.code(), tick: 5, ..Timing::default() });
     story.brake(100, 110);
     let text = story.text();
     // The last request is of tick 99, the brake half a millisecond after tick 103.
@@ -150,14 +150,14 @@ fn a_stop_by_the_operator_or_a_spent_budget_says_so() {
 fn a_cause_that_has_cleared_or_is_long_past_is_none() {
     let mut story = Story::new(Clock::Lockstep);
     story.event(10, EventKind::Missed, Severity::Degraded, Detector::Deadline, "long past");
-    story.event(11, EventKind::Refused, Severity::Degraded, Detector::Check, "just before");
+    story.event(11, EventKind::Rejected, Severity::Degraded, Detector::Check, "just before");
     story.transition(61, Severity::Brake);
     let text = story.text();
-    assert!(text.contains("controller refused: just before.") && !text.contains("long past"), "{text}");
+    assert!(text.contains("controller rejected: just before.") && !text.contains("long past"), "{text}");
     assert!(text.contains("- time to brake: 50.0 ms"), "{text}");
 
     let mut story = Story::new(Clock::Lockstep);
-    story.event(70, EventKind::Refused, Severity::Degraded, Detector::Check, "cleared");
+    story.event(70, EventKind::Rejected, Severity::Degraded, Detector::Check, "cleared");
     story.transition(70, Severity::Degraded);
     story.transition(71, Severity::Nominal);
     story.transition(75, Severity::Brake);
@@ -216,7 +216,7 @@ fn a_file_that_cannot_be_written_is_told_and_hurts_nobody() {
 fn beside_a_device_no_file_is_made() {
     let mut incidents = Incidents::new(Path::new("/dev/null"), Clock::Lockstep);
     let event = Event::new(5, Process::Supervisor, EventKind::Transition, Severity::Brake, Detector::Deadline, "brake");
-    assert!(incidents.observe(&Record::Event(event), &Live::new()));
+    assert!(incidents.observe(&Record::Event(event), &SharedStatus::new()));
     let summary = incidents.finish().unwrap();
     assert!(summary.error.is_some_and(|error| error.starts_with("/dev/null: not a regular file")));
     assert!(!summary.file.exists());

@@ -218,9 +218,9 @@ mod tests {
             "{found:?}"
         );
         // The second window never gets to 80 N, so more force there is no shortfall.
-        let mut unmet = run(100.0);
-        unmet[1].largest_n = 500.0;
-        assert_eq!(worse(&unmet, &run(100.0)), Vec::<String>::new());
+        let mut failed_connections = run(100.0);
+        failed_connections[1].largest_n = 500.0;
+        assert_eq!(worse(&failed_connections, &run(100.0)), Vec::<String>::new());
         assert_eq!(worse(&[], &[]).len(), 1);
         assert_eq!(worse(&run(100.0), &run(100.0)[..1]).len(), 1);
     }

@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 pub(crate) const SCENARIOS: [&str; 5] = ["floor", "box", "ball", "ball-actuators", "tuning"];
 /// Wished forces of the floor's table, N.
 pub(crate) const FORCES: [u32; 8] = [10, 20, 35, 50, 75, 100, 150, 200];
-/// Place of the operator's entry of `floor` that wishes a force.
+/// Place of the operator's entry of `floor` that inputs a force.
 const FORCE_ENTRY: usize = 2;
 /// The log of a run.
 const LOG: &str = "run.mcap";
@@ -46,7 +46,7 @@ const TUNED: &str = "tuning";
 /// Its settings: with all improvements, and with none.
 pub(crate) const TUNINGS: [&[&str]; 2] = [&[], UNIMPROVED];
 
-/// The setting of the force that `floor` wishes.
+/// The setting of the force that `floor` inputs.
 pub(crate) fn force_setting(force: u32) -> String {
     format!("operator.{FORCE_ENTRY}.desired_force=[0, 0, {force}]")
 }

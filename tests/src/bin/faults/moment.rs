@@ -110,7 +110,7 @@ mod tests {
                 t if t < at || t >= at + 27 => (Mode::Active, Source::Fresh, 10.0, 0),
                 t if t == at => (Mode::Active, Source::Repeated, 10.0, 0),
                 t if t == at + 1 => (Mode::Brake, Source::None, 0.0, 0),
-                t if t < at + 22 => (Mode::Brake, Source::Withheld, 0.0, 0),
+                t if t < at + 22 => (Mode::Brake, Source::Suppressed, 0.0, 0),
                 t => (Mode::Active, Source::Fresh, 2.0 * (t - at - 21) as f64, u32::from(t < at + 26)),
             };
             let (mode, source, controller) = (Some(mode), Some(source), Some(Process::Controller));

@@ -19,7 +19,7 @@ const GONE_MS: f64 = 100.0;
 /// Most that may be missing at the end of a log, s.
 const MISSING_S: f64 = 0.1;
 /// How long to look for what still runs.
-const PATIENCE: Duration = Duration::from_secs(10);
+const TIMEOUT: Duration = Duration::from_secs(10);
 /// For how long nothing must be seen, at least: a process may be about to be started.
 const QUIET: Duration = Duration::from_millis(100);
 /// How long the next run, or a recovery, may take.
@@ -115,7 +115,7 @@ fn until_gone(pid: u32, killed_ns: u64) -> f64 {
             gone_ns = gone_ns.or(Some(looked_ns));
         }
         let quiet = gone_ns.is_some_and(|gone| looked_ns - gone > QUIET.as_nanos() as u64);
-        if quiet || begun.elapsed() > PATIENCE {
+        if quiet || begun.elapsed() > TIMEOUT {
             let gone_ns = gone_ns.unwrap_or(looked_ns);
             return gone_ns.saturating_sub(killed_ns) as f64 * 1e-6;
         }

@@ -167,7 +167,7 @@ fn run(place: &Place, phases: [usize; 4], who: Who, kind: &Kind, disturbed: bool
     }
     let end = place.floor("realtime", DURATION_S, &all, LIMIT);
     let trace = Trace::read(&place.path(LOG));
-    // A state that the plant itself has spoilt is refused by the recorder, too.
+    // A state that the plant itself has spoilt is rejected by the recorder, too.
     let spoilt = if disturbed && who == Who::Plant && kind.spoils() { phases.len() } else { 0 };
     cell.missing += trace.missing(TICKS).saturating_sub(spoilt);
     if !end.completed() {

@@ -1,4 +1,4 @@
-//! Bad messages: that they are refused, and that the run goes on.
+//! Bad messages: that they are rejected, and that the run goes on.
 
 use crate::part::{Expectation, Part, table, verdict};
 use crate::realtime::{setting, settings};
@@ -14,7 +14,7 @@ const AT: usize = 900;
 const FOR: &str = ",for_ms=3";
 /// How long a run may take: in lockstep the clock stands still until somebody notices that a message does not come.
 const LIMIT: Duration = Duration::from_secs(120);
-/// What is done to messages, and whether what is sent must be refused: an old tick may also be passed over as known.
+/// What is done to messages, and whether what is sent must be rejected: an old tick may also be passed over as known.
 const KINDS: [(&str, bool); 5] = [("nan", true), ("stale", false), ("corrupt", true), ("repeat", false), ("drop", false)];
 /// The clocks, and who sends bad messages. A plant that does in lockstep leaves nothing to go on with.
 const CLOCKS: [(&str, &[&str]); 2] =
@@ -26,31 +26,31 @@ const SPOILT: usize = 3;
 /// Makes the part.
 pub(crate) fn make() -> Part {
     let place = Place::new();
-    let head = ["clock", "sender", "messages", "refused", "events of it", "lost", "completed", "log complete"];
+    let head = ["clock", "sender", "messages", "rejected", "events of it", "lost", "completed", "log complete"];
     let (mut rows, mut incomplete, mut silent) = (Vec::new(), Vec::new(), Vec::new());
     for (clock, senders) in CLOCKS {
         for sender in senders {
-            for (kind, refused) in KINDS {
+            for (kind, rejected) in KINDS {
                 eprintln!("{clock}: {kind} by the {sender}");
                 let mut all = settings();
                 all.push(setting(kind, FOR, &[(*sender, AT)]));
                 let end = place.floor(clock, DURATION_S, &all, LIMIT);
                 let trace = Trace::read(&place.path(LOG));
                 let name = format!("{kind} by {sender} in {clock}");
-                // States that the plant itself has spoilt are refused by the recorder, too.
+                // States that the plant itself has spoilt are rejected by the recorder, too.
                 let missing = trace.missing(TICKS).saturating_sub(if *sender == "plant" { SPOILT } else { 0 });
-                let events = trace.events(EventKind::Refused).count();
+                let events = trace.events(EventKind::Rejected).count();
                 if !end.completed() || missing > 0 {
                     incomplete.push(name.clone());
                 }
-                if refused && trace.refused() == 0 {
+                if rejected && trace.rejected() == 0 {
                     silent.push(name);
                 }
                 rows.push(vec![
                     clock.to_owned(),
                     (*sender).to_owned(),
                     kind.to_owned(),
-                    trace.refused().to_string(),
+                    trace.rejected().to_string(),
                     events.to_string(),
                     trace.events(EventKind::Lost).count().to_string(),
                     end.word(),

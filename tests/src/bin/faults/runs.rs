@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 /// How long a run may take to end after it was asked to.
 const TO_END: Duration = Duration::from_secs(10);
 /// How often to look whether it has ended: seldom enough not to be in its way.
-const LOOK_EVERY: Duration = Duration::from_millis(10);
+const POLL_INTERVAL: Duration = Duration::from_millis(10);
 /// The log of a run.
 pub(crate) const LOG: &str = "run.mcap";
 /// Its summary.
@@ -154,7 +154,7 @@ impl Running {
             if begun.elapsed() > limit {
                 return false;
             }
-            std::thread::sleep(LOOK_EVERY);
+            std::thread::sleep(POLL_INTERVAL);
         }
         true
     }

@@ -44,7 +44,7 @@ impl Command {
 
     /// A valid request has come, passed on or not.
     pub(crate) fn answered(&self) -> bool {
-        matches!(self.source, Some(Source::Fresh | Source::Withheld))
+        matches!(self.source, Some(Source::Fresh | Source::Suppressed))
     }
 }
 
@@ -80,8 +80,8 @@ pub(crate) struct Event {
 pub(crate) struct Trace {
     pub(crate) ticks: Vec<Tick>,
     pub(crate) events: Vec<Event>,
-    /// Messages refused, by process and start of it.
-    pub(crate) refused: BTreeMap<(String, u32), u32>,
+    /// Messages rejected, by process and start of it.
+    pub(crate) rejected: BTreeMap<(String, u32), u32>,
     /// What was wrong with the log.
     pub(crate) error: Option<String>,
     /// The first tick with a torque.
@@ -149,8 +149,8 @@ impl Trace {
                 }
             }
             Record::Timing(timing) => {
-                let refused = self.refused.entry((timing.process.clone(), timing.generation)).or_default();
-                *refused = timing.refused.max(*refused);
+                let rejected = self.rejected.entry((timing.process.clone(), timing.generation)).or_default();
+                *rejected = timing.rejected.max(*rejected);
                 if timing.phase == Phase::Running.name()
                     && timing.publish_ns > 0
                     && let Some(process) = Process::from_name(&timing.process)
@@ -218,8 +218,8 @@ impl Trace {
         self.events.iter().filter(move |event| event.kind == Some(kind))
     }
 
-    /// Messages refused by all processes together.
-    pub(crate) fn refused(&self) -> u32 {
-        self.refused.values().sum()
+    /// Messages rejected by all processes together.
+    pub(crate) fn rejected(&self) -> u32 {
+        self.rejected.values().sum()
     }
 }

@@ -13,7 +13,7 @@ const TO_START: Duration = Duration::from_secs(60);
 /// How long one may take to end after it was asked to.
 const TO_END: Duration = Duration::from_secs(10);
 /// How often to look: seldom enough not to be in anybody's way.
-const LOOK_EVERY: Duration = Duration::from_millis(50);
+const POLL_INTERVAL: Duration = Duration::from_millis(50);
 /// A log of so many bytes has ticks in it.
 const WORKING_BYTES: u64 = 64 * 1024;
 /// Simulated time of a run beyond that in which it is measured, s: the others may still be starting.
@@ -87,7 +87,7 @@ impl Count {
         let begun = Instant::now();
         // One that has ended will not work any more, and says so in the end.
         while !(0..self.legs).all(|leg| working(leg) || !is_running(pids[leg])) && begun.elapsed() < TO_START {
-            std::thread::sleep(LOOK_EVERY);
+            std::thread::sleep(POLL_INTERVAL);
         }
         let before: Vec<Option<Busy>> = pids.iter().map(|pid| Busy::take(*pid)).collect();
         std::thread::sleep(Duration::from_secs(seconds));
@@ -132,7 +132,7 @@ fn end(running: Started, begun: Instant, limit: Duration) -> Result<(), String> 
             if Instant::now() > until {
                 return false;
             }
-            std::thread::sleep(LOOK_EVERY);
+            std::thread::sleep(POLL_INTERVAL);
         }
         true
     };

@@ -1,6 +1,6 @@
 //! Changes of a running stack: `key=value` pairs in the text of an operator's request.
 
-use crate::fuzz::target::{Target, Verdict};
+use crate::fuzz::target::{FuzzOutcome, Target};
 use hapfic_config::{OperatorChange, Parameters, Settings};
 use hapfic_controller::parameters::parameters;
 use hapfic_messages::{Check, OperatorKind, OperatorRequest};
@@ -67,18 +67,18 @@ fn base() -> Parameters {
     BASE.with(|base| *base)
 }
 
-fn execute(input: &[u8], _: &Path) -> Verdict {
+fn execute(input: &[u8], _: &Path) -> FuzzOutcome {
     let text = String::from_utf8_lossy(input).replace('\n', "\0");
     let request = match OperatorRequest::new(OperatorKind::Set, &text) {
         Ok(request) => request,
-        Err(defect) => return Verdict::Refused(defect.to_string()),
+        Err(defect) => return FuzzOutcome::Refused(defect.to_string()),
     };
     match request.parts() {
         Ok((_, text)) => match changed(text) {
-            Ok(()) => Verdict::Accepted,
-            Err(message) => Verdict::Refused(message),
+            Ok(()) => FuzzOutcome::Accepted,
+            Err(message) => FuzzOutcome::Refused(message),
         },
-        Err(defect) => panic!("a request made from text is refused: {defect}"),
+        Err(defect) => panic!("a request made from text is rejected: {defect}"),
     }
 }
 

@@ -1,7 +1,7 @@
 //! Scenarios: TOML.
 
 use super::SCENARIO_WORDS;
-use crate::fuzz::target::{Target, Verdict};
+use crate::fuzz::target::{FuzzOutcome, Target};
 use hapfic_config::{Settings, scenarios};
 use hapfic_messages::{Check, Command, Mode};
 use hapfic_plant::Plant;
@@ -19,14 +19,14 @@ fn seeds() -> Vec<Vec<u8>> {
     scenarios().iter().map(|scenario| scenario.text.as_bytes().to_vec()).collect()
 }
 
-fn execute(input: &[u8], _: &Path) -> Verdict {
+fn execute(input: &[u8], _: &Path) -> FuzzOutcome {
     let text = String::from_utf8_lossy(input);
     match Settings::from_str(&text, ORIGIN, None, &[]) {
         Err(error) => {
             let message = error.to_string();
             assert!(message.starts_with(ORIGIN), "a complaint without its place: {message}");
             assert!(message.contains(": found ") && message.contains(". Hint: "), "half a complaint: {message}");
-            Verdict::Refused(message)
+            FuzzOutcome::Refused(message)
         }
         Ok(settings) => {
             let urdf = &settings.robot.urdf;
@@ -35,9 +35,9 @@ fn execute(input: &[u8], _: &Path) -> Verdict {
             match simulated(&settings) {
                 Ok(plant) => {
                     assert_eq!(plant.sample().check(), Ok(()), "the plant of a scenario publishes what everyone refuses");
-                    Verdict::Accepted
+                    FuzzOutcome::Accepted
                 }
-                Err(message) => Verdict::Refused(message),
+                Err(message) => FuzzOutcome::Refused(message),
             }
         }
     }

@@ -156,7 +156,7 @@ impl Fields for ControllerState {
             Numbers(&mut self.position_bound),
             Numbers(&mut self.force),
             Codes(&mut self.converging),
-            Codes(&mut self.still_ticks),
+            Codes(&mut self.at_rest_ticks),
         ]
     }
 }
@@ -258,7 +258,7 @@ impl Fields for Timing {
             Counts(from_mut(&mut self.publish_ns)),
             Counts(from_mut(&mut self.latency_ns)),
             Codes(from_mut(&mut self.allocations)),
-            Codes(from_mut(&mut self.refused)),
+            Codes(from_mut(&mut self.rejected)),
             Codes(from_mut(&mut self.page_faults)),
             Codes(from_mut(&mut self.realtime)),
             Codes(from_mut(&mut self.generation)),

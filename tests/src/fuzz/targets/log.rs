@@ -1,7 +1,7 @@
 //! Logs: MCAP, read, recovered and reported.
 
 use super::stage::Stage;
-use crate::fuzz::target::{Target, Verdict};
+use crate::fuzz::target::{FuzzOutcome, Target};
 use hapfic_log::{Attachment, LogError, Metrics, Names, Reader, Writer, WriterOptions, recover};
 use hapfic_messages::{Detector, Event, EventKind, Phase, Process, Severity, Timing};
 use hapfic_report::Report;
@@ -133,13 +133,13 @@ fn plain(log: &[u8]) -> Vec<u8> {
     bytes
 }
 
-fn execute(input: &[u8], scratch: &Path) -> Verdict {
+fn execute(input: &[u8], scratch: &Path) -> FuzzOutcome {
     recovered(input, scratch);
     reported(input);
     let read = Reader::new(input, Path::new(NAME)).and_then(|mut reader| read_all(&mut reader));
     match read {
-        Ok(()) => Verdict::Accepted,
-        Err(error) => Verdict::Refused(error.to_string()),
+        Ok(()) => FuzzOutcome::Accepted,
+        Err(error) => FuzzOutcome::Refused(error.to_string()),
     }
 }
 

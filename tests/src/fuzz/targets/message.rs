@@ -1,4 +1,4 @@
-//! Messages of other processes: whatever bits they hold they are refused, or used without harm.
+//! Messages of other processes: whatever bits they hold they are rejected, or used without harm.
 //!
 //! An input says which messages come, and which of their fields are spoilt how; they arrive one after the other at a stack in the
 //! middle of a run, where each is used as the process that takes it does.
@@ -7,9 +7,9 @@ use super::change::changed;
 use super::draw::Draw;
 use super::fields::{Fields, spoil};
 use super::stage::{Moment, PEAK, Stage};
-use crate::fuzz::target::{Target, Verdict};
-use hapfic_controller::answer::{Known, answer};
-use hapfic_gate::protocol::{Observed, Place, Wishes};
+use crate::fuzz::target::{FuzzOutcome, Target};
+use hapfic_controller::control_step::{ControlInputs, control_step};
+use hapfic_gate::protocol::{ControllerSlot, GateInputs, Observation};
 use hapfic_log::viewer::Scene;
 use hapfic_log::{Metrics, Names, Viewer, convert};
 use hapfic_messages::{
@@ -39,22 +39,22 @@ fn seeds() -> Vec<Vec<u8>> {
     seeds
 }
 
-fn execute(input: &[u8], _: &Path) -> Verdict {
+fn execute(input: &[u8], _: &Path) -> FuzzOutcome {
     Stage::with(|stage| {
         let mut draw = Draw::new(input);
         let moment = &stage.moments[draw.below(stage.moments.len())];
         let mut bench = Bench::new(stage, moment);
-        let mut refused = None;
+        let mut rejected = None;
         for _ in 0..MOST {
             if let Err(message) = bench.receive(&mut draw) {
-                refused.get_or_insert(message);
+                rejected.get_or_insert(message);
             }
             if draw.is_empty() {
                 break;
             }
         }
         bench.sum_up();
-        refused.map_or(Verdict::Accepted, Verdict::Refused)
+        rejected.map_or(FuzzOutcome::Accepted, FuzzOutcome::Refused)
     })
 }
 
@@ -82,7 +82,7 @@ struct Bench<'a> {
     reference: Reference,
     operator: Operator,
     /// Of the last command.
-    carried: ControllerState,
+    previous_state: ControllerState,
     active: bool,
 }
 
@@ -98,7 +98,7 @@ impl<'a> Bench<'a> {
             plan: Some(Plan { tick: snapshot.reference.tick, state: snapshot.reference.planner }),
             reference: snapshot.reference,
             operator: snapshot.operator,
-            carried: snapshot.command.request.state,
+            previous_state: snapshot.command.request.state,
             active: true,
             moment: moment.clone(),
         }
@@ -173,14 +173,14 @@ impl<'a> Bench<'a> {
         let parameters = *self.operator.at(state.tick);
         let plan = Plan::next(self.plan, state, self.active, &self.operator);
         self.plan = Some(plan);
-        let known = Known {
+        let known = ControlInputs {
             state,
             reference_position: self.reference.position,
             reference_velocity: self.reference.velocity,
             parameters: &parameters,
-            carried: self.carried,
+            previous_state: self.previous_state,
         };
-        let request = answer(&self.stage.chain, &self.stage.gravity, &known, Process::Controller);
+        let request = control_step(&self.stage.chain, &self.stage.gravity, &known, Process::Controller);
         // The planner's answer is for the tick after; nobody follows one that is no good.
         let reference = plan.reference(parameters.version);
         if reference.check().is_ok() {
@@ -210,17 +210,17 @@ impl<'a> Bench<'a> {
         let _ = convert::request(request);
         let gate = &mut self.moment.gate;
         let parameters = self.operator.at(gate.tick());
-        if let Err(defect) = gate.judge(request, &self.state, parameters) {
+        if let Err(defect) = gate.validate(request, &self.state, parameters) {
             self.miss();
             return Err(format!("request: {defect}"));
         }
-        let command = gate.accept(Place::First, request, &Observed::alone(), &Wishes::default());
+        let command = gate.accept(ControllerSlot::First, request, &Observation::alone(), &GateInputs::default());
         self.passed(&command);
         Ok(())
     }
 
     fn miss(&mut self) {
-        let command = self.moment.gate.miss(&Observed { overdue: true, ..Observed::default() }, &Wishes::default());
+        let command = self.moment.gate.miss(&Observation { overdue: true, ..Observation::default() }, &GateInputs::default());
         self.passed(&command);
     }
 
@@ -236,7 +236,7 @@ impl<'a> Bench<'a> {
     fn command(&mut self, command: &Command) -> Result<(), String> {
         self.metrics.push_command(&convert::command(command));
         checked("command", command)?;
-        self.carried = command.request.state;
+        self.previous_state = command.request.state;
         self.active = command.mode == Mode::Active.code();
         let plant = &mut self.moment.plant;
         if plant.take(command) {

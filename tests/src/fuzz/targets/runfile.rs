@@ -1,7 +1,7 @@
 //! Run files: JSON that the supervisor writes and its children read.
 
 use super::SCENARIO_WORDS;
-use crate::fuzz::target::{Target, Verdict};
+use crate::fuzz::target::{FuzzOutcome, Target};
 use hapfic_config::Settings;
 use hapfic_ipc::{Domain, RunFile};
 use hapfic_messages::{Clock, RealtimeMode};
@@ -30,21 +30,21 @@ fn seeds() -> Vec<Vec<u8>> {
     runs.iter().map(|run| serde_json::to_vec_pretty(run).expect("a run file is JSON")).collect()
 }
 
-fn execute(input: &[u8], scratch: &Path) -> Verdict {
+fn execute(input: &[u8], scratch: &Path) -> FuzzOutcome {
     let path = scratch.join("run.json");
     fs::write(&path, input).expect("scratch can be written");
     let run = match RunFile::read(&path) {
         Ok(run) => run,
         // The path says nothing of the input.
-        Err(error) => return Verdict::Refused(error.to_string().replace(&path.display().to_string(), "run.json")),
+        Err(error) => return FuzzOutcome::Refused(error.to_string().replace(&path.display().to_string(), "run.json")),
     };
     run.write(&path).expect("scratch can be written");
     assert_eq!(RunFile::read(&path).expect("what was written"), run, "what was read is written as something else");
     if let Err(error) = Domain::new(&run.prefix, &run.root) {
-        return Verdict::Refused(error.to_string());
+        return FuzzOutcome::Refused(error.to_string());
     }
     match Settings::from_effective(&run.settings, &run.urdf_name, &run.urdf) {
-        Ok(_) => Verdict::Accepted,
-        Err(error) => Verdict::Refused(error.to_string()),
+        Ok(_) => FuzzOutcome::Accepted,
+        Err(error) => FuzzOutcome::Refused(error.to_string()),
     }
 }

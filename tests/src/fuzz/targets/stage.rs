@@ -1,7 +1,7 @@
 //! The stack in the middle of a run, for messages to arrive at.
 
 use hapfic_config::Settings;
-use hapfic_gate::protocol::{Observed, Place, Wishes};
+use hapfic_gate::protocol::{ControllerSlot, GateInputs, Observation};
 use hapfic_gate::torque_check::TorqueCheck;
 use hapfic_gate::{Gate, Limits};
 use hapfic_log::Names;
@@ -63,7 +63,7 @@ impl Stage {
         let mut moments = Vec::new();
         for tick in 0..=AT[AT.len() - 1] {
             let snapshot = *simulation.step().expect("an embedded scenario runs");
-            gate.accept(Place::First, &snapshot.command.request, &Observed::alone(), &Wishes::default());
+            gate.accept(ControllerSlot::First, &snapshot.command.request, &Observation::alone(), &GateInputs::default());
             if AT.contains(&tick) {
                 moments.push(Moment { snapshot, plant: simulation.plant().clone(), gate: gate.clone() });
             }

@@ -1,7 +1,7 @@
 //! Robot descriptions: XML.
 
 use super::config::simulated;
-use crate::fuzz::target::{Target, Verdict};
+use crate::fuzz::target::{FuzzOutcome, Target};
 use hapfic_config::{Settings, robots};
 use hapfic_messages::Check;
 use hapfic_robot::{Chain, MAX_JOINTS};
@@ -82,13 +82,13 @@ fn floor() -> Settings {
     FLOOR.with(Clone::clone)
 }
 
-fn execute(input: &[u8], _: &Path) -> Verdict {
+fn execute(input: &[u8], _: &Path) -> FuzzOutcome {
     let mut settings = floor();
     settings.robot.urdf.name = "fuzz.urdf".to_owned();
     settings.robot.urdf.text = String::from_utf8_lossy(input).into_owned();
     let chain = match Chain::from_settings(&settings.robot) {
         Ok(chain) => chain,
-        Err(error) => return Verdict::Refused(error.to_string()),
+        Err(error) => return FuzzOutcome::Refused(error.to_string()),
     };
     let n = chain.dof();
     assert!((1..=MAX_JOINTS).contains(&n), "{n} joints");
@@ -101,9 +101,9 @@ fn execute(input: &[u8], _: &Path) -> Verdict {
     match simulated(&settings) {
         // Lengths and masses near the largest number overflow, and then nobody takes what the plant publishes.
         Ok(plant) => match plant.sample().check() {
-            Ok(()) => Verdict::Accepted,
-            Err(defect) => Verdict::Refused(format!("the first state: {defect}")),
+            Ok(()) => FuzzOutcome::Accepted,
+            Err(defect) => FuzzOutcome::Refused(format!("the first state: {defect}")),
         },
-        Err(message) => Verdict::Refused(message),
+        Err(message) => FuzzOutcome::Refused(message),
     }
 }

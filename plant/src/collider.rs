@@ -1,7 +1,7 @@
 //! Where bodies and shapes are, and how they move, at one instant.
 
+use crate::contact_point::{ContactShape, Solid, pose, vector};
 use crate::object::FreeBody;
-use crate::touch::{Form, Solid, pose, vector};
 use arrayvec::ArrayVec;
 use hapfic_messages::MAX_OBJECTS;
 use hapfic_robot::{Chain, JointKind, Kinematics, MAX_JOINTS};
@@ -9,7 +9,7 @@ use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vect
 
 /// What a shape is fixed to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Carrier {
+pub(crate) enum Body {
     /// The world.
     World,
     /// A moving body of the chain.
@@ -20,9 +20,9 @@ pub(crate) enum Carrier {
 
 /// A shape with its carrier and its name's place among the names of a scene.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Side {
-    pub(crate) carrier: Carrier,
-    pub(crate) form: Form,
+pub(crate) struct Collider {
+    pub(crate) carrier: Body,
+    pub(crate) form: ContactShape,
     pub(crate) name: usize,
     /// Its place among the placed shapes of a scene.
     pub(crate) place: usize,
@@ -33,14 +33,14 @@ pub(crate) struct Side {
     reach: f64,
 }
 
-impl Side {
-    pub(crate) fn new(carrier: Carrier, form: Form, local: Isometry3<f64>, name: usize, place: usize) -> Self {
+impl Collider {
+    pub(crate) fn new(carrier: Body, form: ContactShape, local: Isometry3<f64>, name: usize, place: usize) -> Self {
         let turn = local.rotation.to_rotation_matrix().into_inner();
         Self { carrier, form, name, place, local, turn, reach: form.reach().unwrap_or(0.0) }
     }
 
     /// The same with another shape.
-    pub(crate) fn with(&self, form: Form, place: usize) -> Self {
+    pub(crate) fn with(&self, form: ContactShape, place: usize) -> Self {
         Self::new(self.carrier, form, self.local, self.name, place)
     }
 }
@@ -81,40 +81,40 @@ pub(crate) struct Placed {
 }
 
 impl Placed {
-    fn new(side: &Side, frame: &Frame) -> Self {
+    fn new(side: &Collider, frame: &Frame) -> Self {
         let arm = frame.rotation * side.local.translation.vector;
         let speed = (frame.velocity + frame.angular.cross(&arm)).norm() + frame.angular.norm() * side.reach;
         Self { center: frame.origin + arm, rotation: frame.rotation * side.turn, speed }
     }
 
     /// An upper bound of the way from there to here of any point of its surface, m.
-    pub(crate) fn way(&self, side: &Side, from: &(Vector3<f64>, Matrix3<f64>)) -> f64 {
+    pub(crate) fn way(&self, side: &Collider, from: &(Vector3<f64>, Matrix3<f64>)) -> f64 {
         let shift = (self.center - from.0).norm();
         match side.form {
-            Form::Ball(_) | Form::HalfSpace(_) => shift,
+            ContactShape::Ball(_) | ContactShape::HalfSpace(_) => shift,
             // The Frobenius norm bounds the spectral one.
-            Form::Capsule { .. } | Form::Box(_) => shift + (self.rotation - from.1).norm() * side.reach,
+            ContactShape::Capsule { .. } | ContactShape::Box(_) => shift + (self.rotation - from.1).norm() * side.reach,
         }
     }
 
     /// The shape as the queries take it.
-    pub(crate) fn solid<'a>(&self, side: &'a Side, objects: &[FreeBody]) -> Solid<'a> {
+    pub(crate) fn solid<'a>(&self, side: &'a Collider, objects: &[FreeBody]) -> Solid<'a> {
         match &side.form {
-            Form::HalfSpace(shape) => Solid::HalfSpace {
+            ContactShape::HalfSpace(shape) => Solid::HalfSpace {
                 shape,
                 pose: pose(&Isometry3::from_parts(Translation3::from(self.center), side.local.rotation)),
                 point: self.center,
                 normal: self.rotation.column(2).into_owned(),
             },
-            Form::Ball(ball) => Solid::Ball { ball, center: self.center },
-            Form::Capsule { axis, radius } => {
+            ContactShape::Ball(ball) => Solid::Ball { ball, center: self.center },
+            ContactShape::Capsule { axis, radius } => {
                 let end = |z: f64| vector(&(self.center + self.rotation.column(2) * z));
                 Solid::Capsule { axis: parry3d_f64::shape::Segment::new(end(axis[0]), end(axis[1])), radius: *radius }
             }
-            Form::Box(cuboid) => {
+            ContactShape::Box(cuboid) => {
                 let rotation = match side.carrier {
                     // As it is, to the last bit.
-                    Carrier::Object(i) => objects[i].rotation * side.local.rotation,
+                    Body::Object(i) => objects[i].rotation * side.local.rotation,
                     _ => UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(self.rotation)),
                 };
                 let pose = pose(&Isometry3::from_parts(Translation3::from(self.center), rotation));
@@ -141,20 +141,20 @@ impl Places {
 
     /// Where a shape is.
     #[inline]
-    pub(crate) fn of(&self, side: &Side) -> &Placed {
+    pub(crate) fn of(&self, side: &Collider) -> &Placed {
         &self.places[side.place]
     }
 
     /// Finds where all of them are.
-    pub(crate) fn update(&mut self, sides: &[Side], chain: &Chain, kin: &Kinematics, qd: &[f64], objects: &[FreeBody]) {
+    pub(crate) fn update(&mut self, sides: &[Collider], chain: &Chain, kin: &Kinematics, qd: &[f64], objects: &[FreeBody]) {
         self.instant += 1;
         let links = links(chain, kin, qd);
         let objects: ArrayVec<Frame, MAX_OBJECTS> = objects.iter().map(Frame::of).collect();
         for side in sides {
             let frame = match side.carrier {
-                Carrier::World => &Frame::WORLD,
-                Carrier::Link(i) => &links[i],
-                Carrier::Object(i) => &objects[i],
+                Body::World => &Frame::WORLD,
+                Body::Link(i) => &links[i],
+                Body::Object(i) => &objects[i],
             };
             self.places[side.place] = Placed::new(side, frame);
         }

@@ -1,19 +1,19 @@
 //! One implicit sub-step of everything that may be in contact.
 
+use crate::collider::{Body, Collider};
 use crate::contact_law::ContactLaw;
-use crate::newton::{MAX_POINTS, MAX_SPEEDS, Row};
+use crate::contact_point::ContactPoint;
+use crate::newton::{MAX_POINTS, MAX_SPEEDS, VelocityVector};
 use crate::object::FreeBody;
-use crate::placed::{Carrier, Side};
 use crate::point::Point;
 use crate::scene::Pair;
-use crate::touch::Touch;
 use crate::world::{CLEARANCE, World};
 use hapfic_robot::{JointVector, Kinematics};
 use nalgebra::{Matrix3, Vector3};
 
 /// What takes part in a sub-step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Taking {
+pub(crate) enum StepScope {
     /// Leg and objects.
     All,
     /// The objects; the leg is far away.
@@ -22,7 +22,7 @@ pub(crate) enum Taking {
     ObjectsAndHeldLeg,
 }
 
-impl Taking {
+impl StepScope {
     fn pair(self, pair: &Pair) -> bool {
         match self {
             Self::All => true,
@@ -34,8 +34,8 @@ impl Taking {
 
 /// Whose a point is: a pair with its place and directions, or a joint's stop.
 #[derive(Clone, Copy, Debug)]
-pub(crate) enum Owner {
-    Pair { index: usize, touch: Touch, axes: Matrix3<f64> },
+pub(crate) enum ConstraintSource {
+    Pair { index: usize, touch: ContactPoint, axes: Matrix3<f64> },
     Stop,
 }
 
@@ -79,22 +79,22 @@ impl Layout<'_> {
     fn couple(&self, pair: &Pair, at: &Vector3<f64>, axes: &Matrix3<f64>, point: &mut Point) {
         let mut sides = [(&pair.body, 1.0), (&pair.against, -1.0)];
         // In the order of the speeds.
-        if let [(Side { carrier: Carrier::Object(i), .. }, _), (Side { carrier: Carrier::Object(j), .. }, _)] = sides
+        if let [(Collider { carrier: Body::Object(i), .. }, _), (Collider { carrier: Body::Object(j), .. }, _)] = sides
             && i > j
         {
             sides.swap(0, 1);
         }
         for (side, sign) in sides {
             match side.carrier {
-                Carrier::World => {}
-                Carrier::Link(_) if self.leg == 0 => {}
-                Carrier::Link(i) => {
+                Body::World => {}
+                Body::Link(_) if self.leg == 0 => {}
+                Body::Link(i) => {
                     let jacobian = self.kin.point_jacobian(i, at);
                     for (index, column) in jacobian.linear[..=i].iter().enumerate() {
                         point.depends_on(index, axes.tr_mul(&(column * sign)));
                     }
                 }
-                Carrier::Object(i) => {
+                Body::Object(i) => {
                     let (first, arm) = (self.object(i), at - self.objects[i].position);
                     let along = axes.transpose() * sign;
                     for k in 0..3 {
@@ -115,9 +115,9 @@ impl Layout<'_> {
 
 impl World {
     /// One implicit sub-step of `h`, s.
-    pub(crate) fn press(&mut self, taking: Taking, kin: &Kinematics, torque: &JointVector, damping: &JointVector, h: f64) {
-        let leg = if taking == Taking::All { self.n() } else { 0 };
-        let left_out = self.gather(taking, kin, h);
+    pub(crate) fn press(&mut self, taking: StepScope, kin: &Kinematics, torque: &JointVector, damping: &JointVector, h: f64) {
+        let leg = if taking == StepScope::All { self.n() } else { 0 };
+        let left_out = self.collect_constraints(taking, kin, h);
         self.newton.leg = leg;
         self.newton.count = self.objects.len();
         if leg > 0 {
@@ -131,7 +131,7 @@ impl World {
         physics.contact_substeps += 1;
         physics.newton_iterations += solved.iterations;
         physics.unconverged += u32::from(!solved.converged || left_out > 0);
-        self.tally(h, &v);
+        self.accumulate(h, &v);
         for ((q, before), after) in self.q.iter_mut().zip(&self.qd).zip(&v).take(leg) {
             *q += h * 0.5 * (before + after);
         }
@@ -171,10 +171,10 @@ impl World {
     }
 
     /// Stops and contact points within reach of a sub-step of `h`, s. Returns how many there was no room for.
-    fn gather(&mut self, taking: Taking, kin: &Kinematics, h: f64) -> usize {
+    fn collect_constraints(&mut self, taking: StepScope, kin: &Kinematics, h: f64) -> usize {
         self.points.clear();
         self.owners.clear();
-        let leg = if taking == Taking::All { self.n() } else { 0 };
+        let leg = if taking == StepScope::All { self.n() } else { 0 };
         for (i, joint) in self.scene.chain.joints().iter().enumerate().take(leg) {
             let way = CLEARANCE + 2.0 * h * self.qd[i].abs();
             for (depth, sign) in [(joint.lower - self.q[i], 1.0), (self.q[i] - joint.upper, -1.0)] {
@@ -182,7 +182,7 @@ impl World {
                     let mut point = Point::new(depth, stop(self.effort[i]));
                     point.depends_on(i, Vector3::new(sign, 0.0, 0.0));
                     self.points.push(point);
-                    self.owners.push(Owner::Stop);
+                    self.owners.push(ConstraintSource::Stop);
                 }
             }
         }
@@ -198,19 +198,19 @@ impl World {
             let mut point = Point::new(touch.depth, pair.law);
             layout.couple(pair, &touch.point, &axes, &mut point);
             self.points.push(point);
-            self.owners.push(Owner::Pair { index: *index, touch: *touch, axes });
+            self.owners.push(ConstraintSource::Pair { index: *index, touch: *touch, axes });
         }
         self.found.len().saturating_sub(room)
     }
 
     /// Adds the forces of a sub-step to the tick's sums.
-    fn tally(&mut self, h: f64, v: &Row) {
+    fn accumulate(&mut self, h: f64, v: &VelocityVector) {
         let mut middle = [0.0; MAX_SPEEDS];
         for ((middle, before), after) in middle.iter_mut().zip(&self.newton.v0).zip(v).take(self.newton.n()) {
             *middle = 0.5 * (before + after);
         }
         for ((point, force), owner) in self.points.iter().zip(&self.forces).zip(&self.owners) {
-            let Owner::Pair { index, touch, axes } = owner else { continue };
+            let ConstraintSource::Pair { index, touch, axes } = owner else { continue };
             if force.x <= 0.0 {
                 continue;
             }

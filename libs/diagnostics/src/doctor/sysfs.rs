@@ -6,9 +6,9 @@ use std::str::FromStr;
 
 /// The folder that stands for `/`.
 #[derive(Clone, Debug)]
-pub struct Root(PathBuf);
+pub struct SysfsRoot(PathBuf);
 
-impl Root {
+impl SysfsRoot {
     /// A folder; `/` for this machine.
     #[must_use]
     pub fn new(folder: impl Into<PathBuf>) -> Self {
@@ -46,7 +46,7 @@ impl Root {
     }
 }
 
-impl Default for Root {
+impl Default for SysfsRoot {
     fn default() -> Self {
         Self::new(Path::new("/"))
     }
@@ -102,7 +102,7 @@ mod tests {
         for name in ["cpu10", "cpu2", "cpufreq", "cpu"] {
             fs::create_dir(folder.path().join(name)).unwrap();
         }
-        let root = Root::new(folder.path());
+        let root = SysfsRoot::new(folder.path());
         assert_eq!(root.numbered("/", "cpu"), [2, 10]);
         assert_eq!(root.numbered("/nowhere", "cpu"), Vec::<usize>::new());
     }

@@ -1,13 +1,13 @@
 //! A deadline that costs nothing while it is kept.
 //!
 //! Whoever sleeps with a time-out has the kernel set a timer before he sleeps, and take it back when he is woken in time. In a
-//! virtual machine each is an exit to the host, some 10 us, twice in every hop that is waited for so. An [`Alarm`] is a thread on
+//! virtual machine each is an exit to the host, some 10 us, twice in every hop that is waited for so. An [`DeadlineTimer`] is a thread on
 //! another core that wakes once a period, when the owner would have to be woken, looks whether it still waits, and only then rings its
-//! bell. The owner waits without a time-out; to set the alarm it stores a number.
+//! doorbell. The owner waits without a time-out; to set the deadline_timer it stores a number.
 
-use crate::bell::Bell;
 use crate::clock;
-use crate::realtime::{self, Wish};
+use crate::doorbell::Doorbell;
+use crate::realtime::{self, SchedRequest};
 use core::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::Arc;
 use std::thread::JoinHandle;
@@ -19,26 +19,26 @@ struct Shared {
     stop: AtomicBool,
 }
 
-/// Rings a bell at a time, unless it is put off before.
+/// Rings a doorbell at a time, unless it is put off before.
 #[derive(Debug)]
-pub struct Alarm {
+pub struct DeadlineTimer {
     shared: Arc<Shared>,
     thread: Option<JoinHandle<()>>,
 }
 
-impl Alarm {
+impl DeadlineTimer {
     /// Starts the thread. It looks once every `period_ns` at the phase of the time that was set last: a time that is set less than a
     /// period ahead, at another phase than the ones before, may be rung up to a period late.
     ///
     /// # Errors
     /// If there is no thread to be had.
-    pub fn start(name: &str, bell: Bell, period_ns: u64, wish: Option<Wish>) -> std::io::Result<Self> {
+    pub fn start(name: &str, doorbell: Doorbell, period_ns: u64, wish: Option<SchedRequest>) -> std::io::Result<Self> {
         let shared = Arc::new(Shared::default());
         let theirs = Arc::clone(&shared);
         let thread = std::thread::Builder::new().name(name.to_owned()).stack_size(realtime::SMALL_STACK).spawn(move || {
             if let Some(wish) = wish {
                 // Without privileges it rings a little later.
-                let _ = realtime::enter_without_heap(wish);
+                let _ = realtime::apply_without_heap(wish);
             }
             let mut next = clock::now_ns();
             while !theirs.stop.load(Ordering::Relaxed) {
@@ -50,7 +50,7 @@ impl Alarm {
                     && when <= now
                     && theirs.when.compare_exchange(set, when * 2, Ordering::AcqRel, Ordering::Relaxed).is_ok()
                 {
-                    bell.ring();
+                    doorbell.notify();
                 }
                 next = next_look(when, now, period_ns);
             }
@@ -69,7 +69,7 @@ impl Alarm {
     }
 }
 
-impl Drop for Alarm {
+impl Drop for DeadlineTimer {
     fn drop(&mut self) {
         self.shared.stop.store(true, Ordering::Relaxed);
         if let Some(thread) = self.thread.take() {
@@ -93,7 +93,7 @@ fn next_look(when: u64, now: u64, period: u64) -> u64 {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-    use crate::bell::{Bells, Listener, Place, wait};
+    use crate::doorbell::{DoorbellId, DoorbellPage, Listener, wait};
     use core::time::Duration;
 
     const PERIOD: u64 = 1_000_000;
@@ -110,20 +110,21 @@ mod tests {
     #[test]
     fn it_rings_when_set_and_not_when_cleared() {
         let folder = tempfile::tempdir().unwrap();
-        let bells = Bells::open(folder.path().to_str().unwrap()).unwrap();
-        let listener = Listener::new(&bells, Place(0));
-        let alarm = Alarm::start("test-alarm", Bell::new(&bells, Place(0)), PERIOD, None).unwrap();
+        let doorbells = DoorbellPage::open(folder.path().to_str().unwrap()).unwrap();
+        let listener = Listener::new(&doorbells, DoorbellId(0));
+        let deadline_timer =
+            DeadlineTimer::start("test-deadline_timer", Doorbell::new(&doorbells, DoorbellId(0)), PERIOD, None).unwrap();
         for _ in 0..5 {
             let when = clock::now_ns() + 3 * PERIOD;
-            alarm.set(when);
+            deadline_timer.set(when);
             assert!(wait(&[&listener], Duration::MAX).unwrap());
             assert!(clock::now_ns() >= when);
         }
         assert!(!wait(&[&listener], Duration::from_millis(20)).unwrap(), "it rings once");
-        alarm.set(clock::now_ns() + 1000 * PERIOD);
-        alarm.clear();
-        assert_eq!(alarm.shared.when.load(Ordering::Relaxed) % 2, 0);
-        drop(alarm);
+        deadline_timer.set(clock::now_ns() + 1000 * PERIOD);
+        deadline_timer.clear();
+        assert_eq!(deadline_timer.shared.when.load(Ordering::Relaxed) % 2, 0);
+        drop(deadline_timer);
         assert!(!wait(&[&listener], Duration::from_millis(5)).unwrap());
     }
 }

@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 
 /// What a controller knows at a tick.
 #[derive(Clone, Copy, Debug)]
-pub struct Known<'a> {
+pub struct ControlInputs<'a> {
     /// state(k).
     pub state: &'a State,
     /// x_d of reference(k), m.
@@ -18,7 +18,7 @@ pub struct Known<'a> {
     /// The parameters in force at tick k.
     pub parameters: &'a Parameters,
     /// The controller's state as command(k - 1) carries it.
-    pub carried: ControllerState,
+    pub previous_state: ControllerState,
 }
 
 /// One tick of the control law: a pure function of what is known. `None` if that does not allow an answer: another number of
@@ -26,8 +26,8 @@ pub struct Known<'a> {
 ///
 /// `gravity` is in m/s^2, world frame; `controller` signs the request, whose `stamp_ns` is zero.
 #[must_use]
-pub fn answer(chain: &Chain, gravity: &Vector3<f64>, known: &Known<'_>, controller: Process) -> Option<Request> {
-    let Known { state, parameters, .. } = *known;
+pub fn control_step(chain: &Chain, gravity: &Vector3<f64>, known: &ControlInputs<'_>, controller: Process) -> Option<Request> {
+    let ControlInputs { state, parameters, .. } = *known;
     let n = chain.dof();
     if state.joints as usize != n {
         return None;
@@ -41,7 +41,7 @@ pub fn answer(chain: &Chain, gravity: &Vector3<f64>, known: &Known<'_>, controll
         reference_velocity: known.reference_velocity,
         contact_force: state.foot_force,
     };
-    let out = task_space::step(known.carried, &measured, parameters, PERIOD_S).ok()?;
+    let out = task_space::step(known.previous_state, &measured, parameters, PERIOD_S).ok()?;
     let mut torque = jacobian.linear_transpose_mul(&Vector3::from(out.force));
     if parameters.gravity_compensation == 1 {
         let hold = chain.gravity_torque(&kin, gravity);

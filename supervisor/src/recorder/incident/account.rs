@@ -140,8 +140,8 @@ impl Incident {
 
     /// Events from the cause on, and when they were, ms after it.
     fn rows(&self, cause: &Event) -> Vec<(f64, &Event)> {
-        let timed = self.events.iter().map(|event| (ms(moment(cause), moment(event)), event));
-        let mut rows: Vec<_> = timed.filter(|(after, event)| *after >= 0.0 || *event == cause).collect();
+        let times = self.events.iter().map(|event| (ms(moment(cause), moment(event)), event));
+        let mut rows: Vec<_> = times.filter(|(after, event)| *after >= 0.0 || *event == cause).collect();
         rows.sort_by(|a, b| a.0.total_cmp(&b.0));
         rows
     }
@@ -197,8 +197,8 @@ fn push<T>(list: &mut VecDeque<T>, item: T, most: usize) {
 
 /// Whether it can be what everything began with.
 fn is_fault(event: &Event) -> bool {
-    use EventKind::{Injected, Lost, Missed, Refused};
-    EventKind::from_code(event.kind).is_some_and(|kind| matches!(kind, Lost | Missed | Refused | Injected))
+    use EventKind::{Injected, Lost, Missed, Rejected};
+    EventKind::from_code(event.kind).is_some_and(|kind| matches!(kind, Lost | Missed | Rejected | Injected))
 }
 
 /// Tick and stamp.

@@ -4,25 +4,25 @@
 //! last: the successor goes on from there, and those who join later find it as if its publisher still lived.
 
 use anyhow::Result;
-use hapfic_ipc::inject::Tamper;
+use hapfic_ipc::inject::Corruptible;
 use hapfic_ipc::topic::{self, Topic};
 use hapfic_ipc::{Bus, Input, IpcError, Output, Wait};
-use hapfic_messages::{Check, Message, Process, Recent, Reference, State, Ticked};
+use hapfic_messages::{Check, Message, Process, Reference, State, TickBuffer, Ticked};
 use std::sync::atomic::{AtomicI64, Ordering};
 
 /// How far ahead of the last command a message may be: the planner is one tick ahead, its state another.
 const AHEAD: i64 = 3;
 
 /// One topic that is kept.
-struct Kept<T: Message> {
+struct CachedTopic<T: Message> {
     input: Input<T>,
     output: Output<T>,
-    recent: Recent<T>,
+    recent: TickBuffer<T>,
 }
 
-impl<T: Check + Tamper + Ticked + Message> Kept<T> {
+impl<T: Check + Corruptible + Ticked + Message> CachedTopic<T> {
     fn open(bus: &Bus, topic: &Topic<T>) -> Result<Self, IpcError> {
-        Ok(Self { input: bus.input(topic, Wait::No)?, output: bus.output(topic)?, recent: Recent::default() })
+        Ok(Self { input: bus.input(topic, Wait::No)?, output: bus.output(topic)?, recent: TickBuffer::default() })
     }
 
     /// Takes in what has been said.
@@ -30,7 +30,7 @@ impl<T: Check + Tamper + Ticked + Message> Kept<T> {
         while let Some(message) = self.input.next()? {
             // Its own words come back as well; and what is damaged is no start for anybody.
             if message.check().is_ok() && is_near(message.tick(), gated) {
-                self.recent.keep(message);
+                self.recent.insert(message);
             }
         }
         Ok(())
@@ -45,7 +45,7 @@ impl<T: Check + Tamper + Ticked + Message> Kept<T> {
         last.sort_by_key(Ticked::tick);
         for message in &last {
             self.output.send(message)?;
-            self.output.prepare();
+            self.output.preloan();
         }
         Ok(without_gap(last.iter().map(Ticked::tick), done))
     }
@@ -59,7 +59,7 @@ fn is_near(tick: i64, gated: &AtomicI64) -> bool {
     (0..=gated.load(Ordering::Acquire) + AHEAD).contains(&tick)
 }
 
-/// The newest of some ticks, in ascending order, with no gap between it and the last tick that is done.
+/// The newest of some ticks, in ascending action, with no gap between it and the last tick that is done.
 fn without_gap(ticks: impl Iterator<Item = i64>, done: i64) -> Option<i64> {
     let mut newest = None;
     for tick in ticks {
@@ -72,18 +72,18 @@ fn without_gap(ticks: impl Iterator<Item = i64>, done: i64) -> Option<i64> {
 }
 
 /// The last states and references.
-pub struct Keeper {
-    states: Kept<State>,
-    references: Kept<Reference>,
+pub struct HandOverCache {
+    states: CachedTopic<State>,
+    references: CachedTopic<Reference>,
 }
 
-impl Keeper {
+impl HandOverCache {
     /// Begins to listen. To be called before anyone publishes.
     ///
     /// # Errors
     /// [`IpcError`] if the topics cannot be had.
     pub fn open(bus: &Bus) -> Result<Self, IpcError> {
-        Ok(Self { states: Kept::open(bus, &topic::STATE)?, references: Kept::open(bus, &topic::REFERENCE)? })
+        Ok(Self { states: CachedTopic::open(bus, &topic::STATE)?, references: CachedTopic::open(bus, &topic::REFERENCE)? })
     }
 
     /// After the death of a process: hands over what it said last. Returns the tick from which its successor goes on; `None` if
@@ -110,9 +110,9 @@ impl Keeper {
     }
 
     /// Lets those in who have joined since.
-    pub fn prepare(&mut self) {
-        self.states.output.prepare();
-        self.references.output.prepare();
+    pub fn preloan(&mut self) {
+        self.states.output.preloan();
+        self.references.output.preloan();
     }
 }
 

@@ -1,8 +1,8 @@
 //! Pairs of shapes, and what is known of each, so that nothing is asked for twice and far pairs are not asked for at all.
 
+use crate::collider::{Collider, Placed};
+use crate::contact_point::{ContactShape, Finder, Touches};
 use crate::object::FreeBody;
-use crate::placed::{Placed, Side};
-use crate::touch::{Finder, Form, Touches};
 use nalgebra::{Matrix3, Vector3};
 
 /// How far beyond what is asked for is looked, m: as long as both shapes have not gone that way, a pair is known to be apart.
@@ -10,7 +10,7 @@ const MARGIN: f64 = 5e-3;
 
 /// What is known of a pair.
 #[derive(Clone, Debug)]
-pub(crate) struct Watch {
+pub(crate) struct PairCache {
     /// The instant of the touches; none yet.
     instant: Option<u64>,
     /// All touches with a gap below `within`, m, are known.
@@ -21,7 +21,7 @@ pub(crate) struct Watch {
     gap: f64,
 }
 
-impl Watch {
+impl PairCache {
     pub(crate) fn new() -> Self {
         let nowhere = (Vector3::zeros(), Matrix3::zeros());
         Self { instant: None, within: 0.0, touches: Touches::new(), apart: [nowhere; 2], gap: f64::NEG_INFINITY }
@@ -31,8 +31,8 @@ impl Watch {
     pub(crate) fn look(
         &mut self,
         instant: u64,
-        body: (&Side, &Placed),
-        against: (&Side, &Placed),
+        body: (&Collider, &Placed),
+        against: (&Collider, &Placed),
         objects: &[FreeBody],
         reach: f64,
         finder: &mut Finder,
@@ -46,7 +46,7 @@ impl Watch {
             (self.instant, self.within) = (Some(instant), reach);
             return &self.touches;
         }
-        let boxes = matches!((&body.0.form, &against.0.form), (Form::Box(_), Form::Box(_)));
+        let boxes = matches!((&body.0.form, &against.0.form), (ContactShape::Box(_), ContactShape::Box(_)));
         // The corners of a manifold are those of its reach.
         self.within = if boxes { reach } else { reach + MARGIN };
         self.instant = Some(instant);
@@ -61,7 +61,7 @@ impl Watch {
 }
 
 /// Whether the spheres about two shapes are nearer than `reach`.
-fn near(a: (&Side, &Placed), b: (&Side, &Placed), reach: f64) -> bool {
+fn near(a: (&Collider, &Placed), b: (&Collider, &Placed), reach: f64) -> bool {
     let between = a.1.center - b.1.center;
     match (a.0.form.reach(), b.0.form.reach()) {
         (Some(ra), Some(rb)) => {

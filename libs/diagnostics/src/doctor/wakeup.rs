@@ -2,7 +2,7 @@
 
 use anyhow::{Result, bail};
 use hapfic_ipc::clock;
-use hapfic_ipc::realtime::{Wish, enter};
+use hapfic_ipc::realtime::{SchedRequest, apply_to_current_thread};
 use hapfic_log::metrics::Latencies;
 use hapfic_messages::PERIOD_NS;
 use rustix::thread::futex::{self, Flags};
@@ -10,9 +10,9 @@ use rustix::time::Timespec;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 
 /// How long to wait between two looks whether it is over.
-const LOOK_EVERY: Timespec = Timespec { tv_sec: 0, tv_nsec: 100_000_000 };
+const POLL_INTERVAL: Timespec = Timespec { tv_sec: 0, tv_nsec: 100_000_000 };
 /// How long a thread that was woken may take, ns; longer and the measurement is given up.
-const PATIENCE_NS: u64 = 10_000_000_000;
+const TIMEOUT_NS: u64 = 10_000_000_000;
 
 /// A line between the one who wakes and the one who is woken.
 #[derive(Debug, Default)]
@@ -25,8 +25,8 @@ pub(super) struct Line {
 
 impl Line {
     /// The one who is woken: until [`close`](Self::close).
-    pub(super) fn answer(&self, wish: Wish) {
-        let _ = enter(wish);
+    pub(super) fn answer(&self, wish: SchedRequest) {
+        let _ = apply_to_current_thread(wish);
         let mut seen = 0;
         loop {
             while self.asked.load(Ordering::Acquire) == seen {
@@ -34,7 +34,7 @@ impl Line {
                     return;
                 }
                 // Woken, interrupted or timed out: the number says.
-                let _ = futex::wait(&self.asked, Flags::PRIVATE, seen, Some(&LOOK_EVERY));
+                let _ = futex::wait(&self.asked, Flags::PRIVATE, seen, Some(&POLL_INTERVAL));
             }
             self.woke_ns.store(clock::now_ns(), Ordering::Relaxed);
             seen = self.asked.load(Ordering::Acquire);
@@ -51,8 +51,8 @@ impl Line {
         self.asked.store(next, Ordering::Release);
         let _ = futex::wake(&self.asked, Flags::PRIVATE, 1);
         while self.answered.load(Ordering::Acquire) != next {
-            let _ = futex::wait(&self.answered, Flags::PRIVATE, before, Some(&LOOK_EVERY));
-            if clock::now_ns().saturating_sub(sent) > PATIENCE_NS {
+            let _ = futex::wait(&self.answered, Flags::PRIVATE, before, Some(&POLL_INTERVAL));
+            if clock::now_ns().saturating_sub(sent) > TIMEOUT_NS {
                 bail!(
                     "a thread that was woken did not run for 10 s, expected microseconds; is a real-time program keeping its core busy?"
                 );
@@ -101,7 +101,7 @@ mod tests {
 
     #[test]
     fn every_question_is_answered_once() {
-        let (line, wish) = (Line::default(), Wish { priority: 1, core: None });
+        let (line, wish) = (Line::default(), SchedRequest { priority: 1, core: None });
         std::thread::scope(|scope| {
             scope.spawn(|| line.answer(wish));
             let from = clock::now_ns();

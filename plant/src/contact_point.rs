@@ -15,7 +15,7 @@ pub(crate) const MAX_TOUCHES: usize = 8;
 
 /// A shape of a body.
 #[derive(Clone, Copy, Debug)]
-pub(crate) enum Form {
+pub(crate) enum ContactShape {
     /// All below the plane z = 0.
     HalfSpace(HalfSpace),
     /// A ball.
@@ -26,7 +26,7 @@ pub(crate) enum Form {
     Box(Cuboid),
 }
 
-impl Form {
+impl ContactShape {
     /// A capsule along z with its axis from `from` to `to`, m.
     pub(crate) fn capsule(from: f64, to: f64, radius: f64) -> Self {
         Self::Capsule { axis: [from, to], radius }
@@ -66,7 +66,7 @@ impl Solid<'_> {
 
 /// Where two shapes touch, or nearly do.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Touch {
+pub(crate) struct ContactPoint {
     /// World point midway between the two surfaces, m.
     pub(crate) point: Vector3<f64>,
     /// Unit normal, from the second shape to the first.
@@ -76,7 +76,7 @@ pub(crate) struct Touch {
 }
 
 /// The points of a pair.
-pub(crate) type Touches = ArrayVec<Touch, MAX_TOUCHES>;
+pub(crate) type Touches = ArrayVec<ContactPoint, MAX_TOUCHES>;
 
 pub(crate) fn vector(v: &Vector3<f64>) -> Vector {
     Vector::new(v.x, v.y, v.z)
@@ -144,7 +144,7 @@ impl Finder {
             let normal = against.1.rotation * manifold.local_n1;
             for point in manifold.points.iter().filter(|p| p.dist < reach).take(MAX_TOUCHES - out.len()) {
                 let (a, b) = (against.1 * point.local_p1, body.1 * point.local_p2);
-                out.push(Touch { point: back(0.5 * (a + b)), normal: back(normal), depth: -point.dist });
+                out.push(ContactPoint { point: back(0.5 * (a + b)), normal: back(normal), depth: -point.dist });
             }
         }
     }
@@ -154,7 +154,7 @@ impl Finder {
 fn on_plane(center: &Vector3<f64>, radius: f64, plane: (&Vector3<f64>, &Vector3<f64>), reach: f64, out: &mut Touches) {
     let gap = plane.1.dot(&(center - plane.0)) - radius;
     if gap < reach && !out.is_full() {
-        out.push(Touch { point: center - plane.1 * (radius + 0.5 * gap), normal: *plane.1, depth: -gap });
+        out.push(ContactPoint { point: center - plane.1 * (radius + 0.5 * gap), normal: *plane.1, depth: -gap });
     }
 }
 
@@ -172,7 +172,7 @@ fn round(body: (&Vector3<f64>, f64), against: (&Vector3<f64>, f64), reach: f64, 
     if gap < reach {
         // One in the middle of the other is pushed up.
         let normal = if distance > 0.0 { between / distance } else { Vector3::z() };
-        out.push(Touch { point: against.0 + normal * (against.1 + 0.5 * gap), normal, depth: -gap });
+        out.push(ContactPoint { point: against.0 + normal * (against.1 + 0.5 * gap), normal, depth: -gap });
     }
 }
 
@@ -183,5 +183,5 @@ fn nearest(body: &Solid, against: &Solid, reach: f64, out: &mut Touches) {
     // The half-space, if there is one, comes first: parry 0.31.1 returns a wrong depth the other way round.
     let Ok(Some(contact)) = query::contact(&at_one, one, &at_two, two, reach + rounding) else { return };
     let (a, b) = (contact.point1 + contact.normal1 * out_one, contact.point2 - contact.normal1 * out_two);
-    out.push(Touch { point: back(0.5 * (a + b)), normal: back(contact.normal1), depth: rounding - contact.dist });
+    out.push(ContactPoint { point: back(0.5 * (a + b)), normal: back(contact.normal1), depth: rounding - contact.dist });
 }

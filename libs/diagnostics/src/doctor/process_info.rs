@@ -1,6 +1,6 @@
 //! What the kernel tells this process about itself: its permissions, limits and cores.
 
-use super::fact::{Fact, Level, Subject};
+use super::check::{Level, MachineCheck, Subject};
 use hapfic_ipc::realtime::{self, Privilege};
 use rustix::process::{Resource, getrlimit};
 use rustix::thread::CpuSet;
@@ -19,7 +19,7 @@ const MB: f64 = 1e6;
 
 /// What is told to the process that asks.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Own {
+pub struct ProcessInfo {
     /// Cores it may use, ascending.
     pub cores: Vec<usize>,
     /// The core that a run would take.
@@ -34,7 +34,7 @@ pub struct Own {
     pub shared_memory: Option<(u64, u64)>,
 }
 
-impl Own {
+impl ProcessInfo {
     /// Asks, for a run at a highest priority that has others beside it on this machine.
     #[must_use]
     pub fn ask(priority: u32, others: usize) -> Self {
@@ -67,44 +67,44 @@ impl Own {
 
     /// Whether deep idle states may be held off.
     pub(super) fn may_hold_idle(&self) -> bool {
-        self.may(Subject::IdleHold.name())
+        self.may(Subject::CpuLatencyGuard.name())
     }
 
-    fn permission(&self, subject: Subject, lacking: Level, wanted: &'static str) -> Fact {
+    fn permission(&self, subject: Subject, lacking: Level, wanted: &'static str) -> MachineCheck {
         match self.privilege(subject.name()) {
-            Some(privilege) if privilege.granted => Fact::good(subject, &privilege.note, wanted),
-            Some(privilege) => Fact::at(lacking, subject, "not allowed", wanted, &privilege.note),
-            None => Fact::untold(subject, wanted),
+            Some(privilege) if privilege.granted => MachineCheck::good(subject, &privilege.note, wanted),
+            Some(privilege) => MachineCheck::at(lacking, subject, "not allowed", wanted, &privilege.note),
+            None => MachineCheck::unknown(subject, wanted),
         }
     }
 
     /// Whether threads may have a real-time priority.
-    pub(super) fn priority(&self) -> Fact {
+    pub(super) fn priority(&self) -> MachineCheck {
         self.permission(Subject::Priority, Level::Bad, "allowed: else every other program goes first at times")
     }
 
     /// Whether memory may be locked.
-    pub(super) fn memory_lock(&self) -> Fact {
+    pub(super) fn memory_lock(&self) -> MachineCheck {
         self.permission(Subject::MemoryLock, Level::Bad, "allowed: else a tick may wait for a page")
     }
 
     /// Whether deep idle states may be held off.
-    pub(super) fn idle_hold(&self) -> Fact {
-        self.permission(Subject::IdleHold, Level::Fair, "allowed: else the processor wakes up late")
+    pub(super) fn idle_hold(&self) -> MachineCheck {
+        self.permission(Subject::CpuLatencyGuard, Level::Fair, "allowed: else the processor wakes up late")
     }
 
     /// How finely timers go off.
-    pub(super) fn resolution(&self) -> Fact {
+    pub(super) fn resolution(&self) -> MachineCheck {
         let level = if self.resolution_ns <= COARSEST_NS { Level::Good } else { Level::Bad };
         let found = format!("{} ns", self.resolution_ns);
         let how = "boot without `highres=off`, with a kernel that has CONFIG_HIGH_RES_TIMERS=y";
-        Fact::at(level, Subject::Resolution, found, "10 us or finer", how)
+        MachineCheck::at(level, Subject::Resolution, found, "10 us or finer", how)
     }
 
     /// Room in shared memory.
-    pub(super) fn shared_memory(&self) -> Fact {
+    pub(super) fn shared_memory(&self) -> MachineCheck {
         const WANTED: &str = "48 MB free for each run; it touches 2 MB of them, 8 MB with its recorder behind";
-        let Some((size, free)) = self.shared_memory else { return Fact::untold(Subject::SharedMemory, WANTED) };
+        let Some((size, free)) = self.shared_memory else { return MachineCheck::unknown(Subject::SharedMemory, WANTED) };
         let level = match free {
             free if free < RUN_TOUCHES => Level::Bad,
             free if free < RUN_LAID_OUT => Level::Fair,
@@ -112,11 +112,11 @@ impl Own {
         };
         let found = format!("{:.0} MB free of {:.0}", free as f64 / MB, size as f64 / MB);
         let how = "as root: `mount -o remount,size=256M /dev/shm`; for a container `--shm-size=256m`";
-        Fact::at(level, Subject::SharedMemory, found, WANTED, how)
+        MachineCheck::at(level, Subject::SharedMemory, found, WANTED, how)
     }
 
     /// How many files may be open.
-    pub(super) fn open_files(&self) -> Fact {
+    pub(super) fn open_files(&self) -> MachineCheck {
         const WANTED: &str = "1024 or more; a run has some 270 open";
         let level = match self.open_files {
             Some(limit) if limit < FILES_NEEDED => Level::Bad,
@@ -125,7 +125,7 @@ impl Own {
         };
         let found = self.open_files.map_or("any number".to_owned(), |limit| limit.to_string());
         let how = "`ulimit -n 4096`, or `@realtime - nofile 4096` in /etc/security/limits.conf";
-        Fact::at(level, Subject::OpenFiles, found, WANTED, how)
+        MachineCheck::at(level, Subject::OpenFiles, found, WANTED, how)
     }
 }
 
@@ -137,12 +137,12 @@ mod tests {
 
     #[test]
     fn this_process_is_told_something() {
-        let own = Own::ask(80, 0);
-        assert!(own.core.is_none_or(|core| own.cores.contains(&core)));
-        for subject in [Subject::Priority, Subject::MemoryLock, Subject::IdleHold] {
-            assert!(own.privilege(subject.name()).is_some(), "{subject:?} has the name that `privileges` gives it");
+        let process_info = ProcessInfo::ask(80, 0);
+        assert!(process_info.core.is_none_or(|core| process_info.cores.contains(&core)));
+        for subject in [Subject::Priority, Subject::MemoryLock, Subject::CpuLatencyGuard] {
+            assert!(process_info.privilege(subject.name()).is_some(), "{subject:?} has the name that `privileges` gives it");
         }
-        assert!(own.resolution_ns > 0);
+        assert!(process_info.resolution_ns > 0);
     }
 
     /// Fails when messages have grown so much that the constant has to be measured again.
@@ -159,7 +159,7 @@ mod tests {
 
     #[test]
     fn limits_that_a_run_would_hit_are_bad() {
-        let own = |free: u64, files: Option<u64>| Own {
+        let process_info = |free: u64, files: Option<u64>| ProcessInfo {
             cores: vec![0],
             core: Some(0),
             privileges: Vec::new(),
@@ -167,12 +167,12 @@ mod tests {
             open_files: files,
             shared_memory: Some((64 << 20, free)),
         };
-        let levels = |own: &Own| (own.shared_memory().level, own.open_files().level);
-        assert_eq!(levels(&own(1 << 20, Some(256))), (Level::Bad, Level::Bad));
-        assert_eq!(levels(&own(16 << 20, Some(512))), (Level::Fair, Level::Fair));
-        assert_eq!(levels(&own(60 << 20, Some(1024))), (Level::Good, Level::Good));
-        assert_eq!(own(0, None).open_files().level, Level::Good);
-        assert_eq!(own(0, None).priority().level, Level::Untold);
-        assert_eq!(Own { resolution_ns: 4_000_000, ..own(0, None) }.resolution().level, Level::Bad);
+        let levels = |process_info: &ProcessInfo| (process_info.shared_memory().level, process_info.open_files().level);
+        assert_eq!(levels(&process_info(1 << 20, Some(256))), (Level::Bad, Level::Bad));
+        assert_eq!(levels(&process_info(16 << 20, Some(512))), (Level::Fair, Level::Fair));
+        assert_eq!(levels(&process_info(60 << 20, Some(1024))), (Level::Good, Level::Good));
+        assert_eq!(process_info(0, None).open_files().level, Level::Good);
+        assert_eq!(process_info(0, None).priority().level, Level::Untold);
+        assert_eq!(ProcessInfo { resolution_ns: 4_000_000, ..process_info(0, None) }.resolution().level, Level::Bad);
     }
 }

@@ -34,7 +34,7 @@ impl World {
     }
 
     /// Whether damping is weak enough for an explicit sub-step of `h`: the trace of M^-1 D bounds the fastest decay.
-    pub(crate) fn is_slow(&self, kin: &Kinematics, damping: &JointVector, h: f64) -> bool {
+    pub(crate) fn is_explicit_stable(&self, kin: &Kinematics, damping: &JointVector, h: f64) -> bool {
         let n = self.n();
         if damping[..n].iter().all(|c| *c == 0.0) {
             return true;
@@ -71,7 +71,7 @@ impl World {
     }
 
     /// One Runge-Kutta sub-step of the leg.
-    pub(crate) fn fly(&mut self, kin: &Kinematics, torque: &JointVector, damping: &JointVector, h: f64) {
+    pub(crate) fn free_step(&mut self, kin: &Kinematics, torque: &JointVector, damping: &JointVector, h: f64) {
         let n = self.n();
         let (q0, v0) = (self.q, self.qd);
         let at = |v: &JointVector, a: &JointVector, s: f64| {

@@ -1,8 +1,8 @@
 //! An examination for the terminal.
 
 use super::Examination;
-use super::fact::Level;
-use super::measure::Measured;
+use super::check::Level;
+use super::measure::Measurement;
 use hapfic_log::metrics::Quantiles;
 use std::fmt::Write;
 
@@ -18,12 +18,12 @@ impl Examination {
 
     fn write(&self, out: &mut String) -> std::fmt::Result {
         writeln!(out, "what this machine says of itself:")?;
-        for fact in &self.facts.0 {
-            writeln!(out, "  {:<18} {:<6} {}", fact.subject.name(), fact.level.mark(), fact.found)?;
-            if fact.level != Level::Good {
-                writeln!(out, "  {:<25} wanted: {}", "", fact.wanted)?;
+        for check in &self.checks.0 {
+            writeln!(out, "  {:<18} {:<6} {}", check.subject.name(), check.level.mark(), check.found)?;
+            if check.level != Level::Good {
+                writeln!(out, "  {:<25} wanted: {}", "", check.wanted)?;
             }
-            if let Some(how) = &fact.how {
+            if let Some(how) = &check.how {
                 writeln!(out, "  {:<25} how: {how}", "")?;
             }
         }
@@ -46,7 +46,7 @@ impl Examination {
     }
 }
 
-impl Measured {
+impl Measurement {
     fn write(&self, out: &mut String) -> std::fmt::Result {
         let scheduler = match self.fifo {
             true => format!("SCHED_FIFO {}", self.priority),
@@ -83,7 +83,7 @@ impl Measured {
             wake(&self.wake_same_core_us),
             wake(&self.wake_other_core_us)
         )?;
-        let told = |value: Option<u64>| value.map_or("an untold number of".to_owned(), |value| value.to_string());
+        let told = |value: Option<u64>| value.map_or("an unknown number of".to_owned(), |value| value.to_string());
         writeln!(
             out,
             "  meanwhile          {} ms of the core stolen by the host; {} page faults; {} interrupts by devices",
@@ -97,13 +97,13 @@ impl Measured {
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
-    use super::super::judge;
+    use super::super::evaluate;
     use super::super::samples::{all_at, good_measurement, late_measurement};
-    use super::{Examination, Level, Measured};
+    use super::{Examination, Level, Measurement};
 
-    fn examination(level: Level, measured: Measured) -> Examination {
-        let facts = all_at(level);
-        Examination { verdict: judge(&facts, &measured), measured, facts }
+    fn examination(level: Level, measured: Measurement) -> Examination {
+        let checks = all_at(level);
+        Examination { verdict: evaluate(&checks, &measured), measured, checks }
     }
 
     #[test]
@@ -115,9 +115,10 @@ mod tests {
 
     #[test]
     fn a_bad_machine_is_told_what_is_wanted_and_how_to_get_it() {
-        let measured = Measured { fifo: false, core: None, steal_ms: None, wake_other_core_us: None, ..late_measurement() };
+        let measured = Measurement { fifo: false, core: None, steal_ms: None, wake_other_core_us: None, ..late_measurement() };
         let text = examination(Level::Bad, measured).text();
-        for expected in ["SCHED_OTHER", "any core", "wanted: ", "how: ", "another core none", "  5. ", "an untold number of ms"] {
+        for expected in ["SCHED_OTHER", "any core", "wanted: ", "how: ", "another core none", "  5. ", "an unknown number of ms"]
+        {
             assert!(text.contains(expected), "{expected} in:\n{text}");
         }
         assert!(!text.contains("  6. "), "{text}");
@@ -127,8 +128,8 @@ mod tests {
     fn programs_get_one_object_with_everything() {
         let json = serde_json::to_value(examination(Level::Bad, late_measurement())).unwrap();
         assert_eq!(json["verdict"]["grade"], "not_good");
-        assert_eq!(json["facts"][0]["subject"], "kernel");
-        assert_eq!(json["facts"][0]["level"], "bad");
+        assert_eq!(json["checks"][0]["subject"], "kernel");
+        assert_eq!(json["checks"][0]["level"], "bad");
         assert_eq!(json["verdict"]["changes"].as_array().unwrap().len(), 5);
         assert!(json["measured"]["lateness_us"]["p999"].is_f64());
     }

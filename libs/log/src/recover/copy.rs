@@ -3,8 +3,8 @@
 use super::RecoverError;
 use super::bytes::Fields;
 use super::found::Recovery;
-use super::judge::{Judge, Verdict};
 use super::output::{Output, PROTOBUF};
+use super::plausibility::{Judge, Verdict};
 use super::records::Message;
 use crate::topic::Topic;
 use mcap::records::{self, MessageHeader, Metadata, op};

@@ -1,17 +1,17 @@
-//! Release of a stalled convergence: what stands still on its way back starts anew from there.
+//! Release of a stalled convergence: what stands at_rest on its way back starts anew from there.
 
 use crate::attractor::Attractor;
 use crate::profile::ForceProfile;
 
-/// Error rate below which an axis stands still, m/s.
+/// Error rate below which an axis stands at_rest, m/s.
 const STILL_M_PER_S: f64 = 1e-3;
-/// How long it has to stand still, s.
+/// How long it has to stand at_rest, s.
 const STILL_S: f64 = 0.020;
 
 /// Detects a convergence that has stalled, on one axis.
 ///
 /// In convergence the force crosses zero half way back (eq. 1). An axis damped so strongly that it has no speed left there
-/// stands still with no force on it, up to `x_max / 2` off its reference, and its own field even pushes it back out when
+/// stands at_rest with no force on it, up to `x_max / 2` off its reference, and its own field even pushes it back out when
 /// something else drives it nearer. After 20 ms below 1 mm/s the error is latched anew, and the profile pulls with F_c(e).
 ///
 /// This gives no energy that was not stored: for a profile with `F_max <= 0.95 K0 x_b` the convergence's force towards the
@@ -20,8 +20,8 @@ const STILL_S: f64 = 0.020;
 /// what a release offers, `F_c(e) |e| / 4`, falls from one to the next, as `|e|` does.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Stall {
-    /// Ticks in a row in which the axis stood still in convergence without contact. Starts at 0.
-    pub still_ticks: u32,
+    /// Ticks in a row in which the axis stood at_rest in convergence without contact. Starts at 0.
+    pub at_rest_ticks: u32,
 }
 
 /// What the detection looks at in a tick, after the attractor's step.
@@ -50,18 +50,18 @@ impl Stall {
     pub fn step(self, attractor: Attractor, input: &StallInput, profile: &ForceProfile) -> (Self, Attractor, f64) {
         // A number that is not finite compares as false: moving, or in contact.
         let free = input.contact_force.abs() <= input.force_resolution;
-        let still = attractor.converging && free && input.error_rate.abs() < STILL_M_PER_S;
-        if !still {
+        let at_rest = attractor.converging && free && input.error_rate.abs() < STILL_M_PER_S;
+        if !at_rest {
             return (Self::default(), attractor, input.force);
         }
-        let still_ticks = self.still_ticks.saturating_add(1);
+        let at_rest_ticks = self.at_rest_ticks.saturating_add(1);
         let fresh = profile.force(input.error);
         // Towards the reference is positive here.
         let gain = (fresh - input.force) * input.error.signum();
-        let long_enough = f64::from(still_ticks) >= (STILL_S / input.period_s).round();
+        let long_enough = f64::from(at_rest_ticks) >= (STILL_S / input.period_s).round();
         if long_enough && gain > input.force_resolution {
             return (Self::default(), Attractor { x_max_m: input.error, ..attractor }, fresh);
         }
-        (Self { still_ticks }, attractor, input.force)
+        (Self { at_rest_ticks }, attractor, input.force)
     }
 }

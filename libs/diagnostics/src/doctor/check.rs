@@ -2,7 +2,7 @@
 
 use serde::{Serialize, Serializer};
 
-/// How good a fact is for 1 kHz.
+/// How good a check is for 1 kHz.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Level {
@@ -12,7 +12,7 @@ pub enum Level {
     Fair,
     /// It does cost something.
     Bad,
-    /// This kernel does not tell.
+    /// This kernel does not text.
     Untold,
 }
 
@@ -24,12 +24,12 @@ impl Level {
             Self::Good => "good",
             Self::Fair => "fair",
             Self::Bad => "BAD",
-            Self::Untold => "untold",
+            Self::Untold => "unknown",
         }
     }
 }
 
-/// What a fact is about.
+/// What a check is about.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Subject {
@@ -42,7 +42,7 @@ pub enum Subject {
     /// Whether memory may be locked.
     MemoryLock,
     /// Whether deep idle states may be held off.
-    IdleHold,
+    CpuLatencyGuard,
     /// How much of each second real-time threads may have.
     Throttling,
     /// The kernel's source of time.
@@ -88,7 +88,7 @@ impl Subject {
             Self::Preemption => "preemption",
             Self::Priority => "SCHED_FIFO",
             Self::MemoryLock => "memory lock",
-            Self::IdleHold => "no deep idle",
+            Self::CpuLatencyGuard => "no deep idle",
             Self::Throttling => "RT throttling",
             Self::Clock => "clock source",
             Self::Resolution => "timer steps",
@@ -112,7 +112,7 @@ impl Subject {
 
 /// One thing a machine says of itself.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct Fact {
+pub struct MachineCheck {
     /// What it is about.
     pub subject: Subject,
     /// How good it is.
@@ -125,14 +125,14 @@ pub struct Fact {
     pub how: Option<String>,
 }
 
-impl Fact {
+impl MachineCheck {
     /// As wanted.
     pub(super) fn good(subject: Subject, found: impl Into<String>, wanted: &'static str) -> Self {
         Self { subject, level: Level::Good, found: found.into(), wanted, how: None }
     }
 
-    /// This kernel does not tell.
-    pub(super) fn untold(subject: Subject, wanted: &'static str) -> Self {
+    /// This kernel does not text.
+    pub(super) fn unknown(subject: Subject, wanted: &'static str) -> Self {
         Self { subject, level: Level::Untold, found: "not told by this kernel".to_owned(), wanted, how: None }
     }
 
@@ -151,23 +151,23 @@ impl Fact {
 
 /// What a machine says of itself.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Facts(pub Vec<Fact>);
+pub struct MachineChecks(pub Vec<MachineCheck>);
 
-impl Facts {
-    /// The fact about something.
+impl MachineChecks {
+    /// The check about something.
     #[must_use]
-    pub fn get(&self, subject: Subject) -> Option<&Fact> {
-        self.0.iter().find(|fact| fact.subject == subject)
+    pub fn get(&self, subject: Subject) -> Option<&MachineCheck> {
+        self.0.iter().find(|check| check.subject == subject)
     }
 
-    /// How good it is; untold where there is no such fact.
+    /// How good it is; unknown where there is no such check.
     #[must_use]
     pub fn level(&self, subject: Subject) -> Level {
-        self.get(subject).map_or(Level::Untold, |fact| fact.level)
+        self.get(subject).map_or(Level::Untold, |check| check.level)
     }
 }
 
-impl Serialize for Facts {
+impl Serialize for MachineChecks {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         self.0.serialize(serializer)
     }
