@@ -11,7 +11,11 @@ run *ARGS:
 test:
     cargo test --release --workspace
 
-# Format check, clippy, docs, tests.
+# Every interleaving of the lock-free pieces.
+loom:
+    RUSTFLAGS="--cfg loom" CARGO_TARGET_DIR=target/loom cargo test --release -p hapfic-sync
+
+# Format check, prose, clippy, docs, tests, loom.
 ci:
     .ci/run
 

@@ -51,8 +51,7 @@ impl Foot {
 
 fn main() {
     // The linear part reaches to 0.95 K0 x_b = 95 N: enough for F_d.
-    let profile =
-        ForceProfile { stiffness: 4000.0, max_force: 150.0, position_bound: 0.025, saturation: Saturation::Continuous };
+    let profile = ForceProfile { stiffness: 4000.0, max_force: 150.0, position_bound: 0.025, saturation: Saturation::Continuous };
     let parameters = HapticParameters {
         stiffness: profile.stiffness,
         position_bound: profile.position_bound,

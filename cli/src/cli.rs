@@ -12,19 +12,19 @@ use std::path::PathBuf;
 #[derive(Debug, Parser)]
 #[command(name = "hapfic", version, propagate_version = true)]
 pub struct Cli {
-    /// What to do; `run floor` if nothing is given.
+    /// Command; `run floor` if none is given.
     #[command(subcommand)]
     pub command: Option<Command>,
 }
 
-/// What the program can do.
+/// Commands of the program.
 #[derive(Debug, Subcommand)]
 pub enum Command {
     /// Run a scenario: launch all processes, log everything, print a summary.
     Run(RunArgs),
-    /// Simulate a scenario in one process, without a clock: one run, or a study over values of settings.
+    /// Simulate a scenario in one process, without a clock: one run, or a study over parameter values.
     Simulate(SimulateArgs),
-    /// Check a scenario file, its robot and everything they name, without running it.
+    /// Check a scenario file, its robot and the files that they name, without running it.
     Check {
         /// Name of an embedded scenario, or path of a file.
         scenario: String,
@@ -32,122 +32,122 @@ pub enum Command {
         #[arg(long = "set", value_name = "KEY=VALUE")]
         set: Vec<String>,
     },
-    /// List the embedded scenarios; with a name, print its file.
+    /// List the embedded scenarios, or print the file of one.
     Scenarios {
-        /// Scenario to print, as a start for one of your own.
+        /// Scenario to print, as a start for your own.
         name: Option<String>,
     },
     /// Print the JSON Schema of scenario files, for editors.
     Schema,
     /// Change parameters of a running stack: all of one command take effect together, at one tick on all processes.
     Set {
-        /// The run, as `status` names it; not needed while only one is running.
+        /// Name of the run, as in `status`; not needed while only one is running.
         #[arg(long)]
         run: Option<String>,
-        /// What to change, as in an operator's entry: `desired_force=[0,0,80]`, `stiffness.z=9000`.
+        /// Parameters to change, as in an operator entry: `desired_force=[0,0,80]`, `stiffness.z=9000`.
         #[arg(required = true, value_name = "KEY=VALUE")]
         changes: Vec<String>,
     },
-    /// Show how a running stack is doing.
+    /// Show the status of a running stack.
     Status {
-        /// The run; not needed while only one is running.
+        /// Name of the run; not needed while only one is running.
         #[arg(long)]
         run: Option<String>,
-        /// One JSON object, for scripts.
+        /// Print one JSON object, for scripts.
         #[arg(long)]
         json: bool,
         /// Print once instead of following the run.
         #[arg(long)]
         once: bool,
     },
-    /// End a running stack; its log is closed as after Ctrl-C.
+    /// End a running stack, and close its log as Ctrl-C does.
     Stop {
-        /// The run; not needed while only one is running.
+        /// Name of the run; not needed while only one is running.
         #[arg(long)]
         run: Option<String>,
     },
-    /// Latched stop of a running stack: the drive brakes at the next tick, until `rearm`.
+    /// Latch a stop of a running stack: the drive brakes from the next tick until `rearm`.
     Estop {
-        /// The run; not needed while only one is running.
+        /// Name of the run; not needed while only one is running.
         #[arg(long)]
         run: Option<String>,
     },
-    /// Leave a latched stop: starts from where the foot is, and ramps the torque in.
+    /// Leave a latched stop: start from the foot's present position, and ramp the torque in.
     Rearm {
-        /// The run; not needed while only one is running.
+        /// Name of the run; not needed while only one is running.
         #[arg(long)]
         run: Option<String>,
     },
-    /// Make a fault on purpose in a running stack: `kind=kill process=controller`, `kind=stop process=planner for_ms=50`.
+    /// Inject a fault into a running stack: `kind=kill process=controller`, `kind=stop process=planner for_ms=50`.
     Inject {
-        /// The run, as `status` names it; not needed while only one is running.
+        /// Name of the run, as in `status`; not needed while only one is running.
         #[arg(long)]
         run: Option<String>,
-        /// What to do, as in a scenario's `[[fault]]` entry.
+        /// Fault to inject, as in a scenario's `[[fault]]` entry.
         #[arg(required = true, value_name = "KEY=VALUE")]
         fault: Vec<String>,
     },
-    /// Say whether this machine is good enough for 1 kHz, and what to change: what it says of itself, a measurement, one verdict.
+    /// Examine whether this machine is good enough for 1 kHz: its properties, a measurement, one verdict, and what to change.
     Doctor {
-        /// How long to measure, s, 1 to 3600.
+        /// Duration of the measurement, 1 to 3600 [s].
         #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=3600))]
         seconds: u32,
-        /// One JSON object, for scripts.
+        /// Print one JSON object, for scripts.
         #[arg(long)]
         json: bool,
     },
-    /// Print what the operator did in a log as entries of a scenario, to replay it.
+    /// Print the parameter sets of a log as entries of a scenario, to replay them.
     Timeline {
-        /// A log of `hapfic run`.
+        /// Log of `hapfic run`.
         log: PathBuf,
     },
-    /// Draw the figures of a log and sum it up.
+    /// Draw the figures of a log, and summarise it.
     Report(ReportArgs),
     /// Measure this machine, and the stack on it.
     Bench {
-        /// What to measure.
+        /// Measurement.
         #[command(subcommand)]
         what: Bench,
     },
-    /// A chain beside the stack's own; started by `bench latency`.
+    /// Run a chain of the comparison; `bench latency` starts it.
     #[command(hide = true)]
     BenchChain {
-        /// As hapfic-diagnostics understands them.
+        /// Arguments of a program of hapfic-diagnostics.
         #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
         words: Vec<String>,
     },
-    /// A run that ends with a measurement; started by `bench latency`.
+    /// Run a scenario until the measurement ends; `bench latency` starts it.
     #[command(hide = true)]
     BenchRun {
         /// Process id of the measurement.
         parent: i32,
-        /// How to run.
+        /// Arguments of the run.
         #[command(flatten)]
         run: RunArgs,
     },
-    /// Make a log that was cut off or damaged readable again; the original is kept.
+    /// Make a readable copy of a truncated or damaged log; the original is kept.
     Recover {
-        /// The damaged log.
+        /// Damaged log.
         log: PathBuf,
-        /// Where to write the recovered one; `NAME.recovered.mcap` beside it if not given.
+        /// Path of the recovered log; `NAME.recovered.mcap` beside the original if not given.
         #[arg(long, value_name = "FILE")]
         output: Option<PathBuf>,
     },
-    /// Something in everybody's way; started by the supervisor for a fault on purpose.
+    /// Stress the machine; the supervisor starts this for an injected fault.
     #[command(hide = true)]
-    Nuisance {
+    Stressor {
         /// Process id of the supervisor.
         supervisor: i32,
-        /// What to do.
+        /// Kind of stress, and its arguments.
         what: Vec<String>,
     },
-    /// One process of a running stack; started by the supervisor.
+    /// Run one process of a stack; the supervisor starts it.
     #[command(hide = true)]
     Process {
-        /// Which one.
+        /// Role of the process.
         name: ProcessName,
-        /// A foreign program to become, and its arguments.
+        /// Program of an external process, and its arguments.
         #[arg(last = true)]
-        foreign: Vec<String>,
+        external: Vec<String>,
     },
 }

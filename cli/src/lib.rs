@@ -1,26 +1,30 @@
-//! `hapfic`: launches the stack, gates torque, watches the processes and records everything.
+//! The program `hapfic`: command line, and exit codes.
 //!
-//! Exit codes: 0 the run completed, or the question was answered; 1 the machine is not good enough (`doctor`); 2 what was asked for is no good, nothing was started; 3 the
-//! run failed.
+//! | exit code | meaning |
+//! |---|---|
+//! | 0 | done; a run completed |
+//! | 1 | `hapfic doctor`: the machine is not good enough |
+//! | 2 | the input is invalid; nothing was started |
+//! | 3 | the run failed |
 
 mod cli;
 mod commands;
 
 use clap::Parser;
 use hapfic_messages::OperatorKind;
-use hapfic_supervisor::say;
+use hapfic_supervisor::log_line;
 use std::io::Write;
 use std::process::ExitCode;
 use std::time::Instant;
 
-/// The machine is not good enough.
+/// Exit code: the machine is not good enough.
 const NOT_GOOD_ENOUGH: u8 = 1;
-/// What was asked for is no good.
-const BAD_INPUT: u8 = 2;
-/// The run failed.
+/// Exit code: the input is invalid.
+const INVALID_INPUT: u8 = 2;
+/// Exit code: the run failed.
 const FAILED: u8 = 3;
 
-/// The program: reads the command line and does what it says.
+/// Runs the command of the command line.
 pub fn main() -> ExitCode {
     let since = Instant::now();
     let cli = cli::Cli::parse();
@@ -33,13 +37,13 @@ pub fn main() -> ExitCode {
             print(&hapfic_config::json_schema());
             Ok(Outcome::Done)
         }
-        cli::Command::Set { run, changes } => commands::control::order(run.as_deref(), OperatorKind::Set, &changes),
+        cli::Command::Set { run, changes } => commands::control::request(run.as_deref(), OperatorKind::Set, &changes),
         cli::Command::Status { run, json, once } => commands::status::status(run.as_deref(), json, once),
         cli::Command::Stop { run } => commands::stop::stop(run.as_deref()),
-        cli::Command::Estop { run } => commands::control::order(run.as_deref(), OperatorKind::EmergencyStop, &[]),
-        cli::Command::Rearm { run } => commands::control::order(run.as_deref(), OperatorKind::Rearm, &[]),
-        cli::Command::Inject { run, fault } => commands::control::order(run.as_deref(), OperatorKind::Inject, &fault),
-        cli::Command::Nuisance { supervisor, what } => commands::stressor::nuisance(supervisor, &what),
+        cli::Command::Estop { run } => commands::control::request(run.as_deref(), OperatorKind::EmergencyStop, &[]),
+        cli::Command::Rearm { run } => commands::control::request(run.as_deref(), OperatorKind::Rearm, &[]),
+        cli::Command::Inject { run, fault } => commands::control::request(run.as_deref(), OperatorKind::Inject, &fault),
+        cli::Command::Stressor { supervisor, what } => commands::stressor::stressor(supervisor, &what),
         cli::Command::Doctor { seconds, json } => commands::doctor::doctor(seconds, json),
         cli::Command::Bench { what } => commands::bench::bench(&what),
         cli::Command::BenchChain { words } => commands::bench::chain(&words),
@@ -47,36 +51,36 @@ pub fn main() -> ExitCode {
         cli::Command::Timeline { log } => commands::timeline::timeline(&log),
         cli::Command::Report(args) => commands::report::report(&args),
         cli::Command::Recover { log, output } => commands::recover::recover(&log, output.as_deref()),
-        cli::Command::Process { name, foreign } => commands::process::process(name, &foreign),
+        cli::Command::Process { name, external } => commands::process::process(name, &external),
     };
     match outcome {
         Ok(Outcome::Done) => ExitCode::SUCCESS,
         Ok(Outcome::NotGoodEnough) => ExitCode::from(NOT_GOOD_ENOUGH),
         Ok(Outcome::Failed) => ExitCode::from(FAILED),
-        Ok(Outcome::Refused(e)) => {
-            say(&format!("hapfic: {e:#}"));
-            ExitCode::from(BAD_INPUT)
+        Ok(Outcome::Rejected(e)) => {
+            log_line(&format!("hapfic: {e:#}"));
+            ExitCode::from(INVALID_INPUT)
         }
         Err(e) => {
-            say(&format!("hapfic: {e:#}"));
+            log_line(&format!("hapfic: {e:#}"));
             ExitCode::from(FAILED)
         }
     }
 }
 
-/// How a command ended.
+/// Result of a command.
 enum Outcome {
-    /// As asked.
+    /// The command did as requested.
     Done,
-    /// The machine is not good enough for 1 kHz; why has been said.
+    /// The machine is not good enough for 1 kHz; the reasons are printed.
     NotGoodEnough,
-    /// The run failed; what there is to say has been said.
+    /// The run failed; the reasons are printed.
     Failed,
-    /// It cannot be done as asked.
-    Refused(anyhow::Error),
+    /// The input is invalid.
+    Rejected(anyhow::Error),
 }
 
-/// To standard output. A reader that has gone away is no reason to fail.
+/// Writes a line to standard output; a closed standard output is no failure.
 fn print(text: &str) {
     let _ = writeln!(std::io::stdout(), "{text}");
 }

@@ -1,4 +1,4 @@
-//! The program `hapfic`; all of it is in the library.
+//! The program `hapfic`; the library holds all of it.
 
 use std::process::ExitCode;
 

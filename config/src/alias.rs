@@ -1,4 +1,4 @@
-//! The plain names of the log as another spelling of the keys that carry a unit.
+//! Aliases of the keys that carry a unit: the plain names that the log uses.
 
 use crate::error::{Complaint, ConfigError};
 use crate::tree::{Node, Value, join};
@@ -25,7 +25,7 @@ const OPERATOR: &[(&str, &str)] = &[
     ("max_acceleration", "max_acceleration_m_per_s2"),
 ];
 
-/// The other spellings in a section, each with the name of the key.
+/// Aliases in a section, each with the name of its key.
 pub(crate) fn of(section: &str) -> &'static [(&'static str, &'static str)] {
     match section {
         "controller" => CONTROLLER,
@@ -35,12 +35,12 @@ pub(crate) fn of(section: &str) -> &'static [(&'static str, &'static str)] {
     }
 }
 
-/// The name of a key of a section, whichever spelling was used.
+/// Name of a key of a section, given as name or as alias.
 pub(crate) fn canonical<'a>(section: &str, key: &'a str) -> &'a str {
     of(section).iter().find(|(alias, _)| *alias == key).map_or(key, |(_, name)| *name)
 }
 
-/// Gives every key of a scenario its one name.
+/// Replaces every alias in a scenario by the name of its key.
 pub(crate) fn canonicalise(root: &mut Node) -> Result<(), ConfigError> {
     let Value::Table(sections) = &mut root.value else { return Ok(()) };
     for section in ["controller", "planner"] {

@@ -1,4 +1,4 @@
-//! A change of a running stack, from `key=value` pairs: the keys of an operator's entry, checked as such an entry is.
+//! Parser for a change of a running stack: `key=value` pairs with the keys and the checks of an operator's entry.
 
 use crate::check;
 use crate::error::{ConfigError, Location};
@@ -13,42 +13,43 @@ use serde::Deserialize;
 use std::collections::BTreeMap;
 
 const AXES: [&str; 3] = ["x", "y", "z"];
-/// Where the one entry stands in the tree that is checked.
+/// Path of the only entry in the tree that is checked.
 const ENTRY: &str = "operator[0]";
 
-/// A change as somebody asked for it.
+/// A change as requested.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Asked {
-    /// What changes; its tick is not set.
+pub struct RequestedChange {
+    /// The change; its tick is not set.
     pub change: OperatorChange,
-    /// Whether single axes were named, so that the others come from the set it was made on.
+    /// Whether the pairs name single axes, so that the other axes come from the base set.
     pub relative: bool,
 }
 
-/// A value before and after a change, in the notation of a scenario.
+/// A value before and after a change, as a scenario writes it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Difference {
-    /// Its key in an operator's entry.
+    /// Key in an operator's entry.
     pub key: String,
-    /// What it was.
+    /// Value before the change.
     pub before: String,
-    /// What it is.
+    /// Value after the change.
     pub after: String,
 }
 
-/// A scenario's operator and nothing else.
+/// A scenario that holds only the operator's list.
 #[derive(Deserialize)]
 struct RawChange {
     operator: Vec<RawOperator>,
 }
 
 impl OperatorChange {
-    /// Reads pairs such as `desired_force=[0, 0, 80]`, `taper=0.1` or, for one axis, `desired_force.z=80`; axes that are not named
-    /// are those of `base`.
+    /// Reads pairs such as `desired_force=[0, 0, 80]`, `taper=0.1` or, for a single axis, `desired_force.z=80`.
+    ///
+    /// Axes that the pairs do not name keep the values of `base`.
     ///
     /// # Errors
-    /// The first thing that is wrong, with the pair it is in.
-    pub fn from_pairs(pairs: &[&str], base: &Parameters) -> Result<Asked, ConfigError> {
+    /// The first error, with its pair.
+    pub fn from_pairs(pairs: &[&str], base: &Parameters) -> Result<RequestedChange, ConfigError> {
         let place = Location::Change(pairs.join(" ").into());
         let known = table(base)?;
         let mut entry = Entry { known: &known, keys: BTreeMap::new(), axes: Vec::new() };
@@ -61,7 +62,7 @@ impl OperatorChange {
         entry.keys.insert("at_s".to_owned(), Node { place: place.clone(), value: Value::Float(0.0) });
         let change = read_one(&only_entry("operator", entry.keys, &place)).map_err(|error| plain_keys(error, ENTRY))?;
         match change {
-            Some(change) => Ok(Asked { change, relative }),
+            Some(change) => Ok(RequestedChange { change, relative }),
             None => Err(complain(&place, "", "no change", "at least one KEY=VALUE", "name what to change")),
         }
     }
@@ -73,14 +74,14 @@ fn read_one(root: &Node) -> Result<Option<OperatorChange>, ConfigError> {
     Ok(check::changes(&raw.operator, root)?.first().copied())
 }
 
-/// A scenario with one entry in one list and nothing else.
+/// A scenario that holds one list with one entry.
 pub(crate) fn only_entry(list: &str, keys: BTreeMap<String, Node>, place: &Location) -> Node {
     let node = |value| Node { place: place.clone(), value };
     let entries = node(Value::List(vec![node(Value::Table(keys))]));
     node(Value::Table(BTreeMap::from([(list.to_owned(), entries)])))
 }
 
-/// Keys as the user wrote them: there is only one entry, and it is no list's.
+/// Removes the entry's path from the key: the user wrote the key alone.
 pub(crate) fn plain_keys(mut error: ConfigError, entry: &str) -> ConfigError {
     let complaint = error.complaint_mut();
     if let Some(rest) = complaint.key.strip_prefix(entry) {
@@ -89,12 +90,12 @@ pub(crate) fn plain_keys(mut error: ConfigError, entry: &str) -> ConfigError {
     error
 }
 
-/// An operator's entry in the making.
+/// Builder of an operator's entry.
 struct Entry<'a> {
-    /// The set that single axes start from.
+    /// Set that supplies the axes which no pair names.
     known: &'a BTreeMap<String, Node>,
     keys: BTreeMap<String, Node>,
-    /// Axes that were named.
+    /// Axes that the pairs name.
     axes: Vec<(String, usize)>,
 }
 
@@ -111,7 +112,7 @@ impl Entry<'_> {
         };
         let name = alias::canonical("operator", key);
         if name == "at_s" {
-            let help = "leave it out; a change takes effect a few ticks after it is asked for";
+            let help = "remove it; a change takes effect a few ticks after its request";
             return Err(complain(&place, path, "a time", "a key that can change while the stack runs", help));
         }
         if name.is_empty() {
@@ -135,10 +136,10 @@ impl Entry<'_> {
                 return Err(complain(place, path, &format!("axis {axis:?}"), "no axis: the value is a single one", help));
             }
             if name == "target_position_m" || name == "target_position" {
-                let help = "no target has been given yet: set the whole vector, as target_position=[0, 0.05, 0.1]";
-                return Err(complain(place, path, &format!("axis {axis:?}"), "a key that has a value already", help));
+                let help = "no target is set yet: set the whole vector, as target_position=[0, 0.05, 0.1]";
+                return Err(complain(place, path, &format!("axis {axis:?}"), "a key that has a value", help));
             }
-            // The reader knows which keys there are, and says so.
+            // The reader rejects the key and lists the known ones.
             self.keys.insert(name.to_owned(), value);
             return Ok(());
         };
@@ -147,8 +148,8 @@ impl Entry<'_> {
             return Err(complain(place, path, &format!("axis {axis:?}"), "one of x, y, z", help));
         };
         let named = (name.to_owned(), index);
-        let begun = self.axes.iter().any(|(n, _)| n == name);
-        if self.axes.contains(&named) || (self.keys.contains_key(name) && !begun) {
+        let partial = self.axes.iter().any(|(n, _)| n == name);
+        if self.axes.contains(&named) || (self.keys.contains_key(name) && !partial) {
             return Err(twice(place, path));
         }
         let node =
@@ -164,13 +165,13 @@ impl Entry<'_> {
 }
 
 pub(crate) fn twice(place: &Location, path: &str) -> ConfigError {
-    complain(place, path, "a key that another pair gives, too", "each value once", "remove one of the two")
+    complain(place, path, "a key that another pair gives too", "each value once", "remove one of the two")
 }
 
-/// What a change has done to a set: every value that differs, by key.
+/// Lists every value that differs between two sets, by key.
 ///
 /// # Errors
-/// [`ConfigError::Override`] if a set cannot be written as TOML, which no checked one does.
+/// [`ConfigError::Override`] if TOML cannot hold a set; a checked set never causes it.
 pub fn differences(before: &Parameters, after: &Parameters) -> Result<Vec<Difference>, ConfigError> {
     let (before, after) = (table(before)?, table(after)?);
     let text = |node: Option<&Node>| node.map_or_else(|| "none".to_owned(), Node::describe);
@@ -181,7 +182,7 @@ pub fn differences(before: &Parameters, after: &Parameters) -> Result<Vec<Differ
         .collect())
 }
 
-/// A set by the keys of an operator's entry.
+/// Values of a set by the keys of an operator's entry.
 fn table(set: &Parameters) -> Result<BTreeMap<String, Node>, ConfigError> {
     const ORIGIN: &str = "parameters in force";
     let text = toml::to_string(set).map_err(|error| {
@@ -206,7 +207,7 @@ mod tests {
         Parameters { target_position: Some([0.1, 0.2, 0.3]), desired_force: [1.0, 2.0, 50.0], ..initial }
     }
 
-    fn change(pairs: &[&str]) -> Asked {
+    fn change(pairs: &[&str]) -> RequestedChange {
         OperatorChange::from_pairs(pairs, &base()).unwrap()
     }
 
@@ -215,8 +216,8 @@ mod tests {
     }
 
     #[test]
-    fn all_pairs_make_one_change_whichever_spelling() {
-        let asked = change(&["desired_force=[0, 0, 80]", "stiffness_n_per_m = [1, 2, 3]", "search=sign", "taper=0.1"]);
+    fn pairs_both_spellings_make_one_change() {
+        let requested = change(&["desired_force=[0, 0, 80]", "stiffness_n_per_m = [1, 2, 3]", "search=sign", "taper=0.1"]);
         let expected = OperatorChange {
             desired_force: Some([0.0, 0.0, 80.0]),
             stiffness: Some([1.0, 2.0, 3.0]),
@@ -224,29 +225,29 @@ mod tests {
             taper: Some(0.1),
             ..OperatorChange::default()
         };
-        assert_eq!(asked, Asked { change: expected, relative: false });
+        assert_eq!(requested, RequestedChange { change: expected, relative: false });
     }
 
     #[test]
-    fn an_axis_keeps_the_others() {
-        let asked = change(&["desired_force.z=80", "desired_force.x=-1", "target_position_m.y=0.5"]);
-        assert_eq!(asked.change.desired_force, Some([-1.0, 2.0, 80.0]));
-        assert_eq!(asked.change.target_position, Some([0.1, 0.5, 0.3]));
-        assert!(asked.relative);
+    fn pair_single_axis_keeps_others() {
+        let requested = change(&["desired_force.z=80", "desired_force.x=-1", "target_position_m.y=0.5"]);
+        assert_eq!(requested.change.desired_force, Some([-1.0, 2.0, 80.0]));
+        assert_eq!(requested.change.target_position, Some([0.1, 0.5, 0.3]));
+        assert!(requested.relative);
     }
 
     #[test]
-    fn every_value_of_a_set_can_be_asked_for_by_its_key() {
-        // A parameter that is added to the set and not to the entry, or under another name, is found here.
+    fn pairs_all_parameters_set_every_value() {
+        // Detects a parameter that the set has and the entry lacks, or has under another name.
         let all = table(&base()).unwrap();
         let pairs: Vec<String> = all.iter().map(|(key, node)| format!("{key}={}", node.describe())).collect();
         let pairs: Vec<&str> = pairs.iter().map(String::as_str).collect();
-        let asked = change(&pairs);
-        assert_eq!(Parameters { target_position: None, ..base() }.with(&asked.change), base());
+        let requested = change(&pairs);
+        assert_eq!(Parameters { target_position: None, ..base() }.with(&requested.change), base());
     }
 
     #[test]
-    fn what_is_no_good_is_told_with_its_pair() {
+    fn pairs_invalid_rejected_with_pair() {
         for (pairs, words) in [
             (vec![], vec!["no change", "KEY=VALUE"]),
             (vec!["taper"], vec!["set taper", "no =", "KEY=VALUE"]),
@@ -277,7 +278,7 @@ mod tests {
     }
 
     #[test]
-    fn differences_name_what_changed_and_nothing_else() {
+    fn differences_name_only_changed_values() {
         let after = base().with(&change(&["desired_force.z=80", "taper=0.2"]).change);
         let expected =
             Difference { key: "desired_force_n".to_owned(), before: "[1, 2, 50]".to_owned(), after: "[1, 2, 80]".to_owned() };

@@ -1,4 +1,4 @@
-//! What several values have to fulfil together, and the step from a raw scenario to [`Settings`].
+//! Conditions between several values, and the conversion of a raw scenario into [`Settings`].
 
 mod fault;
 mod world;
@@ -13,14 +13,14 @@ use crate::settings::{
 };
 use crate::tree::{Node, describe_number};
 
-/// One over the period of the control loop, 1/s.
+/// Rate of the control loop [1/s].
 const TICKS_PER_S: f64 = 1000.0;
-/// Longest target, m.
+/// Longest target vector [m].
 const TARGET_MAX_M: f64 = 100.0;
-/// Longest desired force, N.
+/// Longest desired force [N].
 const DESIRED_FORCE_MAX_N: f64 = 1e4;
 
-/// Checks the rest of a scenario whose numbers are in their ranges.
+/// Checks the conditions between the values of a scenario whose numbers are in their ranges.
 pub(crate) fn settings(mut raw: RawScenario, tree: &Node, urdf: Urdf) -> Result<Settings, ConfigError> {
     let at = At { tree };
     let policies = at.policies(&mut raw.controller)?;
@@ -105,17 +105,17 @@ pub(crate) fn settings(mut raw: RawScenario, tree: &Node, urdf: Urdf) -> Result<
     })
 }
 
-/// Checks the operator's entries of a tree that holds nothing else.
+/// Checks the operator's entries of a tree that holds only them.
 pub(crate) fn changes(raw: &[RawOperator], tree: &Node) -> Result<Vec<OperatorChange>, ConfigError> {
     At { tree }.timeline(raw)
 }
 
-/// Checks the one fault of a tree that holds nothing else, and makes it one of tick 0.
+/// Checks the fault of a tree that holds only it; the fault gets tick 0.
 pub(crate) fn injected(raw: &RawFault, tree: &Node) -> Result<Fault, ConfigError> {
     Ok(At { tree }.effect("fault[0]", raw)?.fault)
 }
 
-/// A time within its range as the nearest tick.
+/// Nearest tick to a time [s] within its range.
 fn ticks(seconds: f64) -> i64 {
     (seconds * TICKS_PER_S).round() as i64
 }
@@ -124,7 +124,7 @@ fn length(v: [f64; 3]) -> f64 {
     v.iter().map(|x| x * x).sum::<f64>().sqrt()
 }
 
-/// What `fidelity` stands for, or what was set instead.
+/// Policies that `fidelity` selects, or the keys that replace them.
 struct Policies {
     search: Search,
     reset_policy: ResetPolicy,
@@ -133,7 +133,7 @@ struct Policies {
     stall_release: bool,
 }
 
-/// The checks, with the tree to tell where a value was written.
+/// The checks, with the tree that knows the place of each value.
 struct At<'a> {
     tree: &'a Node,
 }
@@ -153,7 +153,7 @@ impl At<'_> {
         self.tree.get(key).map_or_else(|| "nothing".to_owned(), Node::describe)
     }
 
-    /// The policies in force, which are also written into the raw section unless `fidelity` stands for them.
+    /// Returns the active policies, and writes them into the raw section unless `fidelity` selects them.
     fn policies(&self, raw: &mut RawController) -> Result<Policies, ConfigError> {
         const FIDELITY: &str = "controller.fidelity";
         if raw.fidelity == Fidelity::Hapfic {
@@ -199,7 +199,7 @@ impl At<'_> {
         Err(ConfigError::OutOfRange(self.complain(key, &found, &expected, "the length of the whole vector counts")))
     }
 
-    /// Number of joints, and the names of the links.
+    /// Checks the names of the links, and returns the number of joints.
     fn joints(&self, raw: &RawRobot) -> Result<usize, ConfigError> {
         let names = [("robot.urdf", &raw.urdf), ("robot.base_link", &raw.base_link), ("robot.tip_link", &raw.tip_link)];
         if let Some((key, _)) = names.iter().find(|(_, name)| name.trim().is_empty()) {
@@ -209,7 +209,7 @@ impl At<'_> {
         if raw.base_link == raw.tip_link {
             let expected = "another link than robot.base_link";
             let found = self.found("robot.tip_link");
-            let help = "the limb is what lies between the two";
+            let help = "the robot is the chain of joints between the two";
             return Err(ConfigError::Combination(self.complain("robot.tip_link", &found, expected, help)));
         }
         let count = raw.start_position_rad.len();
@@ -246,7 +246,7 @@ impl At<'_> {
         for pair in order.windows(2) {
             let ((above, higher), (below, lower)) = (pair[0], pair[1]);
             if lower >= higher {
-                // Told at the one that is given; both may be.
+                // The message names the key that the scenario gives; it may give both.
                 let (key, found, expected) = if self.tree.get(below).is_some() {
                     (below, lower, format!("less than {above} = {higher}"))
                 } else {
@@ -316,7 +316,7 @@ impl At<'_> {
             return Ok(());
         }
         let expected = format!("at least {}, 5 ms after the entry before", seconds(earliest));
-        let help = "order the entries by time; what changes at the same time belongs into one entry";
+        let help = "order the entries by time; changes of the same time belong into one entry";
         Err(ConfigError::Combination(self.complain(key, &found, &expected, help)))
     }
 }

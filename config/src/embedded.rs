@@ -1,11 +1,11 @@
-//! Scenarios and robots that are part of the executable.
+//! Scenarios and robot descriptions that are part of the executable.
 
 /// A scenario that needs no file.
 #[derive(Clone, Copy, Debug)]
 pub struct Scenario {
-    /// What it is called by.
+    /// Name on the command line.
     pub name: &'static str,
-    /// One line that says what happens.
+    /// Summary in one line.
     pub title: &'static str,
     /// The TOML.
     pub text: &'static str,

@@ -1,23 +1,23 @@
-//! What is wrong with a scenario, and where.
+//! Errors of scenarios, with their places.
 
 use std::fmt;
 use std::sync::Arc;
 
-/// Where a value was written.
+/// Place of a value.
 #[derive(Clone, Debug, Eq, PartialEq)]
 pub enum Location {
     /// In a file.
     File {
-        /// The file, as the user named it.
+        /// The file, as given by the user.
         name: Arc<str>,
-        /// Counts from 1; none if the complaint is about the file as a whole.
+        /// Line, from 1; `None` if the error concerns the file as a whole.
         line: Option<usize>,
     },
     /// On the command line: the `KEY=VALUE` after `--set`.
     Override(Arc<str>),
-    /// In a change of a running stack: one `KEY=VALUE` of it.
+    /// In a change of a running stack: a `KEY=VALUE` of it.
     Change(Arc<str>),
-    /// In a fault for a running stack: one `KEY=VALUE` of it.
+    /// In a fault for a running stack: a `KEY=VALUE` of it.
     Injection(Arc<str>),
 }
 
@@ -43,15 +43,15 @@ impl fmt::Display for Location {
 /// The content of a [`ConfigError`].
 #[derive(Clone, Debug, Eq, PartialEq)]
 pub struct Complaint {
-    /// Where it was written.
+    /// Place of the value.
     pub place: Location,
-    /// Path of the key, such as `controller.stiffness_n_per_m[1]`; empty if it is about no key.
+    /// Path of the key, such as `controller.stiffness_n_per_m[1]`; empty if the error concerns no key.
     pub key: String,
-    /// What stands there.
+    /// Value found.
     pub found: String,
-    /// What should stand there.
+    /// Value expected.
     pub expected: String,
-    /// What to do about it.
+    /// Hint at the correction.
     pub help: String,
 }
 
@@ -65,7 +65,7 @@ impl fmt::Display for Complaint {
     }
 }
 
-/// A scenario that cannot be used. Loading stops at the first one.
+/// A scenario is invalid. Loading stops at the first error.
 #[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]
 pub enum ConfigError {
     /// The scenario or its robot description cannot be read.
@@ -74,34 +74,34 @@ pub enum ConfigError {
     /// No embedded scenario has this name.
     #[error("{0}")]
     UnknownScenario(Box<Complaint>),
-    /// The text is not TOML, or gives a key twice.
+    /// The text is not TOML, or repeats a key.
     #[error("{0}")]
     NotToml(Box<Complaint>),
-    /// No such key.
+    /// A key is unknown.
     #[error("{0}")]
     UnknownKey(Box<Complaint>),
-    /// A required key is absent.
+    /// A required key is missing.
     #[error("{0}")]
     MissingKey(Box<Complaint>),
-    /// A value of another type, or a word that is none of the choices.
+    /// A value has another type, or a word is none of the choices.
     #[error("{0}")]
     WrongType(Box<Complaint>),
-    /// A number outside its range, or not finite.
+    /// A number is outside its range, or not finite.
     #[error("{0}")]
     OutOfRange(Box<Complaint>),
-    /// A list of another length.
+    /// A list has another length.
     #[error("{0}")]
     WrongLength(Box<Complaint>),
-    /// Values that are legal alone and not together.
+    /// Values are valid alone but not together.
     #[error("{0}")]
     Combination(Box<Complaint>),
-    /// An override that cannot be read or applied.
+    /// An override cannot be read or applied.
     #[error("{0}")]
     Override(Box<Complaint>),
 }
 
 impl ConfigError {
-    /// Location, key, found, expected and what to do, one by one.
+    /// Returns place, key, found, expected and hint.
     #[must_use]
     pub fn complaint(&self) -> &Complaint {
         match self {
@@ -134,13 +134,13 @@ impl ConfigError {
     }
 }
 
-/// The known word that a misspelt one probably stands for.
+/// Returns the known word that is most similar to a misspelt one, if any is similar enough.
 pub(crate) fn nearest<'k>(word: &str, known: &[&'k str]) -> Option<&'k str> {
-    // 0.8 of Jaro and Winkler's measure takes one or two slips in a name of usual length, and no other word.
+    // A Jaro-Winkler similarity of 0.8 accepts one or two typing errors in a name of usual length, and no other word.
     known
         .iter()
         .map(|candidate| (strsim::jaro_winkler(word, candidate), *candidate))
-        .filter(|(likeness, _)| *likeness >= 0.8)
+        .filter(|(similarity, _)| *similarity >= 0.8)
         .max_by(|a, b| a.0.total_cmp(&b.0))
         .map(|(_, candidate)| candidate)
 }

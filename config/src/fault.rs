@@ -1,52 +1,52 @@
-//! Faults on purpose: which kinds there are, and what they happen to.
+//! Fault injection: kinds and targets.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// A fault that is to happen, as drawn.
+/// A fault to inject, with its sampled tick and target.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub struct Fault {
-    /// The tick at which it begins; 0 in a fault for a running stack: at once.
+    /// First tick; 0 in a fault for a running stack, which begins immediately.
     pub tick: i64,
-    /// What happens.
+    /// Kind of fault.
     pub kind: FaultKind,
-    /// What it happens to.
+    /// Target of the fault.
     pub target: FaultTarget,
-    /// How long it lasts, ticks of 1 ms; at least 1, but 0 for `kill`, `full_disk` and `memory_lock`, which know no length.
+    /// Length [ticks of 1 ms]; at least 1, but 0 for `kill`, `full_disk` and `memory_lock`, which have no length.
     pub ticks: u32,
-    /// By how much a tick is slowed, us; at least 1 for `slow`, 0 for all others.
+    /// Delay of each tick [us]; at least 1 for `slow`, 0 for all other kinds.
     pub by_us: u32,
 }
 
-/// What happens.
+/// Kind of fault.
 #[derive(Clone, Copy, Debug, Deserialize, Eq, JsonSchema, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum FaultKind {
     /// The process is killed.
     Kill,
-    /// The process is halted for a while, as by a debugger.
+    /// The process is halted for the length, as by a debugger.
     Stop,
-    /// Each tick of the process takes longer, for a while.
+    /// Each tick of the process takes longer, for the length.
     Slow,
-    /// What the process publishes is lost.
+    /// The process's messages are lost.
     Drop,
-    /// The process publishes its message of the tick before once more.
+    /// The process publishes its message of the previous tick again.
     Repeat,
-    /// Bits of what the process publishes are turned over.
+    /// Bits of the process's messages are inverted.
     Corrupt,
-    /// Numbers of what the process publishes are nan.
+    /// Numbers in the process's messages are nan.
     Nan,
-    /// What the process publishes carries an old tick.
+    /// The process's messages carry an old tick.
     Stale,
-    /// Something else takes the processors' time.
+    /// An external load takes the processors' time.
     Hog,
-    /// No more can be written to the log.
+    /// The disk of the log is full.
     FullDisk,
-    /// The process may lock no memory.
+    /// The process cannot lock memory.
     MemoryLock,
 }
 
-/// What a fault happens to.
+/// Target of a fault.
 #[derive(Clone, Copy, Debug, Deserialize, Eq, JsonSchema, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum FaultTarget {
@@ -54,20 +54,20 @@ pub enum FaultTarget {
     Plant,
     /// The planner.
     Planner,
-    /// The controller in the place `controller`, primary or not.
+    /// The controller in the slot `controller`, primary or not.
     Controller,
-    /// The controller in the place `standby`, primary or not.
+    /// The controller in the slot `standby`, primary or not.
     Standby,
-    /// Both controllers at once.
+    /// Both controllers at the same tick.
     Controllers,
-    /// The process that watches over the others.
+    /// The supervisor.
     Supervisor,
-    /// No process: what all of them run on. It has no word in a scenario; its kinds take no process.
+    /// The machine, for kinds that take no process. It has no word in a scenario.
     #[serde(skip)]
     Machine,
 }
 
-/// All that do ticks under the supervisor, with the supervisor itself at the end.
+/// All processes that run ticks under the supervisor, then the supervisor itself.
 const PROCESSES: &[FaultTarget] = &[
     FaultTarget::Plant,
     FaultTarget::Planner,
@@ -78,7 +78,7 @@ const PROCESSES: &[FaultTarget] = &[
 ];
 
 impl FaultKind {
-    /// Its word in a scenario.
+    /// Returns the word in a scenario.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -96,24 +96,24 @@ impl FaultKind {
         }
     }
 
-    /// Whether it has a length.
+    /// Whether the kind has a length.
     pub(crate) const fn lasts(self) -> bool {
         !matches!(self, Self::Kill | Self::FullDisk | Self::MemoryLock)
     }
 
-    /// The processes it can happen to; none: it happens to the machine.
+    /// Possible target processes; empty: the target is the machine.
     pub(crate) fn processes(self) -> &'static [FaultTarget] {
         match self {
             Self::Hog | Self::FullDisk => &[],
             Self::Kill => PROCESSES,
-            // A supervisor that is halted or publishes nonsense would have to be watched by somebody else.
+            // No component monitors the supervisor for anything but its death.
             _ => &PROCESSES[..PROCESSES.len() - 1],
         }
     }
 }
 
 impl FaultTarget {
-    /// Its word in a scenario, or `machine`.
+    /// Returns the word in a scenario, or `machine`.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {

@@ -1,4 +1,4 @@
-//! A fault for a running stack, from `key=value` pairs: the keys of a scenario's fault, checked as such an entry is.
+//! Parser for a fault of a running stack: `key=value` pairs with the keys and the checks of a scenario's fault.
 
 use crate::change::{only_entry, plain_keys, twice};
 use crate::check;
@@ -12,16 +12,16 @@ use crate::tree::Node;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 
-/// Where the one entry stands in the tree that is checked.
+/// Path of the only entry in the tree that is checked.
 const ENTRY: &str = "fault[0]";
 
-/// A scenario's faults and nothing else.
+/// A scenario that holds only the list of faults.
 #[derive(Deserialize)]
 struct RawInjections {
     fault: Vec<RawInjection>,
 }
 
-/// A fault that happens at once.
+/// A fault that begins immediately.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RawInjection {
@@ -35,15 +35,15 @@ struct RawInjection {
 }
 
 impl Fault {
-    /// Reads pairs such as `kind=stop process=planner for_ms=50`: a fault that happens at once, with tick 0.
+    /// Reads pairs such as `kind=stop process=planner for_ms=50`. The fault begins immediately and has tick 0.
     ///
     /// # Errors
-    /// The first thing that is wrong, with the pair it is in.
+    /// The first error, with its pair.
     pub fn from_pairs(pairs: &[&str]) -> Result<Self, ConfigError> {
         let place = Location::Injection(pairs.join(" ").into());
         if pairs.is_empty() {
-            let help = "say what shall happen, for example kind=stop process=planner for_ms=50";
-            return Err(complain(&place, "", "no fault", "kind=KIND and what belongs to it", help));
+            let help = "name the fault, for example kind=stop process=planner for_ms=50";
+            return Err(complain(&place, "", "no fault", "kind=KIND and the keys of that kind", help));
         }
         let mut keys = BTreeMap::new();
         pairs.iter().try_for_each(|pair| add(&mut keys, pair))?;
@@ -62,7 +62,7 @@ fn add(keys: &mut BTreeMap<String, Node>, pair: &str) -> Result<(), ConfigError>
         return Err(complain(&place, key, "an empty key", "KEY=VALUE", example));
     }
     if matches!(key, "at_s" | "random") {
-        let help = "leave it out; the fault happens at once";
+        let help = "remove it; the fault begins immediately";
         return Err(complain(&place, key, "a time", "one of kind, process, for_ms, by_us", help));
     }
     let value = parse(text.trim(), key, &place)?;
@@ -77,12 +77,12 @@ fn read_one(root: &Node) -> Result<Fault, ConfigError> {
     ranges::check(root)?;
     let raw: RawInjections = read::read(root)?;
     let Some(raw) = raw.fault.into_iter().next() else {
-        return Err(complain(&root.place, "", "no fault", "kind=KIND and what belongs to it", "say what shall happen"));
+        return Err(complain(&root.place, "", "no fault", "kind=KIND and the keys of that kind", "name the fault"));
     };
-    if let Some(RawTargets::Drawn(_)) = raw.process {
+    if let Some(RawTargets::Sampled(_)) = raw.process {
         let key = format!("{ENTRY}.process");
         let found = root.get(&key).map_or_else(|| "a list".to_owned(), Node::describe);
-        let help = "drawing from a list is for scenarios: name the one that is meant";
+        let help = "only a scenario samples from a list: name one process";
         return Err(complain(&root.place(&key), &key, &found, "one process", help));
     }
     let raw = RawFault { kind: raw.kind, process: raw.process, at_s: None, for_ms: raw.for_ms, by_us: raw.by_us, random: None };
@@ -96,7 +96,7 @@ mod tests {
     use crate::FaultTarget;
 
     #[test]
-    fn pairs_make_a_fault_that_happens_at_once() {
+    fn pairs_valid_make_immediate_fault() {
         let fault = |kind, target, ticks, by_us| Fault { tick: 0, kind, target, ticks, by_us };
         for (pairs, expected) in [
             (vec!["kind=stop", "process=planner", "for_ms=50"], fault(FaultKind::Stop, FaultTarget::Planner, 50, 0)),
@@ -105,7 +105,7 @@ mod tests {
                 vec!["kind=slow", "process=controllers", "for_ms=3", "by_us=900"],
                 fault(FaultKind::Slow, FaultTarget::Controllers, 3, 900),
             ),
-            // TOML takes nan for a number.
+            // TOML reads nan as a number.
             (vec!["kind=nan", "process=standby"], fault(FaultKind::Nan, FaultTarget::Standby, 1, 0)),
             (vec!["kind=\"nan\"", "process=plant"], fault(FaultKind::Nan, FaultTarget::Plant, 1, 0)),
             (vec!["kind=memory_lock", "process=controller"], fault(FaultKind::MemoryLock, FaultTarget::Controller, 0, 0)),
@@ -117,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_good_is_told_with_its_pair() {
+    fn pairs_invalid_rejected_with_pair() {
         for (pairs, words) in [
             (vec![], vec!["no fault", "kind=KIND"]),
             (vec!["kill"], vec!["inject kill: found no =", "KEY=VALUE"]),
@@ -137,7 +137,7 @@ mod tests {
             (vec!["kind=stop", "process=plant", "for_ms=nan"], vec!["for_ms", "finite"]),
             (vec!["kind=slow", "process=plant"], vec!["by_us: found nothing beside kind = \"slow\"", "add by_us"]),
             (vec!["kind=stop", "process=plant", "by_us=5"], vec!["by_us: found 5 beside kind = \"stop\"", "only slow"]),
-            (vec!["kind=kill", "process=plant", "at_s=3"], vec!["inject at_s=3: at_s: found a time", "happens at once"]),
+            (vec!["kind=kill", "process=plant", "at_s=3"], vec!["inject at_s=3: at_s: found a time", "begins immediately"]),
             (vec!["kind=kill", "random={count=1}", "process=plant"], vec!["random: found a time"]),
             (vec!["kind=kill", "kind=stop"], vec!["inject kind=stop: kind", "each value once"]),
         ] {

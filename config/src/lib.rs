@@ -1,4 +1,4 @@
-//! Scenarios: TOML as written, checked once into [`Settings`] that everything else trusts.
+//! Scenarios: TOML as written, checked once into [`Settings`]. All other crates trust the checked values.
 //!
 //! ```
 //! use hapfic_config::Settings;
@@ -9,10 +9,13 @@
 //! # Ok::<(), hapfic_config::ConfigError>(())
 //! ```
 //!
-//! The way of a value: the text becomes a tree in which each value knows its line; other spellings of a key get their one
-//! name; `--set` replaces values in the tree; the ranges are checked; serde reads the tree into the raw structures; what
-//! several values have to fulfil together is checked last, and faults at random are drawn. A complaint therefore always
-//! knows place, key and value.
+//! Stages of loading:
+//! 1. The parser turns the text into a tree that keeps the line of each value.
+//! 2. Aliases of keys become their names; `--set` replaces values in the tree.
+//! 3. The range of every number is checked; serde reads the tree into the raw structures.
+//! 4. Conditions between several values are checked, and random faults are sampled.
+//!
+//! Every error message therefore names place, key and value.
 
 mod alias;
 mod change;
@@ -31,7 +34,7 @@ mod schema;
 mod settings;
 mod tree;
 
-pub use change::{Asked, Difference, differences};
+pub use change::{Difference, RequestedChange, differences};
 pub use embedded::{Scenario, robots, scenarios};
 pub use error::{Complaint, ConfigError, Location};
 pub use fault::{Fault, FaultKind, FaultTarget};

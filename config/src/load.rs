@@ -1,4 +1,4 @@
-//! From a file, a name or a text to [`Settings`].
+//! Loading of [`Settings`] from a file, a name or a text.
 
 use crate::alias;
 use crate::check;
@@ -15,10 +15,10 @@ use std::path::{Path, PathBuf};
 impl Settings {
     /// Loads an embedded scenario by name (`floor`), or a file by path (with a `/`, ending in `.toml`, or existing).
     ///
-    /// Each override is `key.path=value`; numbers in the path count the places of a list from 0.
+    /// Each override is `key.path=value`; a number in the path is the index into a list, from 0.
     ///
     /// # Errors
-    /// The first thing that is wrong, with its place.
+    /// The first error, with its place.
     pub fn load(what: &str, overrides: &[String]) -> Result<Self, ConfigError> {
         if let Some(scenario) = embedded::scenarios().iter().find(|scenario| scenario.name == what) {
             return Self::from_str(scenario.text, &format!("{what}.toml"), None, overrides);
@@ -39,27 +39,30 @@ impl Settings {
         Self::from_str(&text, what, path.parent(), overrides)
     }
 
-    /// Reads a scenario from text. `origin` names it in complaints; a robot description is looked for in `base_dir`, and
-    /// among the embedded ones (these first if there is no `base_dir`).
+    /// Reads a scenario from text. `origin` names it in error messages.
+    ///
+    /// The search for the robot description covers `base_dir` and the embedded ones (these first without a `base_dir`).
     ///
     /// # Errors
-    /// The first thing that is wrong, with its place.
+    /// The first error, with its place.
     pub fn from_str(text: &str, origin: &str, base_dir: Option<&Path>, overrides: &[String]) -> Result<Self, ConfigError> {
         let (raw, tree) = read_scenario(text, origin, overrides)?;
         let urdf = load_urdf(&raw.robot.urdf, base_dir, &tree)?;
         check::settings(raw, &tree, urdf)
     }
 
-    /// Reads what [`Settings::effective_toml`] wrote, with the robot description that travels beside it.
+    /// Reads the output of [`Settings::effective_toml`], together with its robot description.
     ///
     /// # Errors
-    /// The first thing that is wrong, with its place.
+    /// The first error, with its place.
     pub fn from_effective(toml: &str, urdf_name: &str, urdf_text: &str) -> Result<Self, ConfigError> {
         let (raw, tree) = read_scenario(toml, "effective configuration", &[])?;
         check::settings(raw, &tree, Urdf { name: urdf_name.to_owned(), text: urdf_text.to_owned() })
     }
 
-    /// The scenario as loaded: overrides applied, defaults written out. With [`Urdf`] beside it, it loads to equal settings.
+    /// Returns the scenario as loaded, with overrides applied and defaults written out.
+    ///
+    /// Together with [`Urdf`] it loads to equal settings.
     #[must_use]
     pub fn effective_toml(&self) -> String {
         self.effective.clone()

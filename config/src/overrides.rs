@@ -1,4 +1,4 @@
-//! `--set key.path=value`: replaces a value of the scenario before it is checked.
+//! Overrides `--set key.path=value`, which replace values of the scenario before the checks.
 
 use crate::alias;
 use crate::error::{Complaint, ConfigError, Location};
@@ -25,7 +25,7 @@ fn apply_one(root: &mut Node, defaults: &Node, argument: &str) -> Result<(), Con
     if keys.iter().any(|key| key.is_empty()) {
         return Err(complain(&place, path, "an empty key", "keys joined by single points", "remove the extra point"));
     }
-    // The section's own keys come after the entry's number in the operator's list.
+    // In the operator's list the entry's index stands between the section and its key.
     let section = keys[0];
     let own = if section == "operator" { 2 } else { 1 };
     if keys.len() > own {
@@ -36,9 +36,9 @@ fn apply_one(root: &mut Node, defaults: &Node, argument: &str) -> Result<(), Con
     alias::canonicalise(root)
 }
 
-/// TOML, or a word that needs no quotes.
+/// Parses a TOML value, or a word that needs no quotes.
 pub(crate) fn parse(text: &str, path: &str, place: &Location) -> Result<Node, ConfigError> {
-    // A number for TOML, and a kind of fault here.
+    // TOML reads nan as a number; here it is a kind of fault.
     if text == "nan" && path.rsplit('.').next() == Some("kind") {
         return Ok(Node { place: place.clone(), value: Value::Text(text.to_owned()) });
     }
@@ -70,7 +70,7 @@ impl Setter<'_> {
         match &mut node.value {
             Value::Table(table) => {
                 let path = join(&path, key);
-                let child = table.entry((*key).to_owned()).or_insert_with(|| self.absent(&path));
+                let child = table.entry((*key).to_owned()).or_insert_with(|| self.default_at(&path));
                 self.set(child, rest, path, new)
             }
             Value::List(items) => {
@@ -83,8 +83,8 @@ impl Setter<'_> {
                         } else {
                             format!("a number from 0 to {}", count - 1)
                         };
-                        let help = "places in a list count from 0; to make it longer, set the whole list";
-                        Err(complain(self.place, &path, &format!("{key:?} as a place in the list"), &expected, help))
+                        let help = "indices count from 0; to make the list longer, set the whole list";
+                        Err(complain(self.place, &path, &format!("{key:?} as an index into the list"), &expected, help))
                     }
                 }
             }
@@ -95,9 +95,11 @@ impl Setter<'_> {
         }
     }
 
-    /// What stands at a path that the scenario leaves out: its default, where it has one, so that places of a default list
-    /// can be set. A table starts empty; its keys get their defaults as in any scenario.
-    fn absent(&self, path: &str) -> Node {
+    /// Returns the value of a path that the scenario omits.
+    ///
+    /// A list starts from its default, so that an override can set single elements of it. A table starts empty; its keys
+    /// get their defaults as in any scenario.
+    fn default_at(&self, path: &str) -> Node {
         let value = match self.defaults.get(path).map(|node| &node.value) {
             Some(Value::List(items)) => Value::List(items.clone()),
             _ => Value::Table(BTreeMap::new()),
@@ -106,7 +108,7 @@ impl Setter<'_> {
     }
 }
 
-/// A scenario of nothing but defaults.
+/// A scenario that holds only defaults.
 fn defaults() -> Result<Node, ConfigError> {
     let place = Location::whole("defaults");
     match toml::to_string(&RawScenario::default()) {

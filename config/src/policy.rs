@@ -1,33 +1,33 @@
-//! Choices written as a word.
+//! Policies: settings whose value is a word.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// The step of the haptic search (Algorithm 1).
+/// Step of the haptic search (Algorithm 1).
 #[derive(Clone, Copy, Debug, Default, Deserialize, Eq, JsonSchema, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Search {
     /// Steps shrink with the force error: the search settles.
     #[default]
     Tapered,
-    /// A full step every tick, the paper's: a limit cycle of about one step remains.
+    /// A full step every tick, as in the paper: a limit cycle of about one step remains.
     Sign,
 }
 
-/// What happens to the searched offset when the force is matched or none is wished (Algorithm 1, `Reset`).
+/// Treatment of the searched offset dx when the force is matched or F_d is zero (Algorithm 1, `Reset`).
 #[derive(Clone, Copy, Debug, Default, Deserialize, Eq, JsonSchema, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ResetPolicy {
-    /// dx returns to zero when no force is wished and is kept while the force is matched.
+    /// dx returns to zero when F_d is zero, and is kept while the force is matched.
     #[default]
     ContactLoss,
-    /// dx returns to zero whenever the search rests, as printed with `Reset = true`: the force collapses when it is matched.
+    /// dx returns to zero whenever the search is at rest (`Reset = true`): the force collapses when it is matched.
     AsPrinted,
     /// dx is always kept (`Reset = false`).
     Never,
 }
 
-/// How the force profile saturates (eq. 4).
+/// Saturation of the force profile (eq. 4).
 #[derive(Clone, Copy, Debug, Default, Deserialize, Eq, JsonSchema, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Saturation {
@@ -38,29 +38,29 @@ pub enum Saturation {
     AsPrinted,
 }
 
-/// Where the real-time threads run that have no core of their own in the settings.
+/// Placement of the real-time threads for which the settings name no core.
 #[derive(Clone, Copy, Debug, Default, Deserialize, Eq, JsonSchema, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Placement {
-    /// All on one core: a host that takes that core away delays the plant's timer too, so that time slips and no tick is missed.
+    /// All on one core: steal time then delays the plant's timer too, so that time slips and no tick is missed.
     #[default]
     OneCore,
-    /// Wherever the scheduler puts them.
+    /// On any core that the scheduler chooses.
     Free,
 }
 
-/// What becomes of a run whose plant is lost.
+/// Reaction of a run to the loss of its plant.
 #[derive(Clone, Copy, Debug, Default, Deserialize, Eq, JsonSchema, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum OnLoss {
-    /// The run fails: with the plant, what the run was about is gone.
+    /// The run fails: the state of the plant is lost.
     #[default]
     Fail,
-    /// The plant is started again from the last state it published.
+    /// The plant restarts from the last state it published.
     Restart,
 }
 
-/// Form of an object, as written.
+/// Shape of an object, as written.
 #[derive(Clone, Copy, Debug, Deserialize, Eq, JsonSchema, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum ShapeKind {
@@ -70,11 +70,11 @@ pub(crate) enum ShapeKind {
     Ball,
 }
 
-/// One word for how close to print the controller is.
+/// Preset of all policies of the controller.
 #[derive(Clone, Copy, Debug, Default, Deserialize, Eq, JsonSchema, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Fidelity {
-    /// This project's choices; each policy can be set on its own.
+    /// The choices of this project; each policy can be set separately.
     #[default]
     Hapfic,
     /// search = "sign", reset_policy = "as_printed", saturation = "as_printed", no improvement.

@@ -1,15 +1,15 @@
-//! The range of every number a scenario may hold, in one table: for the check, for messages, and for the schema.
+//! Table of the range of every number in a scenario: for the check, for messages, and for the schema.
 
 use crate::error::{Complaint, ConfigError};
 use crate::tree::{Node, Value, describe_number, join};
 use std::fmt;
 
-/// What a number may be. Neither kind admits nan or inf.
+/// Range of a number. Neither variant admits nan or inf.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Range {
-    /// From `low` to `high`; `low` itself only if not `open`.
+    /// A number from `low` to `high`; an `open` range excludes `low`.
     Number { low: f64, open: bool, high: f64 },
-    /// A whole number, both ends included.
+    /// An integer, both ends included.
     Whole { low: i64, high: i64 },
 }
 
@@ -25,7 +25,7 @@ const fn whole(low: i64, high: i64) -> Range {
     Range::Whole { low, high }
 }
 
-/// By key, without the places in lists. An operator's entry shares the ranges of `controller` and `planner`.
+/// Ranges by key, without list indices. An operator's entry shares the ranges of `controller` and `planner`.
 pub(crate) const RANGES: &[(&str, Range)] = &[
     ("duration_s", within(0.001, 86_400.0)),
     ("seed", whole(0, i64::MAX)),
@@ -102,7 +102,7 @@ pub(crate) const RANGES: &[(&str, Range)] = &[
     ("fault.random.to_s", within(0.0, 86_400.0)),
 ];
 
-/// The range of a key, if it takes numbers.
+/// Returns the range of a key that takes numbers.
 pub(crate) fn of(key: &str) -> Option<Range> {
     let exact = |wanted: &str| RANGES.iter().find(|(name, _)| *name == wanted).map(|(_, range)| *range);
     exact(key).or_else(|| {
@@ -134,12 +134,12 @@ impl Range {
     }
 }
 
-/// False for nan.
+/// Returns false for nan.
 fn inside(low: f64, open: bool, high: f64, value: f64) -> bool {
     value <= high && if open { value > low } else { value >= low }
 }
 
-/// Checks every number of a scenario whose key is known; unknown keys are found when the tree is read.
+/// Checks every number of a scenario whose key is known; the reader rejects unknown keys.
 pub(crate) fn check(node: &Node) -> Result<(), ConfigError> {
     walk(node, "", "")
 }
@@ -167,7 +167,7 @@ fn leaf(node: &Node, range: Range, path: &str) -> Result<(), ConfigError> {
     };
     Err(match (range, &node.value) {
         (_, Value::Float(number)) if !number.is_finite() => {
-            ConfigError::OutOfRange(complain("TOML knows nan and inf, a scenario does not: give a finite number"))
+            ConfigError::OutOfRange(complain("TOML admits nan and inf, a scenario does not: give a finite number"))
         }
         (Range::Whole { .. }, Value::Float(_)) => ConfigError::WrongType(complain("write it without point and exponent")),
         (_, Value::Float(_) | Value::Integer(_)) => {

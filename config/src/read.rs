@@ -1,4 +1,4 @@
-//! Reads a [`Node`] into serde's structures; an error knows path and place of the value it is about.
+//! serde deserializer of a [`Node`] tree; each error names path and place of its value.
 
 use crate::error::{Complaint, ConfigError, Location, nearest};
 use crate::tree::{Node, Value, join};
@@ -15,13 +15,13 @@ pub(crate) fn read<T: DeserializeOwned>(root: &Node) -> Result<T, ConfigError> {
     result.map_err(|error| error.into_config_error(root))
 }
 
-/// What serde found wrong, and with which value.
+/// Error of serde, with its value.
 #[derive(Debug)]
 pub(crate) struct ReadError(Box<Content>);
 
 #[derive(Debug)]
 struct Content {
-    trouble: Trouble,
+    problem: Problem,
     at: Option<At>,
 }
 
@@ -33,7 +33,7 @@ struct At {
 }
 
 #[derive(Debug)]
-enum Trouble {
+enum Problem {
     Type { expected: String },
     Length { found: usize, expected: String },
     UnknownKey { key: String, known: &'static [&'static str] },
@@ -41,14 +41,14 @@ enum Trouble {
     MissingKey { key: &'static str },
 }
 
-impl From<Trouble> for ReadError {
-    fn from(trouble: Trouble) -> Self {
-        Self(Box::new(Content { trouble, at: None }))
+impl From<Problem> for ReadError {
+    fn from(problem: Problem) -> Self {
+        Self(Box::new(Content { problem, at: None }))
     }
 }
 
 impl ReadError {
-    /// Adds path and value; the innermost one counts.
+    /// Adds path and value; the innermost value counts.
     fn at(mut self, path: &str, node: &Node) -> Self {
         if self.0.at.is_none() {
             self.0.at = Some(At { path: path.to_owned(), place: node.place.clone(), found: node.describe() });
@@ -57,22 +57,22 @@ impl ReadError {
     }
 
     fn into_config_error(self, root: &Node) -> ConfigError {
-        let Content { trouble, at } = *self.0;
+        let Content { problem, at } = *self.0;
         let At { path, place, found } =
             at.unwrap_or_else(|| At { path: String::new(), place: root.place.clone(), found: root.describe() });
         let complain = |key: String, found: String, expected: String, help: String| {
             Box::new(Complaint { place, key, found, expected, help })
         };
-        match trouble {
-            Trouble::Type { expected } => {
+        match problem {
+            Problem::Type { expected } => {
                 let help = "change the value; the documentation of the key shows its form".to_owned();
                 ConfigError::WrongType(complain(path, found, expected, help))
             }
-            Trouble::Length { found, expected } => {
+            Problem::Length { found, expected } => {
                 let help = format!("{} values", if found == 0 { "add" } else { "add or remove" });
                 ConfigError::WrongLength(complain(path, format!("a list of {found}"), expected, help))
             }
-            Trouble::UnknownKey { key, known } => {
+            Problem::UnknownKey { key, known } => {
                 let help = match nearest(&key, known) {
                     Some(near) => format!("did you mean {near}?"),
                     None => "remove it, or use one of these".to_owned(),
@@ -80,7 +80,7 @@ impl ReadError {
                 let expected = format!("one of {}", known.join(", "));
                 ConfigError::UnknownKey(complain(join(&path, &key), "an unknown key".to_owned(), expected, help))
             }
-            Trouble::UnknownWord { known } => {
+            Problem::UnknownWord { known } => {
                 let help = match nearest(found.trim_matches('"'), known) {
                     Some(near) => format!("did you mean \"{near}\"?"),
                     None => "use one of these words, in quotes".to_owned(),
@@ -88,7 +88,7 @@ impl ReadError {
                 let quoted: Vec<String> = known.iter().map(|word| format!("\"{word}\"")).collect();
                 ConfigError::WrongType(complain(path, found, format!("one of {}", quoted.join(", ")), help))
             }
-            Trouble::MissingKey { key } => {
+            Problem::MissingKey { key } => {
                 let help = format!("add {key}; it has no default");
                 let expected = "a value".to_owned();
                 ConfigError::MissingKey(complain(join(&path, key), "nothing".to_owned(), expected, help))
@@ -105,7 +105,7 @@ impl fmt::Display for ReadError {
 
 impl std::error::Error for ReadError {}
 
-/// serde names numbers by their Rust type.
+/// Translates serde's names of Rust types into words of TOML.
 fn expectation(expected: &dyn Expected) -> String {
     let text = expected.to_string();
     match text.as_str() {
@@ -118,31 +118,31 @@ fn expectation(expected: &dyn Expected) -> String {
 
 impl de::Error for ReadError {
     fn custom<T: fmt::Display>(message: T) -> Self {
-        Trouble::Type { expected: message.to_string() }.into()
+        Problem::Type { expected: message.to_string() }.into()
     }
 
     fn invalid_type(_: Unexpected<'_>, expected: &dyn Expected) -> Self {
-        Trouble::Type { expected: expectation(expected) }.into()
+        Problem::Type { expected: expectation(expected) }.into()
     }
 
     fn invalid_value(_: Unexpected<'_>, expected: &dyn Expected) -> Self {
-        Trouble::Type { expected: expectation(expected) }.into()
+        Problem::Type { expected: expectation(expected) }.into()
     }
 
     fn invalid_length(found: usize, expected: &dyn Expected) -> Self {
-        Trouble::Length { found, expected: expectation(expected) }.into()
+        Problem::Length { found, expected: expectation(expected) }.into()
     }
 
     fn unknown_variant(_: &str, known: &'static [&'static str]) -> Self {
-        Trouble::UnknownWord { known }.into()
+        Problem::UnknownWord { known }.into()
     }
 
     fn unknown_field(key: &str, known: &'static [&'static str]) -> Self {
-        Trouble::UnknownKey { key: key.to_owned(), known }.into()
+        Problem::UnknownKey { key: key.to_owned(), known }.into()
     }
 
     fn missing_field(key: &'static str) -> Self {
-        Trouble::MissingKey { key }.into()
+        Problem::MissingKey { key }.into()
     }
 }
 
@@ -153,7 +153,7 @@ struct Reader<'a> {
 
 impl Reader<'_> {
     fn wrong(&self, expected: String) -> ReadError {
-        ReadError::from(Trouble::Type { expected }).at(&self.path, self.node)
+        ReadError::from(Problem::Type { expected }).at(&self.path, self.node)
     }
 }
 
@@ -185,7 +185,7 @@ impl<'de> de::Deserializer<'de> for Reader<'_> {
         visitor.visit_newtype_struct(self)
     }
 
-    /// A list in place of a table would be taken key by key: rejected.
+    /// Rejects a list in place of a table, which serde would read key by key.
     fn deserialize_struct<V: Visitor<'de>>(
         self,
         _: &'static str,
@@ -198,13 +198,13 @@ impl<'de> de::Deserializer<'de> for Reader<'_> {
         }
     }
 
-    /// Lists of fixed length are vectors.
+    /// Reads a vector: a list of fixed length.
     fn deserialize_tuple<V: Visitor<'de>>(self, length: usize, visitor: V) -> Result<V::Value, ReadError> {
         let expected = format!("a list of {length} numbers");
         match &self.node.value {
             Value::List(items) if items.len() == length => self.deserialize_any(visitor),
             Value::List(items) => {
-                Err(ReadError::from(Trouble::Length { found: items.len(), expected }).at(&self.path, self.node))
+                Err(ReadError::from(Problem::Length { found: items.len(), expected }).at(&self.path, self.node))
             }
             _ => Err(self.wrong(expected)),
         }
@@ -221,7 +221,7 @@ impl<'de> de::Deserializer<'de> for Reader<'_> {
                 let word: StrDeserializer<'_, ReadError> = word.as_str().into_deserializer();
                 visitor.visit_enum(word).map_err(|error| error.at(&self.path, self.node))
             }
-            _ => Err(ReadError::from(Trouble::UnknownWord { known }).at(&self.path, self.node)),
+            _ => Err(ReadError::from(Problem::UnknownWord { known }).at(&self.path, self.node)),
         }
     }
 
@@ -261,7 +261,7 @@ impl<'de> de::MapAccess<'de> for Entries<'_> {
         let Some((name, node)) = self.rest.next() else { return Ok(None) };
         self.current = Some((name.as_str(), node));
         let name: StrDeserializer<'_, ReadError> = name.as_str().into_deserializer();
-        // An unknown key belongs to the table's path and to its own line.
+        // The error of an unknown key has the table's path and the key's line.
         seed.deserialize(name).map(Some).map_err(|error| error.at(self.path, node))
     }
 

@@ -1,4 +1,4 @@
-//! The JSON Schema of a scenario's file, for editors and for the documentation.
+//! JSON Schema of a scenario file, for editors and for the documentation.
 
 use crate::raw::RawScenario;
 use crate::tree::join;
@@ -6,7 +6,7 @@ use crate::{alias, ranges};
 use schemars::generate::SchemaSettings;
 use serde_json::{Map, Value, json};
 
-/// JSON Schema (draft 2020-12) of a scenario's file: descriptions, defaults, ranges, both spellings of the keys that have two.
+/// Returns the JSON Schema (draft 2020-12) of a scenario file: descriptions, defaults, ranges, and the aliases of keys.
 #[must_use]
 pub fn json_schema() -> String {
     format!("{:#}", annotated())
@@ -19,7 +19,7 @@ fn annotated() -> Value {
     schema
 }
 
-/// Adds ranges and other spellings below a key.
+/// Adds ranges and aliases below a key.
 fn annotate(schema: &mut Value, key: &str) {
     let Some(object) = schema.as_object_mut() else { return };
     if let Some(range) = ranges::of(key)
@@ -39,24 +39,24 @@ fn annotate(schema: &mut Value, key: &str) {
         for (name, property) in properties.iter_mut() {
             annotate(property, &join(key, name));
         }
-        for (spelling, name) in alias::of(key) {
+        for (alias_name, name) in alias::of(key) {
             if let Some(Value::Object(mut property)) = properties.get(*name).cloned() {
-                property.insert("description".to_owned(), json!(format!("Another spelling of `{name}`.")));
-                properties.insert((*spelling).to_owned(), Value::Object(property));
+                property.insert("description".to_owned(), json!(format!("Alias of `{name}`.")));
+                properties.insert((*alias_name).to_owned(), Value::Object(property));
             }
         }
     }
-    allow_spellings(object, key);
+    allow_aliases(object, key);
 }
 
-/// A required key may be given in either spelling.
-fn allow_spellings(object: &mut Map<String, Value>, key: &str) {
+/// Lets a required key have either of its names.
+fn allow_aliases(object: &mut Map<String, Value>, key: &str) {
     let Some(Value::Array(required)) = object.get_mut("required") else { return };
     let mut choices = Vec::new();
-    for (spelling, name) in alias::of(key) {
+    for (alias_name, name) in alias::of(key) {
         if let Some(at) = required.iter().position(|entry| entry.as_str() == Some(*name)) {
             required.remove(at);
-            choices.push(json!({ "anyOf": [{ "required": [name] }, { "required": [spelling] }] }));
+            choices.push(json!({ "anyOf": [{ "required": [name] }, { "required": [alias_name] }] }));
         }
     }
     if !choices.is_empty() {
@@ -97,7 +97,7 @@ mod tests {
     }
 
     #[test]
-    fn every_range_belongs_to_a_key_and_bounds_it() {
+    fn schema_range_table_bounds_known_keys() {
         let schema = annotated();
         for (key, _) in ranges::RANGES {
             let found = property(&schema, key).unwrap_or_else(|| panic!("{key} is no key of a scenario"));
@@ -106,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn every_number_has_a_range() {
+    fn schema_number_keys_have_range() {
         fn walk(schema: &Value, key: &str, checked: &mut usize) {
             let Some(object) = schema.as_object() else { return };
             if is_numeric(object) {

@@ -1,4 +1,4 @@
-//! A scenario as a tree in which every value knows where it was written.
+//! Tree of a scenario in which every value knows its place.
 
 use crate::error::{Complaint, ConfigError, Location};
 use std::collections::BTreeMap;
@@ -26,7 +26,7 @@ pub(crate) enum Value {
 }
 
 impl Node {
-    /// Reads a document. `origin` names it in complaints.
+    /// Reads a document. `origin` names it in error messages.
     pub(crate) fn parse(text: &str, origin: &str) -> Result<Self, ConfigError> {
         let lines = Lines::new(text, origin);
         match DeTable::parse(text) {
@@ -38,27 +38,27 @@ impl Node {
                 key: String::new(),
                 found: format!("text that is not TOML ({})", error.message().replace('\n', ", ")),
                 expected: "`key = value`, `[table]`, `[[table]]` or `# comment`".to_owned(),
-                help: "each key stands once in its table; words are quoted: search = \"sign\"".to_owned(),
+                help: "a table holds each key once; words are quoted: search = \"sign\"".to_owned(),
             }))),
         }
     }
 
-    /// Reads a single value, all of it written at one place. None if it is not a TOML value.
+    /// Reads a single value, all of it at one place. Returns `None` if the text is not a TOML value.
     pub(crate) fn parse_value(text: &str, place: &Location) -> Option<Self> {
         let value = DeValue::parse(text).ok()?;
-        // The parser stands in an empty span for what it did not find.
+        // The parser returns an empty span for a missing value.
         if value.span().is_empty() {
             return None;
         }
         Some(convert(value, &|_| place.clone()))
     }
 
-    /// The value at a path such as `operator[2].at_s`.
+    /// Returns the value at a path such as `operator[2].at_s`.
     pub(crate) fn get(&self, path: &str) -> Option<&Self> {
         steps(path).try_fold(self, Self::child)
     }
 
-    /// Where the value at a path was written; where it is not given, the nearest table around it.
+    /// Returns the place of the value at a path, or of the nearest table around it if the value is not given.
     pub(crate) fn place(&self, path: &str) -> Location {
         let mut node = self;
         for step in steps(path) {
@@ -78,7 +78,7 @@ impl Node {
         }
     }
 
-    /// The value for a message: itself if it is short, otherwise what it is.
+    /// Describes the value for a message: a short value itself, a long one by its kind.
     pub(crate) fn describe(&self) -> String {
         const LONGEST_TEXT: usize = 60;
         const LONGEST_LIST: usize = 8;
@@ -101,7 +101,7 @@ impl Node {
     }
 }
 
-/// A number as TOML writes it, without a tail of zeros.
+/// Formats a number as TOML does, without trailing zeros.
 pub(crate) fn describe_number(number: f64) -> String {
     if number.is_nan() {
         "nan".to_owned()
@@ -112,7 +112,7 @@ pub(crate) fn describe_number(number: f64) -> String {
     }
 }
 
-/// Puts a key behind a path.
+/// Appends a key to a path.
 pub(crate) fn join(path: &str, key: &str) -> String {
     if path.is_empty() { key.to_owned() } else { format!("{path}.{key}") }
 }
@@ -139,13 +139,13 @@ fn table_value(table: DeTable<'_>, place: &dyn Fn(usize) -> Location) -> Value {
     Value::Table(table.into_iter().map(|(key, value)| (key.into_inner().into_owned(), convert(value, place))).collect())
 }
 
-/// No key takes a number beyond 128 bits, so that the nearest one that fits is as far out of range as the one written.
+/// Reads an integer; one beyond 128 bits becomes the nearest that fits, which every range rejects too.
 fn integer(digits: &str, radix: u32) -> i128 {
     let beyond = if digits.starts_with('-') { i128::MIN } else { i128::MAX };
     i128::from_str_radix(digits, radix).unwrap_or(beyond)
 }
 
-/// From a byte of a text to its line.
+/// Index from bytes of a text to its lines.
 struct Lines {
     name: Arc<str>,
     ends: Vec<usize>,

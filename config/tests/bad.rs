@@ -1,4 +1,4 @@
-//! Scenarios that are rejected: each message tells place, key, what was found, and what was expected.
+//! Invalid scenarios: each error message names place, key, value found and value expected.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod common;
@@ -6,7 +6,7 @@ mod common;
 use common::ROBOT;
 use hapfic_config::{ConfigError, Settings};
 
-fn refusal(text: &str, overrides: &[&str]) -> ConfigError {
+fn rejection(text: &str, overrides: &[&str]) -> ConfigError {
     let overrides: Vec<String> = overrides.iter().map(|argument| (*argument).to_owned()).collect();
     match Settings::from_str(text, "x.toml", None, &overrides) {
         Ok(_) => panic!("accepted {overrides:?}:\n{text}"),
@@ -14,44 +14,44 @@ fn refusal(text: &str, overrides: &[&str]) -> ConfigError {
     }
 }
 
-/// The refusal of text behind [`ROBOT`], whose first line is line 6.
+/// Rejection of text after [`ROBOT`], whose first line is line 6.
 fn after_robot(text: &str) -> ConfigError {
-    refusal(&format!("{ROBOT}{text}"), &[])
+    rejection(&format!("{ROBOT}{text}"), &[])
 }
 
-/// The refusal of text before [`ROBOT`].
+/// Rejection of text before [`ROBOT`].
 fn before_robot(text: &str) -> ConfigError {
-    refusal(&format!("{text}{ROBOT}"), &[])
+    rejection(&format!("{text}{ROBOT}"), &[])
 }
 
 #[track_caller]
-fn says(error: &ConfigError, start: &str, rest: &[&str]) {
+fn assert_message(error: &ConfigError, start: &str, rest: &[&str]) {
     let message = error.to_string();
     assert!(message.starts_with(start), "{message}\ndoes not start with\n{start}");
     for part in rest {
         assert!(message.contains(part), "{message}\ndoes not contain\n{part}");
     }
-    assert!(message.contains(". Hint: "), "{message}\ngives no hint");
+    assert!(message.contains(". Hint: "), "{message}\nhas no hint");
 }
 
 #[test]
-fn text_that_is_not_toml() {
+fn text_not_toml_rejected() {
     let error = after_robot("[controller]\ntaper = = 3\n");
     assert!(matches!(error, ConfigError::NotToml(_)), "{error:?}");
-    says(&error, "x.toml:7: found text that is not TOML (", &["expected `key = value`"]);
+    assert_message(&error, "x.toml:7: found text that is not TOML (", &["expected `key = value`"]);
 }
 
 #[test]
-fn a_key_given_twice() {
+fn key_duplicate_rejected() {
     let error = after_robot("[controller]\ntaper = 0.1\ntaper = 0.2\n");
-    says(&error, "x.toml:8: found text that is not TOML (duplicate key", &["each key stands once"]);
+    assert_message(&error, "x.toml:8: found text that is not TOML (duplicate key", &["each key once"]);
 }
 
 #[test]
-fn a_key_given_in_both_spellings() {
+fn key_with_alias_rejected() {
     let error = after_robot("[controller]\nstiffness_n_per_m = [1, 1, 1]\nstiffness = [1, 1, 1]\n");
     assert!(matches!(error, ConfigError::Combination(_)), "{error:?}");
-    says(
+    assert_message(
         &error,
         "x.toml:8: controller.stiffness: found a second spelling of stiffness_n_per_m, which is given at x.toml:7",
         &["expected one of the two", "remove stiffness"],
@@ -59,31 +59,39 @@ fn a_key_given_in_both_spellings() {
 }
 
 #[test]
-fn unknown_keys() {
+fn key_unknown_rejected_with_suggestion() {
     let error = after_robot("[controller]\n\ntapr = 0.1\n");
     assert!(matches!(error, ConfigError::UnknownKey(_)), "{error:?}");
-    says(&error, "x.toml:8: controller.tapr: found an unknown key, expected one of ", &["search_scale", "did you mean taper?"]);
-    says(&after_robot("[controler]\n"), "x.toml:6: controler: found an unknown key", &["did you mean controller?"]);
-    says(&after_robot("[world.flor]\n"), "x.toml:6: world.flor: found an unknown key", &["did you mean floor?"]);
-    says(
+    assert_message(
+        &error,
+        "x.toml:8: controller.tapr: found an unknown key, expected one of ",
+        &["search_scale", "did you mean taper?"],
+    );
+    assert_message(&after_robot("[controler]\n"), "x.toml:6: controler: found an unknown key", &["did you mean controller?"]);
+    assert_message(&after_robot("[world.flor]\n"), "x.toml:6: world.flor: found an unknown key", &["did you mean floor?"]);
+    assert_message(
         &after_robot("[[operator]]\nat = 1\nforce = [0, 0, 1]\n"),
         "x.toml:8: operator[0].force: found an unknown key",
         &["desired_force_n"],
     );
-    says(&after_robot("[planner]\nstiffness = [1, 1, 1]\n"), "x.toml:7: planner.stiffness: found an unknown key", &[]);
+    assert_message(&after_robot("[planner]\nstiffness = [1, 1, 1]\n"), "x.toml:7: planner.stiffness: found an unknown key", &[]);
 }
 
 #[test]
-fn missing_keys() {
-    let error = refusal("title = \"none\"\n", &[]);
+fn key_missing_rejected() {
+    let error = rejection("title = \"none\"\n", &[]);
     assert!(matches!(error, ConfigError::MissingKey(_)), "{error:?}");
-    says(&error, "x.toml: robot: found nothing, expected a value", &["add robot"]);
-    says(&refusal("\n[robot]\nurdf = \"leg.urdf\"\n", &[]), "x.toml:2: robot.base_link: found nothing", &["add base_link"]);
-    says(&after_robot("[[operator]]\ntaper = 0.1\n"), "x.toml:6: operator[0].at_s: found nothing", &["add at_s"]);
+    assert_message(&error, "x.toml: robot: found nothing, expected a value", &["add robot"]);
+    assert_message(
+        &rejection("\n[robot]\nurdf = \"leg.urdf\"\n", &[]),
+        "x.toml:2: robot.base_link: found nothing",
+        &["add base_link"],
+    );
+    assert_message(&after_robot("[[operator]]\ntaper = 0.1\n"), "x.toml:6: operator[0].at_s: found nothing", &["add at_s"]);
 }
 
 #[test]
-fn wrong_types() {
+fn value_wrong_type_rejected() {
     let cases = [
         ("[controller]\ntaper = \"much\"\n", "7: controller.taper: found \"much\", expected a number in (0, 1]"),
         ("[controller]\nstiffness = 6000\n", "7: controller.stiffness_n_per_m: found 6000, expected a list of 3 numbers"),
@@ -107,16 +115,16 @@ fn wrong_types() {
     for (text, expected) in cases {
         let error = after_robot(text);
         assert!(matches!(error, ConfigError::WrongType(_)), "{error:?}");
-        says(&error, &format!("x.toml:{expected}"), &[]);
+        assert_message(&error, &format!("x.toml:{expected}"), &[]);
     }
-    says(&before_robot("title = 3\n"), "x.toml:1: title: found 3, expected a string", &[]);
-    says(&before_robot("world = []\n"), "x.toml:1: world: found [], expected a table", &[]);
+    assert_message(&before_robot("title = 3\n"), "x.toml:1: title: found 3, expected a string", &[]);
+    assert_message(&before_robot("world = []\n"), "x.toml:1: world: found [], expected a table", &[]);
     let suggestion = after_robot("[controller]\nsearch = \"sing\"\n").complaint().help.clone();
     assert_eq!(suggestion, "did you mean \"sign\"?");
 }
 
 #[test]
-fn numbers_out_of_range() {
+fn number_out_of_range_rejected() {
     let cases = [
         ("controller", "stiffness_n_per_m = [1, -5, 1]", "stiffness_n_per_m[1]: found -5, expected a number in (0, 1000000]"),
         ("controller", "stiffness = [1, 1, 1000001]", "stiffness_n_per_m[2]: found 1000001, expected a number in (0, 1000000]"),
@@ -143,7 +151,7 @@ fn numbers_out_of_range() {
     for (section, line, expected) in cases {
         let error = after_robot(&format!("[{section}]\n{line}\n"));
         assert!(matches!(error, ConfigError::OutOfRange(_)), "{error:?}");
-        says(&error, &format!("x.toml:7: {section}.{expected}"), &[]);
+        assert_message(&error, &format!("x.toml:7: {section}.{expected}"), &[]);
     }
     for (line, expected) in [
         ("duration_s = 0", "duration_s: found 0, expected a number in [0.001, 86400]"),
@@ -151,32 +159,32 @@ fn numbers_out_of_range() {
         ("seed = -1", "seed: found -1, expected an integer in [0, 9223372036854775807]"),
         ("seed = 9223372036854775808", "seed: found 9223372036854775808, expected an integer in [0, 9223372036854775807]"),
     ] {
-        says(&before_robot(&format!("{line}\n")), &format!("x.toml:1: {expected}"), &[]);
+        assert_message(&before_robot(&format!("{line}\n")), &format!("x.toml:1: {expected}"), &[]);
     }
 }
 
 #[test]
-fn vectors_that_are_too_long() {
-    says(
+fn vector_too_long_rejected() {
+    assert_message(
         &after_robot("[world]\ngravity_m_per_s2 = [80, 0, -80]\n"),
         "x.toml:7: world.gravity_m_per_s2: found [80, 0, -80], of length 113.",
         &["expected a vector no longer than 100"],
     );
-    says(
+    assert_message(
         &after_robot("[[operator]]\nat = 1\ntarget_position = [80, 0, 80]\n"),
         "x.toml:8: operator[0].target_position_m: found [80, 0, 80], of length 113.",
         &["no longer than 100"],
     );
-    says(
+    assert_message(
         &after_robot("[[operator]]\nat = 1\ndesired_force = [8000, 0, 8000]\n"),
         "x.toml:8: operator[0].desired_force_n: found [8000, 0, 8000], of length 11313.",
         &["no longer than 10000"],
     );
 }
 
-/// Every number of an effective configuration, replaced by nan and by inf.
+/// Replaces every number of an effective configuration by nan and by inf.
 #[test]
-fn no_number_may_be_nan_or_inf() {
+fn number_not_finite_rejected() {
     fn paths(value: &toml::Value, path: &str, numbers: &mut Vec<String>) {
         let below = |step: &str| if path.is_empty() { step.to_owned() } else { format!("{path}.{step}") };
         match value {
@@ -210,17 +218,17 @@ fn no_number_may_be_nan_or_inf() {
     for path in numbers {
         for word in ["nan", "-nan", "inf", "-inf"] {
             let argument = format!("{path}={word}");
-            let error = refusal(&settings.effective_toml(), &[&argument]);
+            let error = rejection(&settings.effective_toml(), &[&argument]);
             assert!(matches!(error, ConfigError::OutOfRange(_)), "{argument}: {error:?}");
             let found = if word.ends_with("nan") { "found nan".to_owned() } else { format!("found {word}") };
-            says(&error, &format!("--set {argument}: "), &[&found, "give a finite number"]);
+            assert_message(&error, &format!("--set {argument}: "), &[&found, "give a finite number"]);
         }
     }
 }
 
 #[test]
-fn nan_in_a_file() {
-    says(
+fn file_nan_rejected() {
+    assert_message(
         &after_robot("[controller]\nstiffness = [1, nan, 1]\n"),
         "x.toml:7: controller.stiffness_n_per_m[1]: found nan, expected a number in (0, 1000000]",
         &["give a finite number"],
@@ -228,7 +236,7 @@ fn nan_in_a_file() {
 }
 
 #[test]
-fn lists_of_another_length() {
+fn list_wrong_length_rejected() {
     let cases = [
         ("[controller]\nstiffness = [1, 2]\n", "7: controller.stiffness_n_per_m: found a list of 2, expected a list of 3"),
         ("[controller]\nstiffness = []\n", "7: controller.stiffness_n_per_m: found a list of 0, expected a list of 3"),
@@ -246,12 +254,12 @@ fn lists_of_another_length() {
     for (text, expected) in cases {
         let error = after_robot(text);
         assert!(matches!(error, ConfigError::WrongLength(_)), "{error:?}");
-        says(&error, &format!("x.toml:{expected}"), &[]);
+        assert_message(&error, &format!("x.toml:{expected}"), &[]);
     }
     for list in ["[]", "[1, 2, 3, 4, 5, 6, 7, 8, 9]"] {
         let text = ROBOT.replace("[0, 0.9, -1.8]", list);
-        says(
-            &refusal(&text, &[]),
+        assert_message(
+            &rejection(&text, &[]),
             "x.toml:5: robot.start_position_rad: found a list of ",
             &["expected a list of 1 to 8 numbers"],
         );
@@ -259,7 +267,7 @@ fn lists_of_another_length() {
 }
 
 #[test]
-fn combinations() {
+fn values_incompatible_rejected() {
     let cases = [
         (
             "[world.floor]\nfriction_static = 0.3\nfriction_dynamic = 0.5\n",
@@ -310,16 +318,20 @@ fn combinations() {
     for (text, expected) in cases {
         let error = after_robot(text);
         assert!(matches!(error, ConfigError::Combination(_)), "{error:?}");
-        says(&error, &format!("x.toml:{expected}"), &[]);
+        assert_message(&error, &format!("x.toml:{expected}"), &[]);
     }
     let same = ROBOT.replace("foot", "base");
-    says(&refusal(&same, &[]), "x.toml:4: robot.tip_link: found \"base\", expected another link than robot.base_link", &[]);
+    assert_message(
+        &rejection(&same, &[]),
+        "x.toml:4: robot.tip_link: found \"base\", expected another link than robot.base_link",
+        &[],
+    );
     let empty = ROBOT.replace("foot", "");
-    says(&refusal(&empty, &[]), "x.toml:4: robot.tip_link: found empty text, expected a name", &[]);
+    assert_message(&rejection(&empty, &[]), "x.toml:4: robot.tip_link: found empty text, expected a name", &[]);
 }
 
 #[test]
-fn overrides_that_cannot_be_read() {
+fn override_unreadable_rejected() {
     let cases = [
         ("controller.taper", "found no =, expected KEY=VALUE"),
         ("controller..taper=1", "controller..taper: found an empty key"),
@@ -331,19 +343,19 @@ fn overrides_that_cannot_be_read() {
         ("seed.x=1", "seed: found 1, expected a table or a list, to set x in it"),
         (
             "robot.start_position_rad.3=1",
-            "robot.start_position_rad: found \"3\" as a place in the list, expected a number from 0 to 2",
+            "robot.start_position_rad: found \"3\" as an index into the list, expected a number from 0 to 2",
         ),
-        ("robot.start_position_rad.x=1", "robot.start_position_rad: found \"x\" as a place in the list"),
+        ("robot.start_position_rad.x=1", "robot.start_position_rad: found \"x\" as an index into the list"),
     ];
     let text = format!("seed = 1\n{ROBOT}");
     for (argument, expected) in cases {
-        let error = refusal(&text, &[argument]);
-        says(&error, &format!("--set {argument}: {expected}"), &[]);
+        let error = rejection(&text, &[argument]);
+        assert_message(&error, &format!("--set {argument}: {expected}"), &[]);
     }
 }
 
 #[test]
-fn overrides_are_checked_like_the_file() {
+fn override_invalid_rejected_like_file() {
     let cases = [
         ("controller.taper=abc", "controller.taper: found \"abc\", expected a number in (0, 1]"),
         ("controller.tapr=0.1", "controller.tapr: found an unknown key, expected one of"),
@@ -354,25 +366,25 @@ fn overrides_are_checked_like_the_file() {
         ("robot.urdf=none.urdf", "robot.urdf: found \"none.urdf\", which cannot be read"),
     ];
     for (argument, expected) in cases {
-        let error = refusal(ROBOT, &[argument]);
-        says(&error, &format!("--set {argument}: {expected}"), &[]);
+        let error = rejection(ROBOT, &[argument]);
+        assert_message(&error, &format!("--set {argument}: {expected}"), &[]);
     }
 }
 
 #[test]
-fn scenarios_that_are_not_there() {
+fn scenario_missing_rejected() {
     let error = Settings::load("flor", &[]).unwrap_err();
     assert!(matches!(error, ConfigError::UnknownScenario(_)), "{error:?}");
-    says(&error, "flor: found no scenario of this name, expected one of floor", &["did you mean floor?"]);
+    assert_message(&error, "flor: found no scenario of this name, expected one of floor", &["did you mean floor?"]);
 
     let error = Settings::load("nowhere/at_all.toml", &[]).unwrap_err();
     assert!(matches!(error, ConfigError::Read(_)), "{error:?}");
-    says(&error, "nowhere/at_all.toml: found a file that cannot be read (", &["embedded scenario: floor"]);
+    assert_message(&error, "nowhere/at_all.toml: found a file that cannot be read (", &["embedded scenario: floor"]);
 }
 
 #[test]
-fn a_robot_that_is_not_there() {
-    let error = refusal(&ROBOT.replace("leg.urdf", "arm.urdf"), &[]);
+fn robot_missing_rejected() {
+    let error = rejection(&ROBOT.replace("leg.urdf", "arm.urdf"), &[]);
     assert!(matches!(error, ConfigError::Read(_)), "{error:?}");
-    says(&error, "x.toml:2: robot.urdf: found \"arm.urdf\", which cannot be read (", &["an embedded one: leg.urdf"]);
+    assert_message(&error, "x.toml:2: robot.urdf: found \"arm.urdf\", which cannot be read (", &["an embedded one: leg.urdf"]);
 }

@@ -1,4 +1,4 @@
-//! Faults on purpose: what they load to, that a seed always draws the same, and what is rejected.
+//! Fault injection: loaded faults, reproducible sampling, and invalid entries.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod common;
@@ -39,10 +39,10 @@ fn fault(tick: i64, kind: FaultKind, target: FaultTarget, ticks: u32, by_us: u32
 }
 
 #[test]
-fn faults_are_drawn_and_in_the_order_of_time() {
+fn faults_random_sampled_in_time_order() {
     let kill = |tick, target| fault(tick, FaultKind::Kill, target, 0, 0);
     let expected = [
-        // Those of one tick stay in the order they are written in.
+        // Faults of the same tick keep the order of the entries.
         fault(0, FaultKind::Nan, FaultTarget::Controllers, 1, 0),
         fault(0, FaultKind::Slow, FaultTarget::Plant, 20, 900),
         kill(1009, FaultTarget::Planner),
@@ -52,21 +52,21 @@ fn faults_are_drawn_and_in_the_order_of_time() {
         kill(1797, FaultTarget::Planner),
         fault(9999, FaultKind::Hog, FaultTarget::Machine, 200, 0),
     ];
-    // Other figures from another generator would make a recorded run another one when it is repeated.
+    // Reference ticks of this generator: another generator would change the repetition of a recorded run.
     assert_eq!(load(SEVERAL, &["seed=3"]).faults, expected);
 }
 
 #[test]
-fn a_seed_always_draws_the_same_and_another_seed_others() {
-    let drawn = |seed: &str| load(SEVERAL, &[seed]).faults;
-    assert_eq!(drawn("seed=7"), drawn("seed=7"));
-    assert_ne!(drawn("seed=7"), drawn("seed=8"));
-    let others = |seed: &str| drawn(seed).into_iter().filter(|f| f.kind != FaultKind::Kill).collect::<Vec<_>>();
-    assert_eq!(others("seed=7"), others("seed=8"), "only what is drawn depends on the seed");
+fn faults_same_seed_same_samples() {
+    let sampled = |seed: &str| load(SEVERAL, &[seed]).faults;
+    assert_eq!(sampled("seed=7"), sampled("seed=7"));
+    assert_ne!(sampled("seed=7"), sampled("seed=8"));
+    let others = |seed: &str| sampled(seed).into_iter().filter(|f| f.kind != FaultKind::Kill).collect::<Vec<_>>();
+    assert_eq!(others("seed=7"), others("seed=8"), "only sampled faults depend on the seed");
 }
 
 #[test]
-fn more_draws_of_one_entry_leave_the_others_as_they_were() {
+fn faults_more_samples_keep_other_entries() {
     let text = "kind = \"full_disk\"\nrandom = { count = 3, from_s = 0, to_s = 9 }\n[[fault]]\nkind = \"kill\"\nprocess = \"plant\"\n\
                 random = { count = 3, from_s = 0, to_s = 9 }\n";
     let kills = |settings: Settings| settings.faults.into_iter().filter(|f| f.kind == FaultKind::Kill).collect::<Vec<_>>();
@@ -76,7 +76,7 @@ fn more_draws_of_one_entry_leave_the_others_as_they_were() {
 }
 
 #[test]
-fn draws_reach_every_tick_of_their_span_and_none_beside_it() {
+fn faults_random_cover_exactly_their_span() {
     let text = "kind = \"stale\"\nprocess = [\"plant\", \"controller\", \"planner\"]\n\
                 random = { count = 6000, from_s = 9.99, to_s = 10 }\n";
     let faults = load(text, &[]).faults;
@@ -92,19 +92,19 @@ fn draws_reach_every_tick_of_their_span_and_none_beside_it() {
 }
 
 #[test]
-fn faults_survive_the_round_trip() {
+fn faults_round_trip_equal() {
     let settings = load(SEVERAL, &["seed=5"]);
     assert_eq!(settings.faults.len(), 8);
     let toml = settings.effective_toml();
     let again = Settings::from_effective(&toml, &settings.robot.urdf.name, &settings.robot.urdf.text).unwrap();
     assert_eq!(again, settings, "{toml}");
     let written: toml::Table = toml.parse().unwrap();
-    assert_eq!(written["fault"].as_array().unwrap().len(), 4, "as written, not as drawn");
+    assert_eq!(written["fault"].as_array().unwrap().len(), 4, "as written, not as sampled");
     assert!(!Settings::load("floor", &[]).unwrap().effective_toml().contains("[[fault"));
 }
 
 #[test]
-fn every_word_of_a_fault_is_its_name() {
+fn fault_words_equal_names() {
     let targets =
         ["plant", "planner", "controller", "standby", "controllers", "supervisor"].map(|word| (word, format!("process={word}")));
     for (word, process) in &targets {
@@ -130,7 +130,7 @@ fn every_word_of_a_fault_is_its_name() {
 }
 
 #[test]
-fn overrides_reach_faults() {
+fn override_paths_reach_faults() {
     let list = r#"fault=[{kind="kill", process="planner", at_s=1}, {kind="full_disk", at_s=2}]"#;
     let expected =
         [fault(1000, FaultKind::Kill, FaultTarget::Planner, 0, 0), fault(2000, FaultKind::FullDisk, FaultTarget::Machine, 0, 0)];
@@ -139,22 +139,22 @@ fn overrides_reach_faults() {
         Settings::load("floor", &arguments).unwrap().faults
     };
     assert_eq!(floor(&[list]), expected);
-    // TOML takes nan for a number.
+    // TOML reads nan as a number.
     let changed = floor(&[list, "fault.0.process=standby", "fault.0.kind=nan", "fault.0.for_ms=4"]);
     assert_eq!(changed, [fault(1000, FaultKind::Nan, FaultTarget::Standby, 4, 0), expected[1]]);
     assert!(load(SEVERAL, &["fault=[]"]).faults.is_empty());
 }
 
 #[test]
-fn the_schema_describes_every_key_of_a_fault() {
+fn schema_describes_fault_keys() {
     let schema: serde_json::Value = serde_json::from_str(&json_schema()).unwrap();
     let properties = &schema["properties"]["fault"]["items"]["properties"];
     for key in ["kind", "process", "at_s", "for_ms", "by_us", "random"] {
-        assert!(properties[key]["description"].as_str().is_some_and(|text| !text.is_empty()), "{key} is not described");
+        assert!(properties[key]["description"].as_str().is_some_and(|text| !text.is_empty()), "{key} has no description");
     }
     let random = &properties["random"]["properties"];
     for key in ["count", "from_s", "to_s"] {
-        assert!(random[key]["description"].as_str().is_some_and(|text| !text.is_empty()), "{key} is not described");
+        assert!(random[key]["description"].as_str().is_some_and(|text| !text.is_empty()), "{key} has no description");
     }
     assert_eq!(random["count"]["maximum"], 100_000);
     let process = properties["process"].to_string();
@@ -166,7 +166,7 @@ fn the_schema_describes_every_key_of_a_fault() {
 }
 
 #[test]
-fn faults_that_do_not_fit_together_are_refused() {
+fn fault_keys_incompatible_rejected() {
     let all = "\"plant\", \"planner\", \"controller\", \"standby\", \"controllers\"";
     let cases = [
         (
@@ -224,7 +224,7 @@ fn faults_that_do_not_fit_together_are_refused() {
         ),
         (
             "kind = \"slow\"\nat_s = 1\nprocess = \"plant\"\n",
-            "6: fault[0].by_us: found nothing beside kind = \"slow\", expected by how much".to_owned(),
+            "6: fault[0].by_us: found nothing beside kind = \"slow\", expected the delay of each tick".to_owned(),
         ),
         (
             "kind = \"stop\"\nat_s = 1\nprocess = \"plant\"\nby_us = 5\n",
@@ -234,12 +234,12 @@ fn faults_that_do_not_fit_together_are_refused() {
     for (text, expected) in cases {
         let error = try_load(text, &[]).unwrap_err();
         assert!(matches!(error, ConfigError::Combination(_)), "{error:?}");
-        says(&error, &format!("x.toml:{expected}"));
+        assert_message(&error, &format!("x.toml:{expected}"));
     }
 }
 
 #[test]
-fn values_of_faults_are_checked_one_by_one() {
+fn fault_values_invalid_rejected() {
     let cases = [
         ("kind = \"kil\"\nat_s = 1\n", "7: fault[0].kind: found \"kil\", expected one of \"kill\", \"stop\""),
         ("kind = nan\nat_s = 1\n", "7: fault[0].kind: found nan, expected one of \"kill\", \"stop\""),
@@ -248,7 +248,7 @@ fn values_of_faults_are_checked_one_by_one() {
         ("kind = \"kill\"\nprocess = 3\n", "8: fault[0].process: found 3, expected a process, or a list of processes"),
         ("kind = \"kill\"\nprocess = \"machine\"\n", "8: fault[0].process: found \"machine\", expected one of \"plant\""),
         ("kind = \"kill\"\nprocess = [\"plant\", \"x\"]\n", "8: fault[0].process[1]: found \"x\", expected one of \"plant\""),
-        ("kind = \"kill\"\nprocess = []\n", "8: fault[0].process: found [], expected a process, or a list of which"),
+        ("kind = \"kill\"\nprocess = []\n", "8: fault[0].process: found [], expected a process, or a list to sample from"),
         ("kind = \"hog\"\nat_s = -1\n", "8: fault[0].at_s: found -1, expected a number in [0, 86400]"),
         ("kind = \"hog\"\nfor_ms = 0\n", "8: fault[0].for_ms: found 0, expected an integer in [1, 600000]"),
         ("kind = \"hog\"\nfor_ms = 600001\n", "8: fault[0].for_ms: found 600001, expected an integer in [1, 600000]"),
@@ -261,20 +261,23 @@ fn values_of_faults_are_checked_one_by_one() {
         ("kind = \"hog\"\nrandom = { cont = 1 }\n", "8: fault[0].random.cont: found an unknown key, expected one of count"),
     ];
     for (text, expected) in cases {
-        says(&try_load(text, &[]).unwrap_err(), &format!("x.toml:{expected}"));
+        assert_message(&try_load(text, &[]).unwrap_err(), &format!("x.toml:{expected}"));
     }
 }
 
 #[test]
-fn more_faults_than_a_run_can_hold_are_refused() {
+fn faults_above_limit_rejected() {
     let entry = "kind = \"full_disk\"\nrandom = { count = 100000, from_s = 0, to_s = 9 }\n";
     let error = try_load(&[entry; 11].join("[[fault]]\n"), &[]).unwrap_err();
-    says(&error, "x.toml:36: fault[10]: found an entry that makes them 1100000 faults, expected at most 1000000 in all");
+    assert_message(
+        &error,
+        "x.toml:36: fault[10]: found an entry that raises the number of faults to 1100000, expected at most 1000000 in all",
+    );
 }
 
 #[track_caller]
-fn says(error: &ConfigError, start: &str) {
+fn assert_message(error: &ConfigError, start: &str) {
     let message = error.to_string();
     assert!(message.starts_with(start), "{message}\ndoes not start with\n{start}");
-    assert!(message.contains(". Hint: "), "{message}\ngives no hint");
+    assert!(message.contains(". Hint: "), "{message}\nhas no hint");
 }

@@ -1,4 +1,4 @@
-//! Scenarios that load, and what they load to.
+//! Valid scenarios, and the settings they load to.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use hapfic_config::{Fidelity, OnLoss, ResetPolicy, Saturation, Search, Settings, json_schema, robots, scenarios};
@@ -23,7 +23,7 @@ fn again(settings: &Settings) -> Settings {
 }
 
 #[test]
-fn every_embedded_scenario_loads_and_survives_the_round_trip() {
+fn embedded_scenarios_round_trip_equal() {
     assert!(scenarios().iter().any(|scenario| scenario.name == "floor"));
     for scenario in scenarios() {
         let settings = Settings::load(scenario.name, &[]).unwrap_or_else(|error| panic!("{error}"));
@@ -33,7 +33,7 @@ fn every_embedded_scenario_loads_and_survives_the_round_trip() {
 }
 
 #[test]
-fn a_minimal_scenario_has_the_documented_defaults() {
+fn minimal_scenario_has_documented_defaults() {
     let s = load(MINIMAL, &[]);
     assert_eq!((s.duration_ticks, s.seed), (10_000, 1));
     assert_eq!(s.robot.start_position, [0.0, 0.9, -1.8]);
@@ -73,7 +73,7 @@ fn a_minimal_scenario_has_the_documented_defaults() {
 }
 
 #[test]
-fn a_floor_table_without_keys_has_the_documented_defaults() {
+fn floor_empty_has_documented_defaults() {
     let floor = load(&format!("{MINIMAL}[world.floor]\n"), &[]).world.floor.unwrap();
     assert_eq!((floor.height_m, floor.surface.stiffness_n_per_m, floor.surface.damping_n_s_per_m), (0.0, 1e6, 1e4));
     assert_eq!((floor.surface.transition_width_m, floor.surface.critical_speed_m_per_s), (1e-3, 1e-3));
@@ -81,7 +81,7 @@ fn a_floor_table_without_keys_has_the_documented_defaults() {
 }
 
 #[test]
-fn everything_that_can_be_given_survives_the_round_trip() {
+fn all_keys_round_trip_equal() {
     let text = r#"
 title = "all \"of\" it"
 description = """
@@ -163,7 +163,7 @@ max_acceleration = 1000
     assert_eq!(s.plant.on_loss, OnLoss::Restart);
     assert_eq!(s.initial.target_position, Some([1.0, 2.0, 3.0]), "the entry at 0 sets the start values");
     assert_eq!((s.initial.stiffness, s.initial.max_force), ([1.0, 2.0, 3.0], [1.0; 3]));
-    assert_eq!(s.operator.len(), 1, "the entry at 0 is in the start values and nowhere else");
+    assert_eq!(s.operator.len(), 1, "the entry at 0 is only in the start values");
     let change = s.operator[0];
     assert_eq!((change.at_tick, change.target_position), (5, None));
     assert_eq!(change.desired_force, Some([0.0, 0.0, -5.0]));
@@ -175,7 +175,7 @@ max_acceleration = 1000
 }
 
 #[test]
-fn fidelity_paper_selects_all_three_policies_and_no_improvement() {
+fn fidelity_paper_selects_paper_policies() {
     let s = Settings::load("floor", &["controller.fidelity=paper".to_owned()]).unwrap();
     let p = s.initial;
     assert_eq!((p.search, p.reset_policy, p.saturation), (Search::Sign, ResetPolicy::AsPrinted, Saturation::AsPrinted));
@@ -185,20 +185,20 @@ fn fidelity_paper_selects_all_three_policies_and_no_improvement() {
 }
 
 #[test]
-fn incompatible_gains_are_legal() {
+fn gains_incompatible_accepted() {
     let p = load(MINIMAL, &["controller.max_force=[1, 1, 1]"]).initial;
     assert!(p.max_force[2] < 0.95 * p.stiffness[2] * p.position_bound[2]);
 }
 
 #[test]
-fn overrides_replace_what_is_written_in_either_spelling() {
+fn override_alias_replaces_value() {
     let text = format!("{MINIMAL}[controller]\nstiffness_n_per_m = [1, 2, 3]\nmax_force = [7, 8, 9]\n");
     let s = load(&text, &["controller.stiffness=[4, 5, 6]", "controller.max_force_n.1=80"]);
     assert_eq!((s.initial.stiffness, s.initial.max_force), ([4.0, 5.0, 6.0], [7.0, 80.0, 9.0]));
 }
 
 #[test]
-fn overrides_reach_defaults_entries_and_words() {
+fn override_paths_reach_defaults_entries_words() {
     let s = load(MINIMAL, &["controller.stiffness.1=5", "controller.search=sign", " plant.contact_substep_us = 10 "]);
     assert_eq!(s.initial.stiffness, [6000.0, 5.0, 12_000.0]);
     assert_eq!((s.initial.search, s.plant.contact_substep_us), (Search::Sign, 10));
@@ -215,13 +215,13 @@ fn overrides_reach_defaults_entries_and_words() {
 }
 
 #[test]
-fn a_later_override_wins() {
+fn override_repeated_last_wins() {
     let s = load(MINIMAL, &["controller.taper=0.1", "controller.taper=0.3"]);
     assert_eq!(s.initial.taper, 0.3);
 }
 
 #[test]
-fn a_file_finds_its_robot_beside_it() {
+fn file_relative_robot_found() {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("mine.toml");
     std::fs::create_dir(dir.path().join("robots")).unwrap();
@@ -230,25 +230,25 @@ fn a_file_finds_its_robot_beside_it() {
     let s = Settings::load(file.to_str().unwrap(), &[]).unwrap();
     assert_eq!(s.robot.urdf.text, "<robot name=\"own\"/>");
     assert!(Path::new(&s.robot.urdf.name).is_file());
-    assert_eq!(again(&s), s, "the description travels beside the effective configuration");
+    assert_eq!(again(&s), s, "the effective configuration and its description load to equal settings");
 
     std::fs::write(&file, MINIMAL).unwrap();
     let s = Settings::load(file.to_str().unwrap(), &[]).unwrap();
     assert_eq!(s.robot.urdf.text, robots()[0].1, "an embedded robot is found from any directory");
 }
 
-/// Every key of a table, and of those inside it, is described in the schema.
-fn described(schema: &serde_json::Value, table: &toml::Table, keys: &mut usize) {
+/// Asserts that the schema describes every key of a table and of its inner tables.
+fn assert_described(schema: &serde_json::Value, table: &toml::Table, keys: &mut usize) {
     for (key, value) in table {
         let property = &schema["properties"][key];
         let description = property["description"].as_str();
-        assert!(description.is_some_and(|text| !text.is_empty()), "{key} is not described in the schema");
+        assert!(description.is_some_and(|text| !text.is_empty()), "{key} has no description in the schema");
         *keys += 1;
         match value {
-            toml::Value::Table(inner) => described(property, inner, keys),
+            toml::Value::Table(inner) => assert_described(property, inner, keys),
             toml::Value::Array(entries) => {
                 for entry in entries.iter().filter_map(toml::Value::as_table) {
-                    described(&property["items"], entry, keys);
+                    assert_described(&property["items"], entry, keys);
                 }
             }
             _ => {}
@@ -257,11 +257,11 @@ fn described(schema: &serde_json::Value, table: &toml::Table, keys: &mut usize) 
 }
 
 #[test]
-fn the_schema_is_json_and_knows_every_key_of_the_floor_scenario() {
+fn schema_describes_floor_scenario() {
     let schema: serde_json::Value = serde_json::from_str(&json_schema()).unwrap();
     let floor: toml::Table = scenarios()[0].text.parse().unwrap();
     let mut keys = 0;
-    described(&schema, &floor, &mut keys);
+    assert_described(&schema, &floor, &mut keys);
     assert!(keys > 20, "only {keys} keys seen");
     let controller = &schema["properties"]["controller"]["properties"];
     assert_eq!(controller["taper"]["default"], 0.2);

@@ -1,4 +1,4 @@
-//! Damaged scenarios: rejected or loaded, never a panic.
+//! Mutated scenarios: rejected or loaded, without a panic.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod common;
@@ -80,8 +80,8 @@ fn apply(text: &str, edits: Vec<Edit>) -> String {
     String::from_utf8_lossy(&bytes).into_owned()
 }
 
-/// A refusal names its place; what is accepted loads again to the same.
-fn judge(result: Result<Settings, hapfic_config::ConfigError>) {
+/// Asserts that a rejection names its place, and that accepted settings load again to the same.
+fn validate(result: Result<Settings, hapfic_config::ConfigError>) {
     match result {
         Err(error) => {
             let message = error.to_string();
@@ -100,20 +100,20 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(2000))]
 
     #[test]
-    fn of_the_text(edits in proptest::collection::vec(edit(), 1..6)) {
-        judge(Settings::from_str(&apply(scenarios()[0].text, edits), "floor.toml", None, &[]));
+    fn text_mutated_rejected_or_reloads_equal(edits in proptest::collection::vec(edit(), 1..6)) {
+        validate(Settings::from_str(&apply(scenarios()[0].text, edits), "floor.toml", None, &[]));
     }
 
     #[test]
-    fn of_faults(edits in proptest::collection::vec(edit(), 1..6)) {
-        judge(Settings::from_str(&apply(&format!("{ROBOT}{FAULTS}"), edits), "floor.toml", None, &[]));
+    fn faults_mutated_rejected_or_reload_equal(edits in proptest::collection::vec(edit(), 1..6)) {
+        validate(Settings::from_str(&apply(&format!("{ROBOT}{FAULTS}"), edits), "floor.toml", None, &[]));
     }
 
     #[test]
-    fn of_an_override(
+    fn override_random_rejected_or_reloads_equal(
         key in "(controller|operator|fault|robot|seed|world|[a-z]{0,3})(\\.[a-z_0-9]{0,12}){0,3}",
         value in "\\PC{0,20}",
     ) {
-        judge(Settings::from_str(scenarios()[0].text, "floor.toml", None, &[format!("{key}={value}")]));
+        validate(Settings::from_str(scenarios()[0].text, "floor.toml", None, &[format!("{key}={value}")]));
     }
 }

@@ -1,30 +1,30 @@
-//! The fractal attractor: the force profile on the way out, a softer harmonic field on the way back (eq. 1).
+//! Fractal attractor: the force profile in divergence, a softer harmonic field in convergence (eq. 1).
 
 use crate::profile::ForceProfile;
 
-/// Latched errors below this are no distance to converge over, m: the profile itself acts.
-const SMALLEST_M: f64 = 1e-9;
+/// Smallest latched error [m]; below it the profile acts in convergence too.
+const MIN_LATCHED_ERROR_M: f64 = 1e-9;
 
-/// The fractal attractor of one axis (eq. 1).
+/// Fractal attractor of one axis (eq. 1).
 ///
-/// While the error grows the profile's energy is stored; while it shrinks the force is linear about the middle of the way
-/// back and gives back nothing in sum over it. The net work on the robot over a closed cycle of the error (reference and
-/// parameters fixed) is then never positive, if `F_c(e) / e` nowhere grows with `|e|`: so for every profile with
-/// `F_max <= 0.95 K0 x_b`. A profile that hardens (F_max well above `K0 x_b`) is passive over whole excursions from zero
-/// error and back, but may give energy in small cycles across its knee; that is the law's, not an error here.
+/// In divergence the profile stores energy. In convergence the force is linear about half of the latched error, and its
+/// work over the whole convergence is zero. With reference and parameters fixed, the net work on the robot over a closed
+/// cycle of the error is never positive if `F_c(e) / e` nowhere grows with `|e|`, that is for `F_max <= 0.95 K0 x_b`.
+/// A hardening profile (F_max well above `K0 x_b`) is passive over whole excursions from zero error and back. It may give
+/// energy in small cycles across its knee; that is a property of the law.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Attractor {
-    /// The error latched at the start of the last convergence, m. Starts at 0.
+    /// x_max, the error latched at the start of the last convergence [m]. Starts at 0.
     pub x_max_m: f64,
-    /// True in convergence. Starts in divergence.
+    /// Whether the phase is convergence. Starts in divergence.
     pub converging: bool,
 }
 
 impl Attractor {
-    /// One control tick: the state after it and the force, N, for an error (m) and its rate (m/s).
+    /// Runs one control tick: returns the next state and the force [N] for an error [m] and its rate [m/s].
     ///
-    /// The present profile always counts, also for an error latched under an older one. An error or rate that is not
-    /// finite gives no force and leaves the phase as it is.
+    /// The present profile always applies, also to an error latched under an older one. An error or rate that is not finite
+    /// gives no force and keeps the phase.
     #[must_use]
     pub fn step(self, error: f64, error_rate: f64, profile: &ForceProfile) -> (Self, f64) {
         let latched = if self.x_max_m.is_finite() { self.x_max_m } else { 0.0 };
@@ -42,8 +42,8 @@ impl Attractor {
         let entered = converging && !self.converging;
         let renew = entered || error * latched <= 0.0 || error.abs() > latched.abs();
         let x_max_m = if converging && renew { error } else { latched };
-        let force = if converging && x_max_m.abs() >= SMALLEST_M {
-            // 2 F_c(|x_max|) / |x_max| (e - x_max / 2), ordered so that nothing overflows: the fraction is within +-1.
+        let force = if converging && x_max_m.abs() >= MIN_LATCHED_ERROR_M {
+            // 2 F_c(|x_max|) / |x_max| (e - x_max / 2) without overflow: the fraction is within +-1.
             profile.force(x_max_m.abs()) * (2.0 * (error - 0.5 * x_max_m) / x_max_m.abs())
         } else {
             profile.force(error)

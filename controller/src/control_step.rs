@@ -1,4 +1,4 @@
-//! The controller's answer to one tick: from what is known at tick k to request(k), without a clock or a bus.
+//! Control step of one tick: from the inputs of tick k to request(k), without a clock or a bus.
 
 use crate::task_space::{self, Input as Measured};
 use hapfic_config::PERIOD_S;
@@ -6,28 +6,28 @@ use hapfic_messages::{ControllerState, MAX_JOINTS, Parameters, Process, Request,
 use hapfic_robot::Chain;
 use nalgebra::Vector3;
 
-/// What a controller knows at a tick.
+/// Inputs of a control step.
 #[derive(Clone, Copy, Debug)]
 pub struct ControlInputs<'a> {
     /// state(k).
     pub state: &'a State,
-    /// x_d of reference(k), m.
+    /// x_d of reference(k) [m].
     pub reference_position: [f64; 3],
-    /// Its velocity, m/s.
+    /// x_d' of reference(k) [m/s].
     pub reference_velocity: [f64; 3],
-    /// The parameters in force at tick k.
+    /// Parameters of tick k.
     pub parameters: &'a Parameters,
-    /// The controller's state as command(k - 1) carries it.
+    /// State of the controller in command(k - 1).
     pub previous_state: ControllerState,
 }
 
-/// One tick of the control law: a pure function of what is known. `None` if that does not allow an answer: another number of
-/// joints than the robot's, or numbers that are not finite.
+/// Runs one tick of the control law, a pure function of its inputs.
 ///
-/// `gravity` is in m/s^2, world frame; `controller` signs the request, whose `stamp_ns` is zero.
+/// Returns `None` if the state has another number of joints than the robot, or an input is not finite. `gravity` is in the
+/// world frame [m/s^2]. The request carries the code of `controller` and a `stamp_ns` of zero.
 #[must_use]
-pub fn control_step(chain: &Chain, gravity: &Vector3<f64>, known: &ControlInputs<'_>, controller: Process) -> Option<Request> {
-    let ControlInputs { state, parameters, .. } = *known;
+pub fn control_step(chain: &Chain, gravity: &Vector3<f64>, inputs: &ControlInputs<'_>, controller: Process) -> Option<Request> {
+    let ControlInputs { state, parameters, .. } = *inputs;
     let n = chain.dof();
     if state.joints as usize != n {
         return None;
@@ -37,11 +37,11 @@ pub fn control_step(chain: &Chain, gravity: &Vector3<f64>, known: &ControlInputs
     let measured = Measured {
         position: kin.tip_position().into(),
         velocity: jacobian.linear_mul(&state.joint_velocity[..n]).into(),
-        reference_position: known.reference_position,
-        reference_velocity: known.reference_velocity,
+        reference_position: inputs.reference_position,
+        reference_velocity: inputs.reference_velocity,
         contact_force: state.foot_force,
     };
-    let out = task_space::step(known.previous_state, &measured, parameters, PERIOD_S).ok()?;
+    let out = task_space::step(inputs.previous_state, &measured, parameters, PERIOD_S).ok()?;
     let mut torque = jacobian.linear_transpose_mul(&Vector3::from(out.force));
     if parameters.gravity_compensation == 1 {
         let hold = chain.gravity_torque(&kin, gravity);

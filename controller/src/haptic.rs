@@ -1,29 +1,29 @@
-//! The haptic search: finds the offset of the reference at which the measured reaction is the desired one.
+//! Haptic search: finds the offset of the reference at which the measured reaction matches the desired one (Algorithm 1).
 
 use hapfic_messages::{ResetPolicy, Search};
 
-/// The tick for which the paper's step sizes are meant, s.
+/// Tick of the paper's step sizes [s].
 const PAPER_PERIOD_S: f64 = 1e-3;
 
-/// What the haptic search needs to know on one axis (Algorithm 1).
+/// Parameters of the haptic search on one axis (Algorithm 1).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HapticParameters {
-    /// K0, N/m, > 0. Raise it and the search moves slower in metres, at the same rate in newtons.
+    /// Stiffness K0 [N/m], > 0. Raising it slows the search in metres; its rate in newtons stays.
     pub stiffness: f64,
-    /// x_b, m, >= 0: the offset stays within +-x_b. Raise it to search deeper.
+    /// Position bound x_b [m], >= 0: the offset stays within +-x_b. Raising it lets the search reach deeper.
     pub position_bound: f64,
     /// Full steps, or steps that shrink with the force error.
     pub search: Search,
-    /// What happens to the offset while the search rests.
+    /// Treatment of the offset while the search is at rest.
     pub reset_policy: ResetPolicy,
-    /// Share of the force error that the tapered search works off in 1 ms, as if against K0; 0.2 by default. Raise it to
-    /// settle faster; from 0.8 on it limit-cycles.
+    /// Share of the force error that the tapered search removes in 1 ms, as if against K0; default 0.2. Raising it settles
+    /// faster; from 0.8 on it limit-cycles.
     pub taper: f64,
-    /// sigma as a scale, dimensionless, 0.01 in the paper: a full step in 1 ms is this share of `F_d / K0`.
+    /// Sigma as a scale, dimensionless, 0.01 in the paper: a full step in 1 ms is this share of `F_d / K0`.
     pub search_scale: f64,
-    /// sigma as a threshold, N, 0.01 in the paper: force errors below it count as matched, forces up to it as no contact.
+    /// Sigma as a threshold [N], 0.01 in the paper: a force error below it counts as matched, a force up to it as no contact.
     pub force_resolution: f64,
-    /// Control tick, s. The step grows with it, so that the search speed does not depend on the rate.
+    /// Control tick [s]. The step grows with it, so that the search speed does not depend on the rate.
     pub period_s: f64,
 }
 
@@ -32,16 +32,16 @@ pub struct HapticParameters {
 /// Moves the reference into or away from the surface until the measured reaction matches the desired one.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct HapticSearch {
-    /// Offset added to the planned position, dx, m. Stays within +-x_b. Starts at 0.
+    /// dx, offset added to the planned position [m]. Stays within +-x_b. Starts at 0.
     pub offset_m: f64,
 }
 
 impl HapticSearch {
-    /// One control tick. `desired` is F_d and `measured` F, both N, world frame, reaction on the end-effector.
+    /// Runs one control tick. `desired` is F_d and `measured` is F, reactions on the end-effector in the world frame [N].
     ///
-    /// The offset obeys the bound of this tick, also where it is kept and the bound has shrunk. A force that is not finite
-    /// leaves the offset where it is; a bound that is not a finite, positive number brings it to zero, as does an offset
-    /// that is not finite.
+    /// The offset respects the bound of this tick, also where the policy keeps it and the bound has shrunk. A force that is not
+    /// finite keeps the offset. An offset that is not finite becomes zero, as does every offset under a bound that is not a
+    /// finite, positive number.
     #[must_use]
     pub fn step(self, desired: f64, measured: f64, p: &HapticParameters) -> Self {
         let offset = if self.offset_m.is_finite() { self.offset_m } else { 0.0 };
@@ -51,7 +51,7 @@ impl HapticSearch {
     }
 }
 
-/// The offset of the next tick, before its bound. Forces are finite.
+/// Returns the offset of the next tick before its bound [m]. Forces are finite.
 fn search(offset: f64, desired: f64, measured: f64, p: &HapticParameters) -> f64 {
     let force_error = desired - measured;
     if force_error.abs() >= p.force_resolution && desired != 0.0 {
@@ -67,9 +67,9 @@ fn search(offset: f64, desired: f64, measured: f64, p: &HapticParameters) -> f64
     }
 }
 
-/// How far the offset moves in this tick, m.
+/// Returns the step of the offset in this tick [m].
 ///
-/// Algorithm 1 prints sigma F_d / K0; the absolute value is taken because a negative F_d would search away from its target.
+/// Algorithm 1 prints sigma F_d / K0. The absolute value replaces it because a negative F_d searches away from its target.
 fn step_length(desired: f64, force_error: f64, p: &HapticParameters) -> f64 {
     let per_newton = p.period_s / PAPER_PERIOD_S / p.stiffness;
     let full = p.search_scale * desired.abs() * per_newton;
@@ -77,11 +77,11 @@ fn step_length(desired: f64, force_error: f64, p: &HapticParameters) -> f64 {
         Search::Sign => full,
         Search::Tapered => full.min(p.taper * force_error.abs() * per_newton),
     };
-    // Without a stiffness no offset makes a force: there is nothing to search.
+    // Without a stiffness no offset gives a force, so the search does not move.
     if length.is_finite() { length } else { 0.0 }
 }
 
-/// The sign of a number, 0 for 0.
+/// Returns the sign of a number, 0 for 0.
 fn direction(value: f64) -> f64 {
     if value == 0.0 { 0.0 } else { value.signum() }
 }

@@ -1,7 +1,7 @@
-//! The HapFIC controller: haptic search, force profile, fractal attractor and the task-space law that joins them.
+//! HapFIC controller: haptic search, force profile, fractal attractor and the task-space law that combines them.
 //!
-//! All laws are pure and work on each axis of the world frame alone: state in, state and force out. Forces are in N, lengths
-//! in m, times in s. Nothing that is not finite leaves a law, and no force exceeds `F_max`, whatever the parameters.
+//! All laws are pure functions of one axis of the world frame: state in, state and force out. Forces are in N, lengths in
+//! m, times in s. Every output is finite, and no force exceeds `F_max`, for every parameter set.
 //!
 //! ```
 //! use hapfic_controller::task_space::{self, Input};

@@ -1,11 +1,13 @@
-//! From checked settings to the parameter set that travels.
+//! Conversion of checked settings into the parameter set of the messages.
 
 use hapfic_config::{Parameters as Settings, ResetPolicy, Saturation, Search};
 use hapfic_messages::Parameters;
 
-/// The parameter set of a version, in force from a tick on. `here` is the target where none is given, m.
+/// Returns the parameter set of a version that applies from `effective_tick` on.
+///
+/// `default_target` is the target if the settings have none [m].
 #[must_use]
-pub fn parameters(settings: &Settings, version: u64, effective_tick: i64, here: [f64; 3]) -> Parameters {
+pub fn parameters(settings: &Settings, version: u64, effective_tick: i64, default_target: [f64; 3]) -> Parameters {
     let reset_policy = match settings.reset_policy {
         ResetPolicy::ContactLoss => hapfic_messages::ResetPolicy::ContactLoss,
         ResetPolicy::AsPrinted => hapfic_messages::ResetPolicy::AsPrinted,
@@ -22,7 +24,7 @@ pub fn parameters(settings: &Settings, version: u64, effective_tick: i64, here: 
     Parameters {
         version,
         effective_tick,
-        target_position: settings.target_position.unwrap_or(here),
+        target_position: settings.target_position.unwrap_or(default_target),
         desired_force: settings.desired_force,
         stiffness: settings.stiffness,
         max_force: settings.max_force,
@@ -48,7 +50,7 @@ mod tests {
     use hapfic_messages::Check;
 
     #[test]
-    fn what_the_scenario_says_arrives_and_passes_the_check() {
+    fn parameters_from_scenario_pass_check() {
         let overrides = ["controller.fidelity=paper".to_owned(), "controller.stiffness=[1, 2, 3]".to_owned()];
         let settings = hapfic_config::Settings::load("floor", &overrides).unwrap();
         let p = parameters(&settings.initial, 1, 0, [7.0, 8.0, 9.0]);

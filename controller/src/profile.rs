@@ -1,43 +1,42 @@
-//! The force profile: how hard the controller pulls at a position error (eq. 4).
+//! Force profile: force of the controller at a position error (eq. 4).
 
 use core::f64::consts::PI;
 use hapfic_messages::Saturation;
 
 /// Share of x_b up to which the profile is linear.
 const KNEE: f64 = 0.95;
-/// S that saturates in the last 5 % of x_b, as the paper's prose says.
+/// S that saturates in the last 5 % of x_b, as in the paper's prose.
 const CONTINUOUS: f64 = 0.05 / (2.0 * PI);
-/// S as eq. 4 prints it: steps at the knee.
+/// S as printed in eq. 4; the force steps at the knee.
 const AS_PRINTED: f64 = 0.1353;
 
-/// The force profile of one axis, F_c(e) (eq. 4): linear, then saturating at F_max.
+/// Force profile of one axis, F_c(e) (eq. 4): linear, then saturating at F_max.
 ///
-/// Odd in the error, and `|F_c| <= F_max` for every finite error and every parameter set, also where the parameters do not
-/// fit together (`F_max < 0.95 K0 x_b`: the linear part is cut off at F_max).
+/// It is odd in the error, and `|F_c| <= F_max` for every finite error and every parameter set. With incompatible parameters
+/// (`F_max < 0.95 K0 x_b`) F_max cuts off the linear part.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ForceProfile {
-    /// K0, N/m, >= 0: stiffness of the linear part. Raise it for less error under load.
+    /// Stiffness K0 of the linear part [N/m], >= 0. Raising it reduces the error under load.
     pub stiffness: f64,
-    /// F_max, N, >= 0: no force exceeds it. Above `K0 x_b` the profile hardens, see [`crate::Attractor`].
+    /// Largest force F_max [N], >= 0. Above `K0 x_b` the profile hardens, see [`crate::Attractor`].
     pub max_force: f64,
-    /// x_b, m, >= 0: the error at which the force is saturated. Raise it to keep the linear part longer.
+    /// Position bound x_b: the error at which the force is saturated [m], >= 0. Raising it extends the linear part.
     pub position_bound: f64,
-    /// How it saturates.
+    /// Saturation of the profile.
     pub saturation: Saturation,
 }
 
 impl ForceProfile {
-    /// F_c, N, at an error in m.
+    /// Returns F_c [N] at an error [m].
     ///
-    /// No force if the error or a parameter is not finite, or a parameter negative: there is no meaning in such a profile,
-    /// and no force is the safe answer.
+    /// The force is zero, the safe value, if the error or a parameter is not finite, or a parameter is negative.
     #[must_use]
     pub fn force(&self, error: f64) -> f64 {
-        if !self.is_usable() || !error.is_finite() {
+        if !self.is_valid() || !error.is_finite() {
             return 0.0;
         }
         let (distance, bound) = (error.abs(), self.position_bound);
-        // F_0. Its cut at F_max changes no result, but keeps an overflowing product out of the sum below.
+        // F_0. The limit at F_max changes no result, but keeps an overflowing product out of the sum below.
         let knee = (KNEE * self.stiffness * bound).min(self.max_force);
         let magnitude = if distance <= KNEE * bound {
             self.stiffness * distance
@@ -52,11 +51,13 @@ impl ForceProfile {
         magnitude.min(self.max_force).copysign(error)
     }
 
-    /// An error, m, at which the profile gives a force, N, or the nearest to it that is not more: in the linear part `F / K0`; x_b
-    /// for F_max; in between, where a hair's breadth decides over the force, the end of the linear part. Zero where there is none.
+    /// Returns an error [m] at which the profile gives a force [N], or the nearest smaller one.
+    ///
+    /// It is `F / K0` in the linear part, and x_b for F_max. In between the slope is steep, and the result is the end of the
+    /// linear part. It is zero for an invalid profile, an infinite force or zero stiffness.
     #[must_use]
     pub fn error_for(&self, force: f64) -> f64 {
-        if !self.is_usable() || !force.is_finite() || self.stiffness == 0.0 {
+        if !self.is_valid() || !force.is_finite() || self.stiffness == 0.0 {
             return 0.0;
         }
         let (linear, knee) = (force.abs().min(self.max_force) / self.stiffness, KNEE * self.position_bound);
@@ -70,12 +71,12 @@ impl ForceProfile {
         error.copysign(force)
     }
 
-    /// The largest force this profile can give, N: F_max, or zero if the profile is unusable.
+    /// Returns the largest force of this profile [N]: F_max, or zero if the profile is invalid.
     pub(crate) fn largest(&self) -> f64 {
-        if self.is_usable() { self.max_force } else { 0.0 }
+        if self.is_valid() { self.max_force } else { 0.0 }
     }
 
-    fn is_usable(&self) -> bool {
+    fn is_valid(&self) -> bool {
         [self.stiffness, self.max_force, self.position_bound].iter().all(|value| value.is_finite() && *value >= 0.0)
     }
 }

@@ -1,64 +1,65 @@
-//! Release of a stalled convergence: what stands at_rest on its way back starts anew from there.
+//! Release of a stalled convergence: restarts the convergence of an axis that came to rest before its reference.
 
 use crate::attractor::Attractor;
 use crate::profile::ForceProfile;
 
-/// Error rate below which an axis stands at_rest, m/s.
-const STILL_M_PER_S: f64 = 1e-3;
-/// How long it has to stand at_rest, s.
-const STILL_S: f64 = 0.020;
+/// Error rate below which an axis is at rest [m/s].
+const AT_REST_M_PER_S: f64 = 1e-3;
+/// Time at rest after which a stall is released [s].
+const AT_REST_S: f64 = 0.020;
 
-/// Detects a convergence that has stalled, on one axis.
+/// Detector of a stalled convergence on one axis.
 ///
-/// In convergence the force crosses zero half way back (eq. 1). An axis damped so strongly that it has no speed left there
-/// stands at_rest with no force on it, up to `x_max / 2` off its reference, and its own field even pushes it back out when
-/// something else drives it nearer. After 20 ms below 1 mm/s the error is latched anew, and the profile pulls with F_c(e).
+/// In convergence the force crosses zero at half of the latched error (eq. 1). A strongly damped axis has no speed left
+/// there. It comes to rest without force, up to `x_max / 2` off its reference. Beyond that point the attractor even pushes
+/// it away from the reference. After 20 ms below 1 mm/s the release latches the error again, and the profile acts with F_c(e).
 ///
-/// This gives no energy that was not stored: for a profile with `F_max <= 0.95 K0 x_b` the convergence's force towards the
-/// reference never exceeds the profile's at the same error, `2 F_c(M) / M (e - M / 2) <= F_c(e)` for every `|e| <= |M|`, so
-/// over any way back, with any number of releases, the robot gets at most what it stored on the way out along the profile. And
-/// what a release offers, `F_c(e) |e| / 4`, falls from one to the next, as `|e|` does.
+/// A release adds no energy. For a profile with `F_max <= 0.95 K0 x_b` the force of the convergence towards the reference
+/// never exceeds the profile's at the same error: `2 F_c(M) / M (e - M / 2) <= F_c(e)` for every `|e| <= |M|`. Over any
+/// return, with any number of releases, the robot gets at most the energy that the profile stored. The energy that a
+/// release offers, `F_c(e) |e| / 4`, falls from one release to the next with `|e|`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Stall {
-    /// Ticks in a row in which the axis stood at_rest in convergence without contact. Starts at 0.
+    /// Consecutive ticks at rest in convergence without contact. Starts at 0.
     pub at_rest_ticks: u32,
 }
 
-/// What the detection looks at in a tick, after the attractor's step.
+/// Inputs of the detector in a tick, after the attractor's step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StallInput {
-    /// e, m.
+    /// e [m].
     pub error: f64,
-    /// e', m/s.
+    /// e' [m/s].
     pub error_rate: f64,
-    /// The attractor's force, N.
+    /// Force of the attractor [N].
     pub force: f64,
-    /// F, measured reaction, N: an axis in contact has every reason to stand.
+    /// Measured reaction F [N]; an axis in contact is not stalled.
     pub contact_force: f64,
-    /// sigma as a threshold, N: forces up to it are no contact, and less than it is no force to be gained.
+    /// Sigma as a threshold [N]: a force up to it is no contact, and a release must gain more than it.
     pub force_resolution: f64,
-    /// Control tick, s.
+    /// Control tick [s].
     pub period_s: f64,
 }
 
 impl Stall {
-    /// One control tick after the attractor's: the states after it and the force, N.
+    /// Runs one control tick after the attractor's step: returns the next states and the force [N].
     ///
-    /// Releases only where the profile pulls harder towards the reference than the attractor does, by more than the force
-    /// resolution; so also where the attractor pushes away, beyond half way, and never for less than can be measured.
+    /// It releases only if the profile's force towards the reference exceeds the attractor's by more than the force resolution.
+    /// That includes the range beyond half of x_max, where the attractor pushes away, and excludes gains below the sensor's
+    /// resolution.
     #[must_use]
     pub fn step(self, attractor: Attractor, input: &StallInput, profile: &ForceProfile) -> (Self, Attractor, f64) {
-        // A number that is not finite compares as false: moving, or in contact.
+        // A nan compares as false: moving, or in contact.
         let free = input.contact_force.abs() <= input.force_resolution;
-        let at_rest = attractor.converging && free && input.error_rate.abs() < STILL_M_PER_S;
+        let at_rest = attractor.converging && free && input.error_rate.abs() < AT_REST_M_PER_S;
         if !at_rest {
             return (Self::default(), attractor, input.force);
         }
         let at_rest_ticks = self.at_rest_ticks.saturating_add(1);
         let fresh = profile.force(input.error);
-        // Towards the reference is positive here.
+        // Positive: towards the reference.
         let gain = (fresh - input.force) * input.error.signum();
-        let long_enough = f64::from(at_rest_ticks) >= (STILL_S / input.period_s).round();
+        let long_enough = f64::from(at_rest_ticks) >= (AT_REST_S / input.period_s).round();
         if long_enough && gain > input.force_resolution {
             return (Self::default(), Attractor { x_max_m: input.error, ..attractor }, fresh);
         }

@@ -1,4 +1,4 @@
-//! Task-space FIC: haptic search, error and attractor on the three axes of the world frame (eqs. 1, 4, 5; Algorithm 1).
+//! Task-space FIC: haptic search, error and attractor on the three axes of the world frame (eqs. 1, 4, 5, Algorithm 1).
 
 use crate::anti_windup::{bumpless_offset, conditional_integration};
 use crate::attractor::Attractor;
@@ -7,94 +7,94 @@ use crate::profile::ForceProfile;
 use crate::stall_release::{Stall, StallInput};
 use hapfic_messages::{ControllerState, Parameters, ResetPolicy, Saturation, Search};
 
-/// Why the law gives no force.
+/// Error of the task-space law: it gives no force.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum TaskSpaceError {
-    /// A number that came in, or the error made from it, is not finite.
+    /// An input, or the error computed from it, is not finite.
     #[error(
-        "task-space FIC: {quantity}[{index}] is {found}, expected a finite number; refuse the message it came in and make no \
-         request for this tick"
+        "task-space FIC: {quantity}[{index}] is {found}, expected a finite number; reject its message and publish no request \
+        for this tick"
     )]
     NotFinite {
-        /// Which one.
+        /// Name of the quantity.
         quantity: &'static str,
-        /// Its axis; 0 for a scalar.
+        /// Axis; 0 for a scalar.
         index: usize,
-        /// What it is.
+        /// Value found.
         found: f64,
     },
-    /// A policy's code means nothing.
-    #[error("task-space FIC: {quantity} has code {found}, expected 0 to {last}; refuse the parameter set it came in")]
+    /// The code of a policy is unknown.
+    #[error("task-space FIC: {quantity} has code {found}, expected 0 to {last}; reject its parameter set")]
     UnknownPolicy {
-        /// Which policy.
+        /// Name of the policy.
         quantity: &'static str,
-        /// Its code.
+        /// Code found.
         found: u32,
-        /// The last code that means something.
+        /// Largest known code.
         last: usize,
     },
-    /// The control tick is not a time.
+    /// The control tick is not a finite, positive time.
     #[error("task-space FIC: the period is {found} s, expected a finite, positive time; pass the control tick")]
     Period {
-        /// What it is, s.
+        /// Value found [s].
         found: f64,
     },
 }
 
-/// The policies of a parameter set, decoded.
+/// Decoded policies of a parameter set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Policies {
-    /// What happens to the offset while the search rests.
+    /// Treatment of the offset while the search is at rest.
     pub reset_policy: ResetPolicy,
-    /// How the force profile saturates.
+    /// Saturation of the force profile.
     pub saturation: Saturation,
-    /// The step of the haptic search.
+    /// Step of the haptic search.
     pub search: Search,
-    /// Whether dx is kept from winding up at F_max, and bumpless_offset to new gains so that the force stays.
+    /// Whether dx stops at F_max (conditional integration), and gets a bumpless offset after a change of gains.
     pub offset_anti_windup: bool,
-    /// Whether a convergence that has come to a standstill starts anew from there.
+    /// Whether a convergence that came to rest restarts from there.
     pub stall_release: bool,
 }
 
-/// Decodes the policies; `None` if a code means nothing.
+/// Decodes the policies; `None` if a code is unknown.
 #[must_use]
 pub fn policies(p: &Parameters) -> Option<Policies> {
     decode(p).ok()
 }
 
-/// What the law sees in one tick, world frame.
+/// Inputs of the law in one tick, world frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Input {
-    /// x, foot position, m.
+    /// x, foot position [m].
     pub position: [f64; 3],
-    /// J q', foot velocity, m/s.
+    /// J q', foot velocity [m/s].
     pub velocity: [f64; 3],
-    /// x_d, m.
+    /// x_d [m].
     pub reference_position: [f64; 3],
-    /// x_d', m/s.
+    /// x_d' [m/s].
     pub reference_velocity: [f64; 3],
-    /// F, measured reaction on the foot, unfiltered, N.
+    /// F, measured reaction on the foot, unfiltered [N].
     pub contact_force: [f64; 3],
 }
 
-/// What the law answers.
+/// Outputs of the law in one tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Output {
-    /// The state after this tick.
+    /// State after this tick.
     pub state: ControllerState,
-    /// e = x_d + dx - x, m.
+    /// e = x_d + dx - x [m].
     pub error: [f64; 3],
-    /// e' = x_d' - J q', m/s. The search's own motion does not enter.
+    /// e' = x_d' - J q' [m/s], without the motion of the search.
     pub error_rate: [f64; 3],
-    /// F_c, N, within +-F_max.
+    /// F_c, within +-F_max [N].
     pub force: [f64; 3],
 }
 
-/// One control tick of `period_s`, s, from the state after the tick before. The law keeps nothing itself.
+/// Runs one control tick of `period_s` [s] from the state after the previous tick. The law itself keeps no state.
 ///
 /// # Errors
-/// If a number of state, input or parameters is not finite, a policy's code means nothing or the period is not a
-/// positive time. There is no output then: what to do instead is the caller's to decide.
+/// [`TaskSpaceError`] if a number of state, input or parameters is not finite, the code of a policy is unknown, or the
+/// period is not a positive time.
 pub fn step(state: ControllerState, input: &Input, p: &Parameters, period_s: f64) -> Result<Output, TaskSpaceError> {
     check(&state, input, p, period_s)?;
     let policies = decode(p)?;
@@ -123,19 +123,19 @@ pub fn step(state: ControllerState, input: &Input, p: &Parameters, period_s: f64
             |offset_m| HapticSearch { offset_m }.step(p.desired_force[axis], input.contact_force[axis], &haptic).offset_m;
         let offset = if policies.offset_anti_windup {
             let mut before = state.offset[axis];
-            // Zero: no tick has gone before.
+            // A stiffness of zero: there was no previous tick.
             let changed = state.stiffness[axis] > 0.0
                 && [(state.stiffness, p.stiffness), (state.max_force, p.max_force), (state.position_bound, p.position_bound)]
                     .iter()
                     .any(|(before, now)| before[axis] != now[axis]);
-            // Only where a force is held: in the air, and without a wish, the position is what counts.
+            // Only in contact and with a desired force; otherwise the position matters.
             if changed && p.desired_force[axis] != 0.0 && input.contact_force[axis].abs() > p.force_resolution {
-                // What the wall would answer if dx stayed: it gives back what F_c gains.
+                // Predicted reaction with an unchanged dx: the wall balances the change of F_c.
                 let (_, force_without_rescale) = attractor.step(error_at(before), error_rate, &profile);
                 let predicted_force = input.contact_force[axis] - (force_without_rescale - state.force[axis]);
                 if force_error_abs(p, axis, input.contact_force[axis]) <= force_error_abs(p, axis, predicted_force) {
                     before = bumpless_offset(error_at(0.0), state.force[axis], &profile);
-                    // A convergence that goes on goes on from here: where it is entered, its force is the profile's.
+                    // A convergence restarts from here: at its start the force is the profile's.
                     attractor = Attractor::default();
                 }
             }
@@ -148,7 +148,7 @@ pub fn step(state: ControllerState, input: &Input, p: &Parameters, period_s: f64
         let (mut attractor, mut force) = attractor.step(error, error_rate, &profile);
         let mut stall = Stall::default();
         if policies.stall_release {
-            let seen = StallInput {
+            let stall_input = StallInput {
                 error,
                 error_rate,
                 force,
@@ -157,12 +157,12 @@ pub fn step(state: ControllerState, input: &Input, p: &Parameters, period_s: f64
                 period_s,
             };
             let before = Stall { at_rest_ticks: state.at_rest_ticks[axis] };
-            (stall, attractor, force) = before.step(attractor, &seen, &profile);
+            (stall, attractor, force) = before.step(attractor, &stall_input, &profile);
         }
 
         output.state.offset[axis] = offset;
         output.state.x_max[axis] = attractor.x_max_m;
-        // Always, so that a switch thrown later does not see gains of long ago.
+        // Stored always, so that the anti-windup never compares with outdated gains after it is switched on.
         output.state.stiffness[axis] = p.stiffness[axis];
         output.state.max_force[axis] = p.max_force[axis];
         output.state.position_bound[axis] = p.position_bound[axis];
@@ -173,13 +173,13 @@ pub fn step(state: ControllerState, input: &Input, p: &Parameters, period_s: f64
         output.error_rate[axis] = error_rate;
         output.force[axis] = force;
     }
-    // Finite numbers near the largest can at_rest overflow in a difference.
+    // A difference of finite numbers near the largest can overflow.
     check_finite("error", &output.error)?;
     check_finite("error_rate", &output.error_rate)?;
     Ok(output)
 }
 
-/// How far a contact force is off the one that is wished, N.
+/// Returns the absolute force error |F_d - F| [N].
 fn force_error_abs(p: &Parameters, axis: usize, force: f64) -> f64 {
     (p.desired_force[axis] - force).abs()
 }
@@ -197,7 +197,7 @@ fn decode(p: &Parameters) -> Result<Policies, TaskSpaceError> {
     })
 }
 
-/// A switch's code; `None` if it means nothing.
+/// Decodes a switch; `None` if the code is unknown.
 fn switch(code: u32) -> Option<bool> {
     match code {
         0 => Some(false),

@@ -1,4 +1,4 @@
-//! The torque gate without its thread: from requests, or their absence, to commands.
+//! The torque gate without its thread: turns requests, or the lack of them, into commands.
 
 use crate::limits::Limits;
 use crate::protocol::{Choice, ControllerSlot, GateInputs, Observation, Protocol, TickAction, WaitPolicy};
@@ -11,9 +11,9 @@ use hapfic_messages::{
 /// A step of a joint's torque from one tick to the next, larger than [`Limits::discontinuity`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TorqueStep {
-    /// Which joint, from the base.
+    /// Index of the joint, from the base.
     pub joint: usize,
-    /// The new torque less the old one, N m.
+    /// New torque minus old torque [N m].
     pub size: f64,
 }
 
@@ -24,14 +24,14 @@ pub struct Gate {
     check: TorqueCheck,
     filter: LowPass,
     protocol: Protocol,
-    /// The torque while it ramps in after a brake, as it went out last.
+    /// Last torque while it ramps in after a brake [N m].
     ramp: Option<[f64; MAX_JOINTS]>,
     step: Option<TorqueStep>,
     last: Command,
 }
 
 impl Gate {
-    /// A gate that has seen nothing yet.
+    /// Gate before its first tick.
     #[must_use]
     pub fn new(limits: Limits, check: TorqueCheck) -> Self {
         let first = Command {
@@ -52,19 +52,19 @@ impl Gate {
         Self { limits, check, filter: LowPass::default(), protocol: Protocol::default(), ramp: None, step: None, last: first }
     }
 
-    /// The last command; before the first tick, the one that starts everything: brakes on, controller state cleared.
+    /// The last command; before the first tick, the initial command: brakes on, controller state cleared.
     #[must_use]
     pub fn last(&self) -> &Command {
         &self.last
     }
 
-    /// How bad it is.
+    /// The severity after the last tick.
     #[must_use]
     pub fn severity(&self) -> Severity {
         self.protocol.severity
     }
 
-    /// Whose request counts if both controllers have answered.
+    /// Slot whose request counts if both controllers have answered.
     #[must_use]
     pub fn primary(&self) -> ControllerSlot {
         self.protocol.primary
@@ -76,16 +76,16 @@ impl Gate {
         self.last.tick + 1
     }
 
-    /// The largest step of a joint's torque in the last command, if it is worth telling of.
+    /// The largest step of a joint's torque in the last command, if it exceeds [`Limits::discontinuity`].
     #[must_use]
     pub fn discontinuity(&self) -> Option<TorqueStep> {
         self.step
     }
 
-    /// Whether a request may be used for the tick that is due, given its state and the parameters in force.
+    /// Validates a request for the tick that is due, given its state and the parameters in force.
     ///
     /// # Errors
-    /// What is wrong with it.
+    /// The first defect found.
     pub fn validate(&self, request: &Request, state: &State, parameters: &Parameters) -> Result<(), ValidationError> {
         request.check()?;
         let same = |field, found: i64, expected: i64| {
@@ -105,34 +105,34 @@ impl Gate {
         self.check.check(state, request, parameters)
     }
 
-    /// Goes through what a request will go through, and changes nothing.
+    /// Warms up the caches: a dry run of a request, without effect.
     pub fn warm_up(&self, request: &Request, state: &State, parameters: &Parameters) {
-        let good = state.check().is_ok() && request.check().is_ok();
+        let valid = state.check().is_ok() && request.check().is_ok();
         let checked = self.check.check(state, request, parameters).is_ok();
         let filtered = self.filter.step(&request.torque, self.limits.bandwidth_hz, self.limits.period_s);
-        std::hint::black_box((good, checked, limit(&filtered.output, &self.limits.peak)));
+        std::hint::black_box((valid, checked, limit(&filtered.output, &self.limits.peak)));
     }
 
-    /// What to do about the tick that is due.
+    /// Chooses what to do about the tick that is due.
     #[must_use]
     pub fn choose(&self, seen: &Observation, policy: WaitPolicy) -> Choice {
         self.protocol.choose(seen, policy)
     }
 
-    /// The command of the tick that is due, from a request of a place that [`judge`](Self::judge) let pass.
-    pub fn accept(&mut self, place: ControllerSlot, request: &Request, seen: &Observation, inputs: &GateInputs) -> Command {
-        match self.advance(Choice::Take(place), seen, inputs) {
+    /// Makes the command of the tick that is due from a slot's request, which passed [`validate`](Self::validate).
+    pub fn accept(&mut self, slot: ControllerSlot, request: &Request, seen: &Observation, inputs: &GateInputs) -> Command {
+        match self.advance(Choice::Take(slot), seen, inputs) {
             Some(TickAction::Pass(_)) => self.pass(request),
             _ => self.brake(Source::Suppressed),
         }
     }
 
-    /// The command of the tick that is due when no valid request came in time: the last one once more, then brake.
+    /// Makes the command of the tick that is due without a valid request: first repeats the last command, then brakes.
     pub fn miss(&mut self, seen: &Observation, inputs: &GateInputs) -> Command {
         match self.advance(Choice::Miss, seen, inputs) {
             Some(TickAction::Hold) => {
-                // Nothing has ever been commanded: the drive's own brakes hold.
-                self.publish(Command { source: Source::None.code(), ..self.last })
+                // Nothing has been commanded yet: the drive's own brakes hold, also after a stop that was left.
+                self.publish(Command { mode: Mode::Hold.code(), source: Source::None.code(), ..self.last })
             }
             Some(TickAction::Repeat) => self.publish(Command { source: Source::Repeated.code(), ..self.last }),
             _ => self.brake(Source::None),
@@ -146,27 +146,27 @@ impl Gate {
         action
     }
 
-    /// Filter, rate after a brake, peak.
+    /// Makes a command from a request: filter, rate limit after a brake, peak.
     fn pass(&mut self, request: &Request) -> Command {
         let was_active = self.last.mode == Mode::Active.code();
         if self.last.mode >= Mode::Brake.code() {
             self.ramp = Some([0.0; MAX_JOINTS]);
         }
         self.filter = self.filter.step(&request.torque, self.limits.bandwidth_hz, self.limits.period_s);
-        let mut wanted = self.filter.output;
+        let mut desired = self.filter.output;
         let mut ramped = 0;
         if let Some(before) = self.ramp {
             let most = self.limits.ramp_rate * self.limits.period_s;
-            for (i, (wanted, before)) in wanted.iter_mut().zip(before).enumerate().take(self.limits.joints) {
-                let step = *wanted - before;
+            for (i, (desired, before)) in desired.iter_mut().zip(before).enumerate().take(self.limits.joints) {
+                let step = *desired - before;
                 if step.abs() > most {
-                    *wanted = before + most.copysign(step);
+                    *desired = before + most.copysign(step);
                     ramped |= 1 << i;
                 }
             }
         }
-        let (torque, limited) = limit(&wanted, &self.limits.peak);
-        // Once every joint has what it is asked for, the ramp is over.
+        let (torque, limited) = limit(&desired, &self.limits.peak);
+        // The ramp ends once every joint has its desired torque.
         self.ramp = if ramped > 0 { Some(torque) } else { None };
         if was_active {
             self.step = self.largest_step(&torque);
@@ -189,7 +189,7 @@ impl Gate {
             .max_by(|a, b| a.size.abs().total_cmp(&b.size.abs()))
     }
 
-    /// Controllers start anew from a cleared state, and so does the filter.
+    /// Makes a braking command: controllers and filter start anew from a cleared state.
     fn brake(&mut self, source: Source) -> Command {
         self.filter = LowPass::default();
         self.ramp = None;
@@ -272,7 +272,7 @@ mod tests {
     }
 
     #[test]
-    fn it_starts_with_a_command_that_holds_the_brakes_at_tick_minus_one() {
+    fn gate_first_command_holds_brakes_at_tick_minus_one() {
         let mut gate = gate(None);
         assert_eq!((gate.last().tick, gate.last().mode), (-1, Mode::Hold.code()));
         let command = miss(&mut gate);
@@ -280,7 +280,7 @@ mod tests {
     }
 
     #[test]
-    fn the_peak_limits_and_says_which_joint() {
+    fn gate_peak_limits_and_marks_the_joint() {
         let mut gate = gate(None);
         let mut request = request(0, 10.0);
         request.torque[1] = -55.0;
@@ -292,7 +292,7 @@ mod tests {
     }
 
     #[test]
-    fn the_filter_has_its_bandwidth() {
+    fn gate_filter_has_its_bandwidth() {
         let mut gate = gate(Some(20.0));
         let alpha = 1.0 - (-2.0 * std::f64::consts::PI * 20.0 * 1e-3_f64).exp();
         assert!((feed(&mut gate, 10.0).torque[0] - 10.0 * alpha).abs() < 1e-12);
@@ -303,7 +303,7 @@ mod tests {
     }
 
     #[test]
-    fn one_miss_repeats_and_the_second_brakes_until_twenty_good_ticks() {
+    fn gate_second_miss_brakes_until_twenty_good_ticks() {
         let mut gate = gate(None);
         feed(&mut gate, 7.0);
         let repeated = miss(&mut gate);
@@ -321,7 +321,7 @@ mod tests {
     }
 
     #[test]
-    fn requests_of_another_tick_version_or_shape_are_refused() {
+    fn gate_mismatched_or_invalid_request_is_rejected() {
         let gate = gate(None);
         let state = state(&gate);
         let chain = chain();
@@ -337,6 +337,11 @@ mod tests {
             Request { joints: 4, ..good },
             Request { controller: Process::Plant.code(), ..good },
             Request { force: [f64::NAN, 0.0, 0.0], ..good },
+            Request { error: [0.0, f64::NAN, 0.0], ..good },
+            Request { error_rate: [f64::INFINITY, 0.0, 0.0], ..good },
+            Request { state: ControllerState { offset: [0.0, 0.0, f64::NAN], ..good.state }, ..good },
+            Request { state: ControllerState { x_max: [f64::NAN; 3], ..good.state }, ..good },
+            Request { state: ControllerState { converging: [2, 0, 0], ..good.state }, ..good },
             Request { torque: [f64::INFINITY; MAX_JOINTS], ..good },
             Request { torque: [1.0; MAX_JOINTS], ..good },
             Request { force: [1.0, -2.0, 31.0], ..good },
@@ -346,7 +351,7 @@ mod tests {
     }
 
     #[test]
-    fn after_a_brake_the_torque_ramps_in_and_then_is_free() {
+    fn gate_after_brake_torque_ramps_in() {
         let mut gate = gate(None);
         feed(&mut gate, 30.0);
         miss(&mut gate);
@@ -370,7 +375,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stop_is_latched_and_left_through_a_brake_with_cleared_state() {
+    fn gate_stop_is_latched_and_left_through_brake() {
         let mut gate = gate(None);
         feed(&mut gate, 5.0);
         let stop = GateInputs { stop: true, ..NOTHING };
@@ -389,5 +394,113 @@ mod tests {
             ticks += 1;
         }
         assert_eq!((ticks + 1, gate.last().torque[0]), (CLEAR_AFTER, 2.0), "ramping in");
+    }
+
+    /// Clears a brake with good ticks whose torque is not passed on; the next request is the first that counts.
+    fn clear(gate: &mut Gate, torque: f64) {
+        for _ in 1..CLEAR_AFTER {
+            assert_eq!(feed(gate, torque).mode, Mode::Brake.code());
+        }
+    }
+
+    #[test]
+    fn gate_brake_resets_the_filter() {
+        let mut gate = gate(Some(20.0));
+        for _ in 0..200 {
+            feed(&mut gate, 30.0);
+        }
+        miss(&mut gate);
+        miss(&mut gate);
+        clear(&mut gate, 10.0);
+        let alpha = 1.0 - (-2.0 * std::f64::consts::PI * 20.0 * 1e-3_f64).exp();
+        assert!((feed(&mut gate, 10.0).torque[0] - 10.0 * alpha).abs() < 1e-12, "nothing of the torque before the brake");
+    }
+
+    #[test]
+    fn gate_ramp_continues_from_the_limited_torque() {
+        let mut gate = gate(None);
+        feed(&mut gate, 1.0);
+        miss(&mut gate);
+        miss(&mut gate);
+        clear(&mut gate, 100.0);
+        for _ in 0..60 {
+            feed(&mut gate, 100.0);
+        }
+        assert_eq!((gate.last().torque[0], gate.last().limited, gate.last().ramped), (40.0, 0b111, 0b111));
+        assert_eq!(feed(&mut gate, -8.0).torque[0], 38.0, "2 N m below the torque that went out");
+    }
+
+    /// A gate whose last command is limited on one joint and ramping on the others, with force and controller state.
+    fn saturated() -> Gate {
+        let mut gate = gate(None);
+        feed(&mut gate, 1.0);
+        miss(&mut gate);
+        miss(&mut gate);
+        clear(&mut gate, 100.0);
+        for _ in 0..10 {
+            feed(&mut gate, 100.0);
+        }
+        let mut request = Request { force: [1.0, 2.0, 3.0], ..request(gate.tick(), 100.0) };
+        request.torque[2] = 22.0;
+        gate.limits.peak[1] = 21.0;
+        let command = accept(&mut gate, &request);
+        assert_eq!((&command.torque[..3], command.limited, command.ramped), (&[22.0, 21.0, 22.0][..], 0b010, 0b011));
+        gate
+    }
+
+    #[test]
+    fn gate_repeat_keeps_the_whole_command() {
+        let mut gate = saturated();
+        let before = *gate.last();
+        let expected =
+            Command { tick: before.tick + 1, source: Source::Repeated.code(), severity: Severity::Degraded.code(), ..before };
+        assert_eq!(miss(&mut gate), expected);
+    }
+
+    #[test]
+    fn gate_brake_clears_the_whole_command() {
+        let mut gate = saturated();
+        let before = *gate.last();
+        miss(&mut gate);
+        let expected = Command {
+            tick: before.tick + 2,
+            mode: Mode::Brake.code(),
+            source: Source::None.code(),
+            severity: Severity::Brake.code(),
+            limited: 0,
+            ramped: 0,
+            torque: [0.0; MAX_JOINTS],
+            request: Request { state: ControllerState::default(), torque: [0.0; MAX_JOINTS], force: [0.0; 3], ..before.request },
+            ..before
+        };
+        assert_eq!(miss(&mut gate), expected);
+        let suppressed = feed(&mut gate, 5.0);
+        assert_eq!(suppressed, Command { tick: expected.tick + 1, source: Source::Suppressed.code(), ..expected });
+    }
+
+    #[test]
+    fn gate_pass_replaces_the_whole_command() {
+        let mut gate = saturated();
+        let before = *gate.last();
+        let request = Request { stamp_ns: 77, ..request(gate.tick(), 21.0) };
+        let expected = Command {
+            tick: before.tick + 1,
+            limited: 0,
+            ramped: 0,
+            torque: request.torque,
+            request: Request { stamp_ns: 0, ..request },
+            ..before
+        };
+        assert_eq!(accept(&mut gate, &request), expected);
+    }
+
+    #[test]
+    fn gate_stop_before_first_torque_then_rearm_holds() {
+        let mut gate = gate(None);
+        let stop = GateInputs { stop: true, ..NOTHING };
+        let stopped = gate.miss(&NOBODY, &stop);
+        assert_eq!((stopped.mode, stopped.severity), (Mode::Stopped.code(), Severity::Stopped.code()));
+        let rearmed = gate.miss(&NOBODY, &GateInputs { rearm: true, ..NOTHING });
+        assert_eq!((rearmed.mode, rearmed.severity), (Mode::Hold.code(), Severity::Brake.code()), "no longer stopped");
     }
 }

@@ -1,9 +1,9 @@
-//! Torque gate: which request becomes the command of a tick. Pure: no clock, no transport, no heap.
+//! Torque gate: decides which request becomes the command of a tick. Pure: no clock, no transport, no heap.
 //!
-//! Read [`gate`] first: it validates requests, conditions the torque and keeps the last command. [`protocol`] decides which controller
-//! answers a tick, [`severity`] how bad the situation is, [`torque_check`] whether a torque agrees with its force,
-//! [`parameter_schedule`] at which tick a change of parameters takes effect, and [`restart`] when a lost process is started again.
-//! `tests/protocol` explores protocol, severity and restarts exhaustively.
+//! Read [`gate`] first: it validates requests, conditions the torque and keeps the last command. [`protocol`] decides
+//! which controller answers a tick, and [`severity`] how severe the situation is. [`torque_check`] compares a torque
+//! with its force. [`parameter_schedule`] decides at which tick a change of parameters takes effect, and [`restart`]
+//! when the supervisor restarts a lost process. `tests/protocol` explores protocol, severity and restarts exhaustively.
 
 pub mod gate;
 mod limits;

@@ -4,25 +4,25 @@ use hapfic_config::{PERIOD_S, Settings};
 use hapfic_messages::MAX_JOINTS;
 use hapfic_robot::Chain;
 
-/// What the gate enforces.
+/// Limits that the gate enforces on a robot.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
-    /// Joints of the robot.
+    /// Number of joints of the robot.
     pub joints: usize,
-    /// Bandwidth of the torque filter, Hz; `None`: no filter.
+    /// Bandwidth of the torque filter [Hz]; `None`: no filter.
     pub bandwidth_hz: Option<f64>,
-    /// Peak of each joint's torque.
+    /// Peak of each joint's torque [N m].
     pub peak: [f64; MAX_JOINTS],
-    /// Length of a tick, s.
+    /// Length of a tick [s].
     pub period_s: f64,
-    /// Most that a joint's torque may change in a second while ramping in after a brake, N m/s.
+    /// Largest rate of a joint's torque while it ramps in after a brake [N m/s].
     pub ramp_rate: f64,
-    /// TorqueStep of a joint's torque from one tick to the next that is told of, N m.
+    /// Step of a joint's torque from one tick to the next above which the gate reports it [N m].
     pub discontinuity: f64,
 }
 
 impl Limits {
-    /// Limits of a scenario and its robot: the peak is the scenario's, else the effort limit of each joint.
+    /// Limits of a scenario and its robot. The peak is the scenario's, or else the effort limit of each joint.
     #[must_use]
     pub fn new(settings: &Settings, chain: &Chain) -> Self {
         let joints = chain.joints();

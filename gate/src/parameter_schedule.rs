@@ -1,25 +1,25 @@
-//! The operator's parameters over time: announced some ticks before they take effect, so that all change at the same tick.
+//! Schedule of the operator's parameters: announced some ticks ahead, so that all processes change at the same tick.
 
 use hapfic_config::{MIN_SPACING_TICKS, OperatorChange, Parameters, Settings};
 use hapfic_controller::parameters;
 use hapfic_messages::Operator;
 use std::collections::VecDeque;
 
-/// Changes that may be waiting beside those of the script. The room is there from the start: the gate does not allocate.
+/// Most waiting changes beside the scripted ones. Reserved from the start: the gate does not allocate.
 const CAPACITY: usize = 16;
 
-/// The sets in force and to come.
+/// Parameter sets in force, announced and waiting.
 #[derive(Debug)]
 pub struct ParameterSchedule {
     operator: Operator,
-    /// What `operator.next` was made from.
+    /// Configuration from which `operator.next` was made.
     next: Parameters,
     here: [f64; 3],
     waiting: VecDeque<OperatorChange>,
 }
 
 impl Clone for ParameterSchedule {
-    /// With the room for further changes, which a clone of the queue alone would not have.
+    /// Clones with the capacity for further changes, which a clone of the queue alone would not have.
     fn clone(&self) -> Self {
         let mut waiting = VecDeque::with_capacity(self.waiting.capacity());
         waiting.extend(self.waiting.iter().copied());
@@ -27,21 +27,21 @@ impl Clone for ParameterSchedule {
     }
 }
 
-/// Where a change that comes now would go.
+/// Slot of the schedule for a new change.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ScheduleSlot {
-    /// First tick at which it would be in force.
+    /// First tick at which the change would be in force.
     pub effective_tick: i64,
-    /// The version it would have.
+    /// Version that it would have.
     pub version: u64,
-    /// The set it would follow.
+    /// Set that it would follow.
     pub before: Parameters,
-    /// Its place among those that wait.
+    /// Its index among the waiting changes.
     index: usize,
 }
 
 impl ParameterSchedule {
-    /// The scripted operator of a scenario; `here` is where the foot starts, its target until another is given.
+    /// Schedule with a scenario's script. `here` is the initial position of the foot, and its initial target [m].
     #[must_use]
     pub fn new(settings: &Settings, here: [f64; 3]) -> Self {
         let first = parameters::parameters(&settings.initial, 1, 0, here);
@@ -50,13 +50,13 @@ impl ParameterSchedule {
         Self { operator: Operator { current: first, next: first }, next: settings.initial, here, waiting }
     }
 
-    /// What is in force and what is announced.
+    /// Parameters in force and announced.
     #[must_use]
     pub fn operator(&self) -> &Operator {
         &self.operator
     }
 
-    /// To be called before the command of `tick` goes out. Returns what to publish, if something new is announced.
+    /// Announces the next change, if due before the command of `tick` goes out. Returns the parameters to publish.
     pub fn announce(&mut self, tick: i64) -> Option<&Operator> {
         if self.waiting.front()?.at_tick > tick + MIN_SPACING_TICKS {
             return None;
@@ -69,15 +69,16 @@ impl ParameterSchedule {
         Some(&self.operator)
     }
 
-    /// The first free place for a change that comes before the command of `tick` is due: [`MIN_SPACING_TICKS`] ahead, as far from
-    /// the set announced last, and behind what is scripted closer than that.
+    /// Finds the first free slot for a change that arrives before the command of `tick`.
+    ///
+    /// It is [`MIN_SPACING_TICKS`] ahead, as far from the set announced last, and after closer scripted changes.
     #[must_use]
     pub fn slot(&self, tick: i64) -> ScheduleSlot {
         let earliest = tick.max(self.operator.next.effective_tick) + MIN_SPACING_TICKS;
         let first =
             ScheduleSlot { effective_tick: earliest, version: self.operator.next.version + 1, before: self.next, index: 0 };
         self.waiting.iter().fold(first, |slot, waiting| {
-            // The script is in order: what comes after a gap comes after it all.
+            // The script is in order: all later changes come after this gap.
             if slot.effective_tick + MIN_SPACING_TICKS <= waiting.at_tick {
                 return slot;
             }
@@ -90,8 +91,8 @@ impl ParameterSchedule {
         })
     }
 
-    /// Puts a change into the first free place; later ones of the script still change what they name. Returns its version and the
-    /// tick at which it takes effect; `None` if too many are waiting.
+    /// Inserts a change into the first free slot; later scripted changes still apply. Returns its version and the tick
+    /// at which it takes effect; `None` if too many are waiting.
     pub fn insert(&mut self, change: &OperatorChange, tick: i64) -> Option<(u64, i64)> {
         if self.waiting.len() >= self.waiting.capacity() {
             return None;
@@ -119,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn every_tick_of_the_run_knows_its_set_before_it_comes() {
+    fn announce_each_tick_has_its_set_ahead() {
         let mut schedule = scripted(&[(3, 2.0), (8, 3.0), (100, 4.0)]);
         assert_eq!(schedule.operator().at(0).target_position, [0.1, 0.2, 0.3]);
         for tick in -1..150 {
@@ -139,11 +140,11 @@ mod tests {
     }
 
     #[test]
-    fn a_change_takes_effect_as_far_ahead_as_the_script_is_announced() {
+    fn insert_online_change_keeps_minimum_spacing() {
         let mut schedule = scripted(&[]);
         schedule.announce(99);
         assert_eq!(schedule.insert(&force(0, 9.0), 100), Some((2, 105)));
-        // The next one keeps its distance.
+        // The next change keeps its distance.
         assert_eq!(schedule.insert(&force(0, 8.0), 101), Some((3, 110)));
         for tick in 100..120 {
             schedule.announce(tick);
@@ -157,14 +158,14 @@ mod tests {
     }
 
     #[test]
-    fn wherever_a_change_falls_into_the_script_all_keep_their_distance_and_versions_count_up() {
+    fn insert_at_any_tick_keeps_script_spacing_and_versions() {
         for tick in 0..60 {
             let mut schedule = scripted(&[(20, 2.0), (25, 3.0), (38, 4.0), (50, 5.0)]);
             let mut promised = None;
             let mut announced = vec![(1, 0)];
             for now in -1..80 {
                 if now == tick {
-                    // As the gate does: in the slack before the command of `now`.
+                    // As the gate does: in idle time before the command of `now`.
                     let change = OperatorChange { taper: Some(0.123), ..OperatorChange::default() };
                     promised = schedule.insert(&change, now);
                 }
@@ -186,14 +187,14 @@ mod tests {
                 assert_eq!(pair[1].0, pair[0].0 + 1);
                 assert!(pair[1].1 >= pair[0].1 + MIN_SPACING_TICKS, "{announced:?}");
             }
-            // The script goes on on top of it.
+            // Later scripted changes still apply.
             assert_eq!(schedule.operator().at(79).desired_force[2], 5.0);
             assert_eq!(schedule.operator().at(79).taper, 0.123);
         }
     }
 
     #[test]
-    fn a_slot_tells_the_set_it_follows() {
+    fn slot_reports_set_it_follows() {
         let schedule = scripted(&[(20, 2.0)]);
         assert_eq!(schedule.slot(5).before.desired_force[2], 1.0);
         let behind = schedule.slot(14);
@@ -201,15 +202,15 @@ mod tests {
     }
 
     #[test]
-    fn there_is_room_for_so_many_and_no_more() {
+    fn insert_above_capacity_is_rejected() {
         let mut schedule = scripted(&[(20, 2.0)]);
-        let room = schedule.waiting.capacity();
-        let taken = (0..room + 5).filter(|_| schedule.insert(&force(0, 3.0), 0).is_some()).count();
-        assert_eq!((taken, schedule.waiting.capacity()), (room - 1, room));
+        let capacity = schedule.waiting.capacity();
+        let taken = (0..capacity + 5).filter(|_| schedule.insert(&force(0, 3.0), 0).is_some()).count();
+        assert_eq!((taken, schedule.waiting.capacity()), (capacity - 1, capacity));
     }
 
     #[test]
-    fn a_clone_has_the_same_room() {
+    fn clone_keeps_capacity() {
         let schedule = scripted(&[(20, 2.0)]);
         let mut clone = schedule.clone();
         assert_eq!(clone.waiting.capacity(), schedule.waiting.capacity());

@@ -1,13 +1,13 @@
-//! The protocol of gate, primary and standby: one pure transition function, which the gate runs at every tick and which
+//! Protocol of gate, primary and standby: a pure transition function, which the gate runs at every tick and
 //! `tests/protocol` explores exhaustively.
 //!
-//! A tick's torque comes from one controller's request or from none. Controllers keep no state, so either may answer: what has to
-//! be decided is only for whom to wait, and how bad it is when nobody comes.
+//! A tick's torque comes from one controller's request, or from none. Controllers keep no state, so either may answer.
+//! The protocol decides which to wait for, and how severe a missing answer is.
 
 use crate::severity::{Conditions, severity};
 use hapfic_messages::{Process, Severity};
 
-/// Ticks in a row in which only the other controller answered, after which that one becomes the primary.
+/// Ticks in a row answered by the other controller only, after which it becomes the primary.
 pub const PROMOTE_AFTER: u32 = 3;
 
 /// The two places of controllers.
@@ -20,10 +20,10 @@ pub enum ControllerSlot {
 }
 
 impl ControllerSlot {
-    /// Both.
+    /// Both slots.
     pub const BOTH: [Self; 2] = [Self::First, Self::Second];
 
-    /// The other one.
+    /// The other slot.
     #[must_use]
     pub const fn other(self) -> Self {
         match self {
@@ -32,7 +32,7 @@ impl ControllerSlot {
         }
     }
 
-    /// The process in it.
+    /// The process in the slot.
     #[must_use]
     pub const fn process(self) -> Process {
         match self {
@@ -42,37 +42,37 @@ impl ControllerSlot {
     }
 }
 
-/// How the gate waits.
+/// How the gate waits for requests.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum WaitPolicy {
-    /// Until a deadline: time does not stand still.
+    /// Until a deadline: time goes on.
     Deadline,
-    /// For every controller that is there, and for one in any case: the clock waits.
+    /// For every present controller, and for at least one request: the clock waits.
     Lockstep,
 }
 
-/// What the gate sees when it looks, first place first.
+/// Observation of the gate about the tick that is due, first slot first.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Observation {
-    /// A request for the tick that is due has come and may be used.
+    /// A valid request has arrived.
     pub valid: [bool; 2],
-    /// One has come that may not.
+    /// An invalid request has arrived.
     pub rejected: [bool; 2],
-    /// The process lives and does ticks.
+    /// The process is alive and does ticks.
     pub present: [bool; 2],
-    /// The deadline has passed; in lockstep: it is no use waiting for both any longer.
+    /// The deadline has passed; in lockstep: the time-out of the wait for both has passed.
     pub overdue: bool,
 }
 
 impl Observation {
-    /// One controller, which has answered: a stack in one process.
+    /// Observation of a single controller that has answered: a stack in one process.
     #[must_use]
     pub const fn alone() -> Self {
         Self { valid: [true, false], rejected: [false; 2], present: [true, false], overdue: false }
     }
 }
 
-/// What others want of the gate at a tick.
+/// Inputs of the gate at a tick, beside requests.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct GateInputs {
     /// The operator, or a spent restart budget, asks for a latched stop.
@@ -83,44 +83,44 @@ pub struct GateInputs {
     pub missing: bool,
 }
 
-/// What to do now about the tick that is due.
+/// Choice about the tick that is due.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Choice {
-    /// Wait and look again.
+    /// Wait and check again.
     Wait,
-    /// Use this place's request.
+    /// Use this slot's request.
     Take(ControllerSlot),
-    /// Go without: nobody has answered.
+    /// Go without a request: no controller has answered.
     Miss,
 }
 
-/// What becomes of a tick.
+/// Action of a tick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum TickAction {
-    /// The torque of this place's request.
+    /// Pass the torque of this slot's request.
     Pass(ControllerSlot),
-    /// The drive brakes although this place has answered: the brake has not cleared yet.
-    Withhold(ControllerSlot),
-    /// The last torque once more.
+    /// Brake although this slot has answered: the brake has not cleared yet.
+    Suppress(ControllerSlot),
+    /// Repeat the last torque.
     Repeat,
-    /// The drive brakes.
+    /// Brake.
     Brake,
-    /// Nothing has ever been commanded: the drive's own brakes hold.
+    /// Hold by the drive's own brakes: no torque has been commanded yet.
     Hold,
 }
 
-/// The gate's memory, as far as the protocol goes.
+/// State of the protocol.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Protocol {
-    /// Whose request counts if both have answered.
+    /// Slot whose request counts if both have answered.
     pub primary: ControllerSlot,
-    /// Ticks in a row in which only the other answered.
+    /// Ticks in a row that only the other slot answered.
     pub misses: u32,
-    /// How bad it is.
+    /// Current severity.
     pub severity: Severity,
-    /// What the ladder looks at.
+    /// Conditions of the severity ladder.
     pub conditions: Conditions,
-    /// Whether any request was ever used.
+    /// Whether any request has been used.
     pub opened: bool,
 }
 
@@ -137,19 +137,19 @@ impl Default for Protocol {
 }
 
 impl Protocol {
-    /// What to do now, from what is seen. Says [`Choice::Miss`] only past a deadline.
+    /// Chooses what to do now, from an observation. Returns [`Choice::Miss`] only past a deadline.
     #[must_use]
     pub fn choose(&self, seen: &Observation, policy: WaitPolicy) -> Choice {
         let (first, second) = (self.primary, self.primary.other());
         let [valid, rejected, present] = [seen.valid, seen.rejected, seen.present];
-        // Nothing more is to be expected from this place.
-        let settled = |place: ControllerSlot| {
-            let i = place as usize;
+        // The gate need not wait for this slot.
+        let resolved = |slot: ControllerSlot| {
+            let i = slot as usize;
             valid[i] || rejected[i] || !present[i]
         };
         let all = match policy {
-            WaitPolicy::Deadline => valid[first as usize] || settled(first) || seen.overdue,
-            WaitPolicy::Lockstep => (settled(first) && settled(second)) || seen.overdue,
+            WaitPolicy::Deadline => valid[first as usize] || resolved(first) || seen.overdue,
+            WaitPolicy::Lockstep => (resolved(first) && resolved(second)) || seen.overdue,
         };
         if all && valid[first as usize] {
             Choice::Take(first)
@@ -162,20 +162,20 @@ impl Protocol {
         }
     }
 
-    /// The memory after a tick, and what becomes of the tick, from what was chosen. A choice to wait is no tick.
+    /// Advances the protocol by a choice. Returns the new state and the tick's action; a choice to wait is no tick.
     #[must_use]
     pub fn step(self, choice: Choice, seen: &Observation, inputs: &GateInputs) -> (Self, Option<TickAction>) {
         let mut next = self;
         match choice {
             Choice::Wait => return (self, None),
-            Choice::Take(place) => {
+            Choice::Take(slot) => {
                 next.opened = true;
                 next.conditions.missed = 0;
                 next.conditions.good = self.conditions.good.saturating_add(1).min(crate::severity::CLEAR_AFTER);
-                next.misses = if place == self.primary { 0 } else { self.misses + 1 };
+                next.misses = if slot == self.primary { 0 } else { self.misses + 1 };
                 let gone = !seen.present[self.primary as usize];
                 if next.misses > 0 && (gone || next.misses >= PROMOTE_AFTER) {
-                    (next.primary, next.misses) = (place, 0);
+                    (next.primary, next.misses) = (slot, 0);
                 }
             }
             Choice::Miss => {
@@ -189,13 +189,13 @@ impl Protocol {
         next.conditions = Conditions { stop: inputs.stop, rearm: inputs.rearm, missing: inputs.missing, ..next.conditions };
         next.severity = severity(self.severity, &next.conditions);
         if self.severity == Severity::Stopped && next.severity < Severity::Stopped {
-            // From here it clears like any brake: with good ticks of its own.
+            // From here it clears like any brake, after new good ticks.
             next.conditions.good = 0;
         }
         let braked = next.severity >= Severity::Brake;
         let action = match choice {
-            Choice::Take(place) if braked => TickAction::Withhold(place),
-            Choice::Take(place) => TickAction::Pass(place),
+            Choice::Take(slot) if braked => TickAction::Suppress(slot),
+            Choice::Take(slot) => TickAction::Pass(slot),
             _ if !self.opened && next.severity < Severity::Stopped => TickAction::Hold,
             _ if braked => TickAction::Brake,
             _ => TickAction::Repeat,
@@ -213,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn with_a_deadline_the_primary_is_taken_at_once_and_the_other_only_if_it_does_not_come() {
+    fn choose_deadline_prefers_primary_until_overdue() {
         let protocol = Protocol::default();
         let choose = |seen| protocol.choose(&seen, WaitPolicy::Deadline);
         let both = [true; 2];
@@ -228,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn lockstep_waits_for_all_that_are_there_and_never_goes_without() {
+    fn choose_lockstep_waits_for_present_controllers() {
         let protocol = Protocol::default();
         let choose = |seen| protocol.choose(&seen, WaitPolicy::Lockstep);
         assert_eq!(choose(seen([true, false], [true; 2], false)), Choice::Wait);
@@ -239,12 +239,12 @@ mod tests {
     }
 
     #[test]
-    fn whatever_is_seen_it_decides_when_it_must_and_takes_only_what_is_valid() {
+    fn choose_any_observation_takes_only_valid_request() {
         for bits in 0..128_u32 {
             let bit = |i: u32| bits & (1 << i) != 0;
             let seen = Observation {
                 valid: [bit(0), bit(1)],
-                // A request is one or the other.
+                // A request is valid or rejected, never both.
                 rejected: [bit(2) && !bit(0), bit(3) && !bit(1)],
                 present: [bit(4), bit(5)],
                 overdue: bit(6),
@@ -254,7 +254,7 @@ mod tests {
                 for policy in [WaitPolicy::Deadline, WaitPolicy::Lockstep] {
                     let choice = protocol.choose(&seen, policy);
                     match choice {
-                        Choice::Take(place) => assert!(seen.valid[place as usize], "{seen:?}"),
+                        Choice::Take(slot) => assert!(seen.valid[slot as usize], "{seen:?}"),
                         Choice::Miss => assert!(policy == WaitPolicy::Deadline && seen.overdue && seen.valid == [false; 2]),
                         Choice::Wait => assert!(!seen.overdue || (policy == WaitPolicy::Lockstep && seen.valid == [false; 2])),
                     }
@@ -268,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn a_primary_that_is_gone_is_replaced_at_once_and_one_that_is_late_after_three_ticks() {
+    fn step_lost_or_late_primary_is_replaced() {
         let inputs = GateInputs::default();
         let gone = seen([false, true], [false, true], false);
         let (after, action) = Protocol::default().step(Choice::Take(ControllerSlot::Second), &gone, &inputs);
@@ -285,12 +285,12 @@ mod tests {
     }
 
     #[test]
-    fn after_a_stop_the_good_ticks_count_anew() {
+    fn step_after_stop_counts_good_ticks_anew() {
         let alone = Observation::alone();
         let take = Choice::Take(ControllerSlot::First);
         let stop = GateInputs { stop: true, ..GateInputs::default() };
         let (mut protocol, action) = Protocol::default().step(take, &alone, &stop);
-        assert_eq!((protocol.severity, action), (Severity::Stopped, Some(TickAction::Withhold(ControllerSlot::First))));
+        assert_eq!((protocol.severity, action), (Severity::Stopped, Some(TickAction::Suppress(ControllerSlot::First))));
         for _ in 0..100 {
             (protocol, _) = protocol.step(take, &alone, &GateInputs::default());
         }
@@ -305,12 +305,12 @@ mod tests {
     }
 
     #[test]
-    fn a_stop_before_the_first_torque_is_a_stop() {
+    fn step_stop_before_first_torque_stops() {
         let stop = GateInputs { stop: true, ..GateInputs::default() };
-        let nobody = seen([false; 2], [true; 2], true);
-        let (after, action) = Protocol::default().step(Choice::Miss, &nobody, &stop);
+        let unanswered = seen([false; 2], [true; 2], true);
+        let (after, action) = Protocol::default().step(Choice::Miss, &unanswered, &stop);
         assert_eq!((after.severity, action), (Severity::Stopped, Some(TickAction::Brake)));
-        let (_, action) = Protocol::default().step(Choice::Miss, &nobody, &GateInputs::default());
+        let (_, action) = Protocol::default().step(Choice::Miss, &unanswered, &GateInputs::default());
         assert_eq!(action, Some(TickAction::Hold));
     }
 }

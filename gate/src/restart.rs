@@ -1,69 +1,70 @@
-//! The restart of a process's place: when a lost process is started again, and when no more. Pure: the supervisor's main thread runs
-//! it, and `supervisor/tests/protocol` explores it together with the gate's protocol.
+//! Restart of a lost process: when it is started again, and when no more.
+//!
+//! Pure: the supervisor's main thread runs it, and `tests/protocol` explores it together with the gate's protocol.
 
-/// How often, and how fast, a process is started again.
+/// How often, and how fast, the supervisor restarts a process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct RestartPolicy {
     /// Restarts within the window.
     pub budget: u32,
-    /// Length of the window, ms.
+    /// Length of the window [ms].
     pub window_ms: u64,
-    /// How long the second restart within a window waits, ms; each further one twice as long. The first does not wait.
+    /// Back-off of the second restart within a window [ms], doubled at each further one. The first does not wait.
     pub backoff_ms: u64,
 }
 
-/// Longest back-off, ms.
+/// Longest back-off [ms].
 const LONGEST_BACKOFF_MS: u64 = 1000;
 
-/// What is known of a place.
+/// Restart state of a process's slot.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
 pub struct RestartState {
-    /// Where it stands.
+    /// Current stage.
     pub stage: RestartStage,
-    /// When it was started again within the window, ms.
+    /// Times of the restarts within the window [ms].
     restarts_ms: Vec<u64>,
 }
 
-/// Where a place stands.
+/// Stage of a slot's restart.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum RestartStage {
-    /// Its process was started and has not done a tick yet.
+    /// The process was started and has not done a tick yet.
     #[default]
     Starting,
-    /// Its process does ticks.
+    /// The process does ticks.
     Working,
-    /// Its process was lost; the next one is started at this time, ms.
+    /// The process was lost; the next start is at this time [ms].
     BackOff(u64),
-    /// Its budget is spent; only the operator starts it again.
+    /// The budget is spent; only the operator can cause another start.
     GivenUp,
 }
 
-/// What the supervisor sees of a place.
+/// Signal to a slot's restart.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum RestartSignal {
-    /// Its process has done a tick.
+    /// The process has done a tick.
     Ticked,
-    /// Its process is gone, or was taken for gone and killed.
+    /// The process is gone, or was taken for gone and killed.
     Lost,
-    /// Time passes.
+    /// Time has passed.
     Time,
-    /// The operator re-arms.
+    /// The operator has re-armed.
     Rearmed,
 }
 
-/// What is to be done.
+/// Action that the supervisor has to take.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum RestartAction {
     /// Start a process.
     Start,
-    /// The budget is spent: a latched stop.
+    /// Trip a latched stop: the budget is spent.
     Stop,
-    /// It is back.
+    /// Mark the process as ready.
     MarkReady,
 }
 
 impl RestartState {
-    /// The restart after a signal at a time, and what is to be done.
+    /// State after a signal at a time, and the action to take.
     #[must_use]
     pub fn after(mut self, signal: RestartSignal, now_ms: u64, policy: &RestartPolicy) -> (Self, Option<RestartAction>) {
         let action = match (self.stage, signal) {
@@ -106,7 +107,7 @@ impl RestartState {
         None
     }
 
-    /// Restarts within the window that ended when it was lost last.
+    /// Restarts within the window that ended at the last loss.
     #[must_use]
     pub fn restarts(&self) -> usize {
         self.restarts_ms.len()
@@ -120,7 +121,7 @@ mod tests {
     const POLICY: RestartPolicy = RestartPolicy { budget: 3, window_ms: 10_000, backoff_ms: 10 };
 
     #[test]
-    fn the_first_restart_is_at_once_and_the_others_wait_twice_as_long_each() {
+    fn restart_first_is_immediate_then_backoff_doubles() {
         let mut restart = RestartState { stage: RestartStage::Working, ..RestartState::default() };
         let mut now = 1000;
         for wait in [0, 10, 20] {
@@ -144,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn restarts_outside_the_window_are_forgotten() {
+    fn restart_outside_window_is_forgotten() {
         let mut restart = RestartState { stage: RestartStage::Working, ..RestartState::default() };
         for n in 0..50 {
             let now = n * 10_000;
@@ -153,6 +154,32 @@ mod tests {
             (restart, _) = restart.after(RestartSignal::Time, now, &POLICY);
             (restart, _) = restart.after(RestartSignal::Ticked, now + 5, &POLICY);
             assert_eq!((restart.stage, restart.restarts()), (RestartStage::Working, 1));
+        }
+    }
+
+    #[test]
+    fn restart_backoff_is_capped_for_any_budget() {
+        let policy = RestartPolicy { budget: 200, window_ms: u64::MAX, backoff_ms: 10 };
+        let mut restart = RestartState { stage: RestartStage::Working, ..RestartState::default() };
+        let mut now = 0;
+        for loss in 0..200_u32 {
+            (restart, _) = restart.after(RestartSignal::Lost, now, &policy);
+            let wait = match loss {
+                0 => 0,
+                n if n <= 7 => 10 << (n - 1),
+                _ => 1000,
+            };
+            assert_eq!(restart.stage, RestartStage::BackOff(now + wait), "loss {loss}");
+            now += wait;
+            (restart, _) = restart.after(RestartSignal::Time, now, &policy);
+        }
+        // A back-off above the cap from the start.
+        let slow = RestartPolicy { backoff_ms: u64::MAX, ..policy };
+        let mut restart = RestartState { stage: RestartStage::Working, ..RestartState::default() };
+        for expected in [0, 1000, 1000] {
+            (restart, _) = restart.after(RestartSignal::Lost, 0, &slow);
+            assert_eq!(restart.stage, RestartStage::BackOff(expected));
+            (restart, _) = restart.after(RestartSignal::Time, expected, &slow);
         }
     }
 }

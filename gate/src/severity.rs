@@ -1,4 +1,4 @@
-//! The severity ladder: one pure function from what is wrong to how bad it is.
+//! Severity ladder: a pure function from conditions to a severity.
 
 use hapfic_messages::Severity;
 
@@ -7,14 +7,14 @@ pub const CLEAR_AFTER: u32 = 20;
 /// Missed ticks in a row at which the drive brakes.
 pub const BRAKE_AT: u32 = 2;
 
-/// What the ladder looks at. Each cause has a condition of its own.
+/// Conditions of the ladder, one for each cause.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Conditions {
     /// Ticks in a row without a valid request.
     pub missed: u32,
-    /// Ticks in a row with one.
+    /// Ticks in a row with a valid request.
     pub good: u32,
-    /// A process is missing; clears when it is back.
+    /// A process is missing; clears on its return.
     pub missing: bool,
     /// The operator, or a spent restart budget, asks for a latched stop.
     pub stop: bool,
@@ -22,10 +22,10 @@ pub struct Conditions {
     pub rearm: bool,
 }
 
-/// The severity after a tick, from the one before and the conditions now.
+/// Severity after a tick, from the previous severity and the current conditions.
 ///
-/// Rises at once; degraded and brake clear after [`CLEAR_AFTER`] good ticks; stopped is left only by the operator, for brake, from
-/// where it clears like any other.
+/// The severity rises immediately. Degraded and brake clear after [`CLEAR_AFTER`] good ticks. Only the operator leaves
+/// stopped, for brake, which then clears as always.
 #[must_use]
 pub fn severity(before: Severity, now: &Conditions) -> Severity {
     let cause = if now.stop {
@@ -50,7 +50,7 @@ pub fn severity(before: Severity, now: &Conditions) -> Severity {
 mod tests {
     use super::*;
 
-    /// Every combination that the function can tell apart.
+    /// Every combination that the function distinguishes.
     fn all() -> impl Iterator<Item = (Severity, Conditions)> {
         Severity::ALL.iter().flat_map(|&before| {
             (0..4_u32).flat_map(move |missed| {
@@ -65,7 +65,7 @@ mod tests {
     }
 
     #[test]
-    fn it_rises_at_once_and_never_below_its_cause() {
+    fn severity_never_falls_below_cause() {
         for (before, now) in all() {
             let after = severity(before, &now);
             if now.stop {
@@ -81,17 +81,17 @@ mod tests {
     }
 
     #[test]
-    fn it_falls_only_as_the_ladder_allows() {
+    fn severity_falls_only_along_ladder() {
         for (before, now) in all() {
             let after = severity(before, &now);
             if after < before {
                 match before {
                     Severity::Stopped => assert!(now.rearm && after == Severity::Brake),
-                    // Down to what is still amiss, and no further.
+                    // Down to the remaining cause, and no further.
                     _ => {
-                        let amiss = now.missed == 1 || now.missing;
+                        let degraded = now.missed == 1 || now.missing;
                         assert!(now.good >= CLEAR_AFTER);
-                        assert_eq!(after, if amiss { Severity::Degraded } else { Severity::Nominal });
+                        assert_eq!(after, if degraded { Severity::Degraded } else { Severity::Nominal });
                     }
                 }
             }
@@ -99,7 +99,7 @@ mod tests {
     }
 
     #[test]
-    fn stopped_is_left_only_by_the_operator() {
+    fn severity_stopped_is_left_only_by_rearm() {
         for (before, now) in all() {
             if before == Severity::Stopped && !now.rearm {
                 assert_eq!(severity(before, &now), Severity::Stopped);
@@ -108,7 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn one_miss_degrades_and_twenty_good_ticks_clear() {
+    fn severity_after_miss_clears_with_twenty_good_ticks() {
         let mut s = severity(Severity::Nominal, &Conditions { missed: 1, ..Conditions::default() });
         assert_eq!(s, Severity::Degraded);
         for good in 1..=CLEAR_AFTER {

@@ -1,16 +1,17 @@
-//! Whether a request's torque is what its own force asks for: tau = J(q)^T F_c, and g(q) on top where gravity is compensated.
+//! Check of a request's torque against its own force: tau = J(q)^T F_c, plus g(q) where gravity is compensated.
 //!
-//! The gate knows state(k), so it can recompute what the controller should have. A controller whose numbers went wrong after its
-//! law (a bit flip, another robot's description, a programming error in a foreign one) is rejected here, like one that sends NaN.
+//! The gate knows state(k), so it can recompute the controller's torque. It rejects a request whose numbers went wrong
+//! after the control law, as it rejects NaN: by a bit flip, another robot's description, or a programming error in an
+//! external controller.
 
 use hapfic_messages::{MAX_JOINTS, Parameters, Request, State, ValidationError};
 use hapfic_robot::Chain;
 use nalgebra::Vector3;
 
-/// Difference that passes, relative to 1 N m plus the torque: another program may round otherwise.
+/// Accepted difference, relative to 1 N m plus the torque: another program may round differently.
 const TOLERANCE: f64 = 1e-6;
 
-/// The robot as the gate knows it.
+/// Torque check with the gate's model of the robot.
 #[derive(Clone, Debug)]
 pub struct TorqueCheck {
     chain: Chain,
@@ -18,16 +19,17 @@ pub struct TorqueCheck {
 }
 
 impl TorqueCheck {
-    /// For a robot, and gravity in m/s^2, world frame.
+    /// Check for a robot, and for gravity in the world frame [m/s^2].
     #[must_use]
     pub fn new(chain: Chain, gravity: [f64; 3]) -> Self {
         Self { chain, gravity: gravity.into() }
     }
 
-    /// Compares a request's torque with that of its force, in the state it answers.
+    /// Compares a request's torque with that of its force, in the state that it answers.
     ///
     /// # Errors
-    /// [`ValidationError::Torque`] naming the first joint that differs; [`ValidationError::Count`] if the state is another robot's.
+    /// [`ValidationError::Torque`] naming the first joint that differs; [`ValidationError::Count`] if the state is
+    /// another robot's.
     pub fn check(&self, state: &State, request: &Request, parameters: &Parameters) -> Result<(), ValidationError> {
         let n = self.chain.dof();
         if state.joints as usize != n {
@@ -45,7 +47,7 @@ impl TorqueCheck {
         let differs = |i: &usize| {
             let (found, expected) = (request.torque[*i], expected[*i]);
             let apart = (found - expected).abs();
-            // A NaN on either side differs, too.
+            // A NaN on either side also differs.
             apart.is_nan() || apart > TOLERANCE * (1.0 + expected.abs())
         };
         match (0..n).find(differs) {

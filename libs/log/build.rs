@@ -1,4 +1,4 @@
-//! Compiles the schemas of the log: Rust types, and the descriptor set that every log carries.
+//! Compiles the schemas of the log into Rust types and the descriptor set that every log carries.
 
 use prost::Message;
 use std::error::Error;
@@ -10,10 +10,10 @@ fn main() -> Result<(), Box<dyn Error>> {
     let out = PathBuf::from(env::var("OUT_DIR")?);
     let mut descriptors = protox::compile(["proto/hapfic.proto"], ["proto"])?;
     prost_build::Config::new()
-        // So that a parameter that is added comes along wherever sets are compared.
+        // Comparisons of sets serialize them, so that they include every new parameter.
         .type_attribute(".hapfic.Operator", "#[derive(serde::Serialize)]")
         .compile_fds(descriptors.clone())?;
-    // The comments are of use to rustdoc alone; without them a log carries a quarter of the bytes.
+    // Only rustdoc uses the comments. Without them the schema in a log has a quarter of the size.
     for file in &mut descriptors.file {
         file.source_code_info = None;
     }

@@ -1,24 +1,25 @@
-//! One axis of a planned motion: how a target is accepted, and where the reference is a time later.
+//! Motion of one axis: acceptance of a target, and evaluation of the reference at a later time.
 
 use core::f64::consts::PI;
 use hapfic_messages::AxisPlan;
 
-/// Errors below this are no way to go, m: the reference is set on the target at once. Far below the resolution of any
-/// coordinate; an arc over such a length has a rate that overflows.
-const NO_WAY_M: f64 = 1e-150;
+/// Shortest distance that needs an arc [m]; below it the reference jumps to the target immediately.
+///
+/// It lies far below the resolution of any coordinate; the rate of an arc over such a length overflows.
+const MIN_DISTANCE_M: f64 = 1e-150;
 
-/// What all axes share when a target is accepted.
+/// Values that all axes share at the acceptance of a target.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Acceptance {
-    /// v_max, m/s, > 0.
+    /// v_max [m/s], > 0.
     pub(crate) peak_speed: f64,
-    /// a_max, m/s^2, > 0.
+    /// a_max [m/s^2], > 0.
     pub(crate) max_acceleration: f64,
-    /// |e|, Euclidean distance to the target, m, >= 0.
+    /// |e|, Euclidean distance to the target [m], >= 0.
     pub(crate) distance: f64,
 }
 
-/// A harmonic arc: R (signed like the error it starts from), omega and theta_0 of `e = R (1 + cos(theta_0 + omega t))`.
+/// A harmonic arc: R (with the sign of the initial error), omega and theta_0 of `e = R (1 + cos(theta_0 + omega t))`.
 #[derive(Clone, Copy, Debug, Default)]
 struct Arc {
     amplitude: f64,
@@ -26,27 +27,27 @@ struct Arc {
     phase: f64,
 }
 
-/// At rest on a position, m.
+/// Returns the plan at rest on a position [m].
 pub(crate) fn rest(position: f64) -> AxisPlan {
     AxisPlan { target: position, start: position, ..AxisPlan::default() }
 }
 
-/// Plans the way to `target` from `position` (m) and `velocity` (m/s), eqs. 2-3.
+/// Plans the motion to `target` [m] from `position` [m] and `velocity` [m/s] (eqs. 2-3).
 ///
-/// `None` if the numbers are so large or small that the plan cannot be represented.
+/// Returns `None` if the numbers are too large or too small to represent the plan.
 pub(crate) fn accept(target: f64, position: f64, velocity: f64, acceptance: &Acceptance) -> Option<AxisPlan> {
     let error = target - position;
     let plan = if velocity == 0.0 {
         let speed = acceptance.peak_speed * error.abs() / acceptance.distance;
         let arc = arc_from_rest(error, speed, acceptance.max_acceleration)?;
         with_arc(target, position, arc)
-    } else if let Some(arc) = arc_in_passing(error, velocity, acceptance) {
+    } else if let Some(arc) = arc_in_motion(error, velocity, acceptance) {
         AxisPlan { start_velocity: velocity, ..with_arc(target, position, arc) }
     } else {
         let brake_time = velocity.abs() / acceptance.max_acceleration;
         let stop = position + 0.5 * velocity * brake_time;
         let error_then = target - stop;
-        // An axis that has to come back from farther than the whole distance still keeps to v_max.
+        // An axis that stops farther away than the whole distance still respects v_max.
         let speed = acceptance.peak_speed * error_then.abs() / acceptance.distance.max(error_then.abs());
         let arc = arc_from_rest(error_then, speed, acceptance.max_acceleration)?;
         AxisPlan {
@@ -59,7 +60,7 @@ pub(crate) fn accept(target: f64, position: f64, velocity: f64, acceptance: &Acc
     is_finite(&plan).then_some(plan)
 }
 
-/// Position (m) and velocity (m/s) at a time `t >= 0` (s) after acceptance.
+/// Returns position [m] and velocity [m/s] at a time `t >= 0` [s] after acceptance.
 pub(crate) fn evaluate(plan: &AxisPlan, t: f64) -> (f64, f64) {
     if t < plan.brake_time {
         let position = plan.start + t * (plan.start_velocity + 0.5 * plan.brake_acceleration * t);
@@ -74,24 +75,24 @@ pub(crate) fn evaluate(plan: &AxisPlan, t: f64) -> (f64, f64) {
     (plan.target - 2.0 * plan.amplitude * half * half, plan.amplitude * plan.rate * theta.sin())
 }
 
-/// The arc from rest over `error`, with a peak speed of at most `speed`. No arc (amplitude 0) if there is no way to go.
+/// Returns the arc from rest over `error`, with a peak speed of at most `speed`; amplitude 0 below [`MIN_DISTANCE_M`].
 fn arc_from_rest(error: f64, speed: f64, max_acceleration: f64) -> Option<Arc> {
     let length = error.abs();
-    if length < NO_WAY_M {
+    if length < MIN_DISTANCE_M {
         return Some(Arc::default());
     }
     let rate = (2.0 * speed / length).min((2.0 * max_acceleration / length).sqrt());
-    // A rate that underflows to zero would never arrive.
+    // With a rate that underflows to zero the arc never ends.
     (rate > 0.0).then_some(Arc { amplitude: 0.5 * error, rate, phase: 0.0 })
 }
 
-/// The arc that passes here at this velocity, ends on the target at rest and does not overshoot.
+/// Returns the arc that starts with this error and velocity, and ends on the target at rest without overshoot.
 ///
-/// `None` if there is none: moving away, nothing to go, or too fast to stop in time.
-fn arc_in_passing(error: f64, velocity: f64, acceptance: &Acceptance) -> Option<Arc> {
+/// Returns `None` if the axis moves away, is on the target, or is too fast to stop in time.
+fn arc_in_motion(error: f64, velocity: f64, acceptance: &Acceptance) -> Option<Arc> {
     let length = error.abs();
     let towards = (error > 0.0) == (velocity > 0.0);
-    if length < NO_WAY_M || !towards {
+    if length < MIN_DISTANCE_M || !towards {
         return None;
     }
     let speed = velocity.abs();

@@ -1,12 +1,11 @@
-//! The harmonic planner (HapFIC, eqs. 2-3): from a target position to a reference that moves there smoothly.
+//! Harmonic planner (HapFIC, eqs. 2-3): moves the reference smoothly to a target position.
 //!
-//! The reference goes from rest to rest along a harmonic arc. It is a piecewise closed form of the time since its target
-//! was accepted and is never integrated, so it lands on the target at rest, without drift or chatter. A new target may
-//! come at any tick: position and velocity stay continuous and the acceleration never exceeds its limit.
+//! The reference moves from rest to rest along a harmonic arc. It is a piecewise closed form of the time since acceptance of
+//! the target, without integration, and therefore ends on the target at rest, without drift or chatter. A new target is
+//! valid at any tick: position and velocity stay continuous, and the acceleration never exceeds its limit.
 //!
 //! The law is pure: [`step`] takes a state and returns the next one. The state is plain data
-//! ([`hapfic_messages::PlannerState`]) and holds everything, so a planner that is restarted from a copy of it goes on
-//! bit for bit.
+//! ([`hapfic_messages::PlannerState`]) and complete: a planner that restarts from a copy continues bit for bit.
 //!
 //! ```
 //! use hapfic_planner::{PlannerParameters, hold, step};

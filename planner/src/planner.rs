@@ -1,4 +1,4 @@
-//! The planner of the three axes: state in, state and setpoint out.
+//! Planner of the three axes: state in, state and setpoint out.
 
 use crate::axis::{self, Acceptance};
 use hapfic_messages::PlannerState;
@@ -6,36 +6,36 @@ use hapfic_messages::PlannerState;
 /// Peak speed of a harmonic trajectory over its desired mean speed (the paper's ratio).
 pub const PEAK_TO_MEAN: f64 = 1.596;
 
-/// Coordinates beyond this are rejected as if they were not finite, m: it keeps every product in the plan representable.
+/// Largest valid coordinate [m]; it keeps every product in the plan representable.
 const LARGEST_COORDINATE_M: f64 = 1e100;
 
-/// How fast the reference may move. Counts for the next accepted target, never for the one under way.
+/// Limits of the reference's motion. They apply to the next accepted target, never to the active one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlannerParameters {
-    /// Desired mean speed, m/s, > 0. The peak speed is v_max = [`PEAK_TO_MEAN`] times this. Raise it to arrive sooner.
+    /// Desired mean speed [m/s], > 0. The peak speed v_max is [`PEAK_TO_MEAN`] times this. Raising it shortens the motion.
     pub mean_speed_m_per_s: f64,
-    /// a_max, m/s^2, > 0: the largest acceleration of the reference on any axis. Raise it to allow short, sharp motions.
+    /// Largest acceleration a_max of the reference on any axis [m/s^2], > 0. Raising it allows short, sharp motions.
     pub max_acceleration_m_per_s2: f64,
 }
 
-/// Where the reference is, world frame.
+/// Position and velocity of the reference, world frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Setpoint {
-    /// x_d, m.
+    /// x_d [m].
     pub position_m: [f64; 3],
-    /// x_d', m/s.
+    /// x_d' [m/s].
     pub velocity_m_per_s: [f64; 3],
 }
 
-/// The state of a reference that rests at `position`, m, finite.
+/// Returns the state of a reference at rest on `position` [m], finite.
 #[must_use]
 pub fn hold(position: [f64; 3]) -> PlannerState {
     PlannerState { ticks: 0, axes: position.map(axis::rest) }
 }
 
-/// Where the reference is in this state; `period_s` is the control tick, s, finite and > 0.
+/// Returns the setpoint of a state; `period_s` is the control tick [s], finite and > 0.
 ///
-/// With a period that is not, the time since acceptance counts as zero.
+/// With an invalid period the time since acceptance counts as zero.
 #[must_use]
 pub fn setpoint(state: &PlannerState, period_s: f64) -> Setpoint {
     let t = if is_positive(period_s) { state.ticks as f64 * period_s } else { 0.0 };
@@ -43,16 +43,17 @@ pub fn setpoint(state: &PlannerState, period_s: f64) -> Setpoint {
     Setpoint { position_m: at.map(|(position, _)| position), velocity_m_per_s: at.map(|(_, velocity)| velocity) }
 }
 
-/// One control tick: accepts `target` (m, world frame) if it differs from the one under way, then advances by `period_s`.
+/// Runs one control tick: accepts `target` in the world frame [m] if it differs from the active one, then advances by
+/// `period_s` [s].
 ///
-/// The state after tick k and its setpoint are those of tick k + 1. A target is accepted from the position and velocity
-/// of tick k; all three axes are planned anew, also those whose coordinate stays, since the distance is shared.
+/// The state after tick k and its setpoint are those of tick k + 1. Acceptance starts from the position and velocity of
+/// tick k. It plans all three axes again, also an axis whose coordinate stays, because the axes share the distance.
 /// From rest the path is straight, unless a_max limits an axis: then that axis alone takes longer.
-/// An axis whose arc would need more than a_max brakes first. So a target that changes at every tick is followed slowly:
-/// give targets as way points, not as a stream.
+/// An axis whose arc needs more than a_max brakes first. The reference therefore follows a target that changes at every
+/// tick slowly: targets are way points, not a stream.
 ///
-/// A target that is not finite (or beyond 1e100 m), a speed or an acceleration that is not finite and positive change
-/// nothing: the plan under way goes on. With a period that is not finite and positive the state does not advance.
+/// The active plan continues after an invalid input: a target that is not finite or beyond 1e100 m, or a speed or an
+/// acceleration that is not finite and positive. With an invalid period the state does not advance.
 #[must_use]
 pub fn step(state: PlannerState, target: [f64; 3], p: &PlannerParameters, period_s: f64) -> (PlannerState, Setpoint) {
     let mut next = state;
@@ -66,7 +67,7 @@ pub fn step(state: PlannerState, target: [f64; 3], p: &PlannerParameters, period
     (next, setpoint(&next, period_s))
 }
 
-/// A plan from `now` to `target`; `None` if target or parameters are unusable.
+/// Plans the motion from `now` to `target`; `None` if target or parameters are invalid.
 fn accept(target: [f64; 3], now: &Setpoint, p: &PlannerParameters) -> Option<PlannerState> {
     let representable = target.iter().chain(&now.position_m).all(|x| x.abs() <= LARGEST_COORDINATE_M);
     let peak_speed = PEAK_TO_MEAN * p.mean_speed_m_per_s;

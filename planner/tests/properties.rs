@@ -1,4 +1,4 @@
-//! What the planner promises for every sequence of targets, at any ticks and with changing limits.
+//! Properties of the planner for every sequence of targets, at any ticks and with changing limits.
 #![allow(clippy::print_stdout)]
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
@@ -8,16 +8,16 @@ use hapfic_planner::{PEAK_TO_MEAN, PlannerParameters, Setpoint, hold, setpoint, 
 use proptest::prelude::*;
 
 const PERIOD_S: f64 = 1e-3;
-/// Rounding of coordinates below 1 m, with room for a hundred operations.
+/// Rounding of coordinates below 1 m over a hundred operations [m].
 const ROUNDING: f64 = 1e-12;
 
-/// A new target after some ticks, with the limits that count from then on.
+/// A new target for some ticks, with its limits.
 #[derive(Clone, Debug)]
 struct Change {
     ticks: u32,
-    /// Relative to where the reference is, or absolute.
+    /// Whether `point` is relative to the reference.
     relative: bool,
-    /// Axes whose target changes; the others keep theirs.
+    /// Axes whose target changes.
     moved: [bool; 3],
     point: [f64; 3],
     limits: PlannerParameters,
@@ -68,7 +68,7 @@ fn start() -> impl Strategy<Value = [f64; 3]> {
     prop::array::uniform3(-0.5_f64..0.5)
 }
 
-/// States and setpoints of a run, tick by tick, from the state at its beginning.
+/// Returns states and setpoints of a run, tick by tick.
 fn run(mut state: PlannerState, changes: &[Change]) -> Vec<(PlannerState, Setpoint)> {
     let mut ticks = Vec::new();
     for change in changes {
@@ -86,8 +86,8 @@ fn bits(point: &Setpoint) -> [[u64; 3]; 2] {
     [point.position_m.map(f64::to_bits), point.velocity_m_per_s.map(f64::to_bits)]
 }
 
-/// Any number there is, with the awkward ones often.
-fn awkward() -> impl Strategy<Value = f64> {
+/// Any number, with frequent special values.
+fn special() -> impl Strategy<Value = f64> {
     prop_oneof![
         any::<f64>(),
         -1.0_f64..1.0,
@@ -99,10 +99,10 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 128, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
-    fn motion_is_continuous_and_within_its_limits(start in start(), changes in changes()) {
+    fn step_any_targets_continuous_within_limits(start in start(), changes in changes()) {
         let mut state = hold(start);
         let mut before = setpoint(&state, PERIOD_S);
-        // Limits of the plan under way: those given with the last target that differed.
+        // Limits of the active plan: those of the last target that differed.
         let mut accepted = changes[0].limits;
         let mut speed_at_acceptance = [0.0_f64; 3];
         for change in &changes {
@@ -123,10 +123,10 @@ proptest! {
                     prop_assert!((next_x - x).abs() <= fastest * PERIOD_S + ROUNDING, "jump from {x} to {next_x}");
                     let dv = (next_v - v).abs();
                     prop_assert!(dv <= acceleration * PERIOD_S + ROUNDING, "velocity from {v} to {next_v}");
-                    // Position and velocity belong together: |x(t + T) - x(t) - v T| <= a T^2 / 2.
-                    let stray = (next_x - x - v * PERIOD_S).abs();
+                    // Position and velocity are consistent: |x(t + T) - x(t) - v T| <= a T^2 / 2.
+                    let deviation = (next_x - x - v * PERIOD_S).abs();
                     let allowed = 0.5 * acceleration * PERIOD_S * PERIOD_S + ROUNDING;
-                    prop_assert!(stray <= allowed, "{next_x} does not follow from {x} at {v}");
+                    prop_assert!(deviation <= allowed, "{next_x} does not follow from {x} at {v}");
                 }
                 state = next;
                 before = now;
@@ -135,7 +135,7 @@ proptest! {
     }
 
     #[test]
-    fn it_arrives_at_rest_exactly_on_the_target(start in start(), changes in changes()) {
+    fn step_long_enough_rests_on_target(start in start(), changes in changes()) {
         let mut before = hold(start);
         for change in &changes {
             let target = change.target(&before);
@@ -145,8 +145,8 @@ proptest! {
             let distance = distance.hypot(target[1] - here[1]).hypot(target[2] - here[2]);
             let last = run(before, core::slice::from_ref(change)).pop().unwrap().0;
             if last.ticks == u64::from(change.ticks) {
-                // Just accepted. Braking takes u / a and leads u^2 / 2a further away; the arc takes no longer than
-                // pi d / v_max or what a_max allows.
+                // The target is new. Braking takes u / a and adds a distance of u^2 / 2a; the arc takes at most pi d / v_max, or the
+                // time that a_max allows.
                 let (peak, a) = (PEAK_TO_MEAN * change.limits.mean_speed_m_per_s, change.limits.max_acceleration_m_per_s2);
                 let farthest = distance + 0.5 * fastest * fastest / a;
                 let longest = fastest / a + (PI * farthest / peak).max(PI * (0.5 * farthest / a).sqrt());
@@ -160,11 +160,11 @@ proptest! {
     }
 
     #[test]
-    fn from_rest_the_path_is_straight(start in start(), target in start(), mean_speed_m_per_s in 0.02_f64..1.0) {
+    fn step_from_rest_path_straight(start in start(), target in start(), mean_speed_m_per_s in 0.02_f64..1.0) {
         let mut state = hold(start);
-        let way = [0, 1, 2].map(|axis: usize| target[axis] - start[axis]);
-        let length = way[0].hypot(way[1]).hypot(way[2]);
-        // A_max = 2 v_max^2 / d is what the way takes: a_max above it limits no axis.
+        let path = [0, 1, 2].map(|axis: usize| target[axis] - start[axis]);
+        let length = path[0].hypot(path[1]).hypot(path[2]);
+        // The path needs A_max = 2 v_max^2 / d: a larger a_max limits no axis.
         let needed = 2.0 * (PEAK_TO_MEAN * mean_speed_m_per_s).powi(2) / length;
         let limits = PlannerParameters { mean_speed_m_per_s, max_acceleration_m_per_s2: 1.01 * needed };
         for _ in 0..300 {
@@ -172,19 +172,19 @@ proptest! {
             state = next;
             let done = [0, 1, 2].map(|axis: usize| now.position_m[axis] - start[axis]);
             for (i, j) in [(0, 1), (1, 2), (2, 0)] {
-                let aside = (done[i] * way[j] - done[j] * way[i]).abs() / length;
-                prop_assert!(aside <= ROUNDING, "{aside} m beside the straight line");
+                let aside = (done[i] * path[j] - done[j] * path[i]).abs() / length;
+                prop_assert!(aside <= ROUNDING, "{aside} m off the straight line");
             }
         }
     }
 
     #[test]
-    fn a_copied_state_continues_bit_for_bit(start in start(), changes in changes(), cut in any::<prop::sample::Index>()) {
+    fn state_copied_continues_same_bits(start in start(), changes in changes(), cut in any::<prop::sample::Index>()) {
         let cut = cut.index(changes.len());
         let whole = run(hold(start), &changes);
         let first = run(hold(start), &changes[..cut]);
         let copied = first.last().map_or(hold(start), |(state, _)| *state);
-        // Another motion in between must leave no trace.
+        // Another motion in between has no effect.
         let _ = run(hold([0.3, -0.2, 0.1]), &changes);
         let rest = run(copied, &changes[cut..]);
         prop_assert_eq!(first.len() + rest.len(), whole.len());
@@ -196,9 +196,9 @@ proptest! {
     }
 
     #[test]
-    fn no_number_makes_the_output_anything_but_finite(
+    fn step_any_number_output_finite(
         start in start(),
-        inputs in prop::collection::vec((prop::array::uniform3(awkward()), awkward(), awkward(), awkward()), 1..40),
+        inputs in prop::collection::vec((prop::array::uniform3(special()), special(), special(), special()), 1..40),
     ) {
         let mut state = hold(start);
         for (target, mean_speed_m_per_s, max_acceleration_m_per_s2, period_s) in inputs {
@@ -214,7 +214,7 @@ proptest! {
     }
 
     #[test]
-    fn unusable_requests_change_nothing(start in start(), changes in changes(), axis in 0_usize..3, target in start()) {
+    fn step_invalid_request_keeps_plan(start in start(), changes in changes(), axis in 0_usize..3, target in start()) {
         let (state, _) = *run(hold(start), &changes).last().unwrap();
         let limits = changes[0].limits;
         let (expected_state, expected) = step(state, state.axes.map(|plan| plan.target), &limits, PERIOD_S);
@@ -238,7 +238,7 @@ proptest! {
     }
 
     #[test]
-    fn new_limits_wait_for_the_next_target(start in start(), target in start(), slow in limits(), fast in limits()) {
+    fn limits_changed_apply_to_next_target(start in start(), target in start(), slow in limits(), fast in limits()) {
         let (state, _) = step(hold(start), target, &slow, PERIOD_S);
         let (expected_state, expected) = step(state, target, &slow, PERIOD_S);
         let (next, now) = step(state, target, &fast, PERIOD_S);
@@ -248,7 +248,7 @@ proptest! {
 }
 
 #[test]
-fn a_long_way_takes_pi_d_over_two_v_max_and_peaks_at_v_max() {
+fn step_long_distance_takes_planned_time() {
     let limits = PlannerParameters { mean_speed_m_per_s: 0.5, max_acceleration_m_per_s2: 10.0 };
     let target = [1.0, 0.0, 0.0];
     let (mut state, mut fastest, mut ticks) = (hold([0.0; 3]), 0.0_f64, 0);
@@ -261,26 +261,26 @@ fn a_long_way_takes_pi_d_over_two_v_max_and_peaks_at_v_max() {
             break;
         }
     }
-    // pi / (2 * 1.596 * 0.5) = 1.9684 s: it is there with the next tick.
+    // pi d / (2 v_max) = pi / (2 * 1.596 * 0.5) = 1.9684 s: the reference arrives with the next tick.
     assert_eq!(ticks, 1969);
     assert!((fastest - 0.798).abs() < 1e-6, "{fastest}");
 }
 
-/// What docs/decisions/0005 says of targets that are streamed, so that it stays true or is noticed when it changes.
+/// Pins the figures of docs/decisions/0005 for streamed targets.
 #[test]
-fn a_target_that_trembles_at_every_tick_is_approached_far_more_slowly_than_one_that_stands() {
+fn target_trembles_slows_reference() {
     let parameters = PlannerParameters { mean_speed_m_per_s: 0.5, max_acceleration_m_per_s2: 10.0 };
-    let way = |tremble: f64| {
+    let travel = |amplitude: f64| {
         let mut state = hapfic_planner::hold([0.0; 3]);
         let mut position = 0.0;
         for tick in 0..500 {
-            let target = [0.1 + if tick % 2 == 0 { tremble } else { -tremble }, 0.0, 0.0];
+            let target = [0.1 + if tick % 2 == 0 { amplitude } else { -amplitude }, 0.0, 0.0];
             let (next, setpoint) = hapfic_planner::step(state, target, &parameters, 1e-3);
             (state, position) = (next, setpoint.position_m[0]);
         }
         position
     };
-    println!("after 0.5 s: {} m standing, {} m trembling by 0.1 mm", way(0.0), way(1e-4));
-    assert!((way(0.0) - 0.1).abs() < 1e-12);
-    assert!(way(1e-4) < 0.05 && way(1e-4) > 0.0);
+    println!("travel after 0.5 s [m]: {} to a constant target, {} to a target that trembles by 0.1 mm", travel(0.0), travel(1e-4));
+    assert!((travel(0.0) - 0.1).abs() < 1e-12);
+    assert!(travel(1e-4) < 0.05 && travel(1e-4) > 0.0);
 }

@@ -1,4 +1,7 @@
-//! The planner against recorded motions: targets that change at rest and on the way, in three dimensions.
+//! Vector test of the planner.
+//!
+//! The reference values come from the vector file `planner.csv`: three-dimensional motions (eqs. 2-3 in closed form), with
+//! targets that change at rest and in motion.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use hapfic_planner::{PlannerParameters, hold, setpoint, step};
@@ -12,7 +15,7 @@ fn assert_close(what: &str, actual: f64, expected: f64, case: &str, tick: &str) 
 }
 
 #[test]
-fn motions_match_the_vectors() {
+fn step_recorded_targets_match_vectors() {
     let mut state = hold([0.0; 3]);
     let mut active = "";
     let mut rows = 0;

@@ -2,42 +2,15 @@
 
 use crate::collider::{Body, Collider};
 use crate::contact_law::ContactLaw;
-use crate::contact_point::ContactPoint;
-use crate::newton::{MAX_POINTS, MAX_SPEEDS, VelocityVector};
+use crate::newton::MAX_POINTS;
 use crate::object::FreeBody;
 use crate::point::Point;
 use crate::scene::Pair;
-use crate::world::{CLEARANCE, World};
+use crate::step_scope::{CLEARANCE, ConstraintSource, StepScope};
+use crate::velocities::{MAX_SPEEDS, VelocityVector};
+use crate::world::World;
 use hapfic_robot::{JointVector, Kinematics};
 use nalgebra::{Matrix3, Vector3};
-
-/// What takes part in a sub-step.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum StepScope {
-    /// Leg and objects.
-    All,
-    /// The objects; the leg is far away.
-    Objects,
-    /// The objects; the leg is held where it is, and may be in their way.
-    ObjectsAndHeldLeg,
-}
-
-impl StepScope {
-    fn pair(self, pair: &Pair) -> bool {
-        match self {
-            Self::All => true,
-            Self::Objects => !pair.has_link(),
-            Self::ObjectsAndHeldLeg => pair.has_object(),
-        }
-    }
-}
-
-/// Whose a point is: a pair with its place and directions, or a joint's stop.
-#[derive(Clone, Copy, Debug)]
-pub(crate) enum ConstraintSource {
-    Pair { index: usize, touch: ContactPoint, axes: Matrix3<f64> },
-    Stop,
-}
 
 /// The stop at a joint's limit: a stiff, well damped contact law over the angle, rad (m for a prismatic joint), that holds the
 /// joint's full effort with 2 mrad (mm).

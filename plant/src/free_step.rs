@@ -2,7 +2,8 @@
 
 use crate::cholesky::{factor, substitute};
 use crate::scene::Pair;
-use crate::world::{CLEARANCE, World};
+use crate::step_scope::CLEARANCE;
+use crate::world::World;
 use hapfic_robot::{JointVector, Kinematics, MAX_JOINTS};
 
 /// Share of a damped velocity that may decay in a Runge-Kutta sub-step; the method is unstable beyond 2.8.

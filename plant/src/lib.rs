@@ -19,6 +19,8 @@ mod pair_cache;
 mod plant;
 mod point;
 mod scene;
+mod step_scope;
+mod velocities;
 mod world;
 
 pub use account::Advance;

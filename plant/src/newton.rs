@@ -16,12 +16,11 @@
 
 use crate::cholesky::{factor, substitute};
 use crate::point::Point;
-use hapfic_messages::{MAX_JOINTS, MAX_OBJECTS};
+use crate::velocities::{MAX_SPEEDS, VelocityVector};
+use hapfic_messages::MAX_OBJECTS;
 use hapfic_robot::MassMatrix;
 use nalgebra::{Matrix3, Vector3};
 
-/// Most velocities a world has.
-pub(crate) const MAX_SPEEDS: usize = MAX_JOINTS + 6 * MAX_OBJECTS;
 /// Most contact points at a time, joint stops first; with more the sub-step counts as unconverged.
 pub(crate) const MAX_POINTS: usize = 32;
 /// Most iterations.
@@ -32,9 +31,6 @@ const TOLERANCE: f64 = 1e-10;
 const TOLERANCE_FORCE: f64 = 5e-6;
 /// Share of the residual that a step with a kept matrix may leave; with more the matrix is made anew.
 const KEEP: f64 = 0.1;
-
-/// A value for each velocity.
-pub(crate) type VelocityVector = [f64; MAX_SPEEDS];
 
 /// Force of a contact point: normal, and the two components of friction, N.
 pub(crate) type PointForce = Vector3<f64>;
@@ -295,5 +291,76 @@ mod tests {
         let solved = newton.solve(1e-3, &[], &mut v, &mut []);
         assert!(solved.converged && solved.iterations == 1);
         assert!((v[1] - 2.0).abs() < 1e-15);
+    }
+
+    /// Iterations and unconverged steps of a block that falls onto the floor with these speeds [m/s].
+    fn fall(down: f64, sideways: f64, h: f64) -> (u32, u32, f64) {
+        let mass = 2.0;
+        let mut newton = block(mass);
+        let mut point = floor_point(-2e-4);
+        let mut v = [0.0; MAX_SPEEDS];
+        (v[0], v[2]) = (sideways, -down);
+        let mut forces = [Vector3::zeros()];
+        let (mut most, mut unconverged, mut worst) = (0, 0, 0.0_f64);
+        for _ in 0..(0.02 / h).round() as usize {
+            newton.v0 = v;
+            for (impulse, v) in newton.impulse.iter_mut().zip(&v).take(3) {
+                *impulse = mass * v;
+            }
+            newton.impulse[2] -= h * 9.81 * mass;
+            let solved = newton.solve(h, std::slice::from_ref(&point), &mut v, &mut forces);
+            most = most.max(solved.iterations);
+            unconverged += u32::from(!solved.converged);
+            let residual = newton.weigh(h, std::slice::from_ref(&point), &v, &mut forces);
+            worst = worst.max(residual / h);
+            point.depth -= h * 0.5 * (newton.v0[2] + v[2]);
+        }
+        (most, unconverged, worst)
+    }
+
+    /// Sub-steps up to the plant's default, from gentle touches to 5 m/s, sliding or not.
+    fn falls() -> impl Iterator<Item = (f64, f64, f64)> {
+        [1e-6, 5e-6, 1e-5, 2e-5].into_iter().flat_map(|h| {
+            [0.01, 0.1, 0.5, 2.0, 5.0].into_iter().flat_map(move |down| [0.0, 1e-3, 0.05, 1.0].map(|side| (h, down, side)))
+        })
+    }
+
+    #[test]
+    fn newton_impact_converges_in_bounded_iterations() {
+        for (h, down, side) in falls() {
+            let (most, unconverged, _) = fall(down, side, h);
+            assert!(unconverged == 0 && most <= 20, "{h} s, {down} m/s: {unconverged} unconverged, {most} iterations");
+        }
+    }
+
+    #[test]
+    fn newton_residual_stays_below_its_force_tolerance() {
+        for (h, down, side) in falls() {
+            let (_, _, residual) = fall(down, side, h);
+            assert!(residual <= TOLERANCE_FORCE.max(TOLERANCE / h), "{h} s, {down} m/s: {residual:e} N");
+            assert!(h > 1e-5 || residual <= 5.0e-6, "{h} s, {down} m/s: {residual:e} N");
+        }
+    }
+
+    #[test]
+    fn newton_sliding_contact_needs_one_iteration_a_sub_step() {
+        let (mass, h) = (2.0, 2e-5);
+        let weight = 9.81 * mass;
+        let (mut newton, mut point) = (block(mass), floor_point(0.0));
+        point.depth = point.law.depth_at(weight);
+        let (mut v, mut forces, mut iterations) = ([0.0; MAX_SPEEDS], [Vector3::zeros()], 0);
+        for step in 0..2000 {
+            newton.v0 = v;
+            for (impulse, v) in newton.impulse.iter_mut().zip(&v).take(3) {
+                *impulse = mass * v;
+            }
+            newton.impulse[0] += h * 0.7 * weight;
+            newton.impulse[2] -= h * weight;
+            let solved = newton.solve(h, std::slice::from_ref(&point), &mut v, &mut forces);
+            iterations += if step < 1000 { 0 } else { solved.iterations };
+            point.depth -= h * 0.5 * (newton.v0[2] + v[2]);
+        }
+        // Each starts from the change of velocity of the one before; six are needed without it.
+        assert!(iterations <= 1010, "{iterations} iterations in 1000 sub-steps");
     }
 }

@@ -1,7 +1,7 @@
 //! A contact point: which speeds it depends on, its force, and how that force changes with the speeds.
 
 use crate::contact_law::ContactLaw;
-use crate::newton::{MAX_SPEEDS, VelocityVector};
+use crate::velocities::{MAX_SPEEDS, VelocityVector};
 use arrayvec::ArrayVec;
 use hapfic_messages::MAX_JOINTS;
 use nalgebra::{Matrix3, Vector3};

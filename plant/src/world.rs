@@ -5,16 +5,13 @@
 //! (`press.rs`, [`crate::newton`]). A leg in the air keeps its long sub-steps while an object lies on the floor.
 
 use crate::account::{Account, Advance};
-use crate::contact_step::{ConstraintSource, StepScope};
 use crate::newton::{MAX_POINTS, Newton, PointForce};
 use crate::object::FreeBody;
 use crate::point::Point;
 use crate::scene::{Contacts, Scene};
+use crate::step_scope::{ConstraintSource, StepScope};
 use hapfic_robot::{JointVector, Kinematics, MAX_JOINTS};
 use nalgebra::Vector3;
-
-/// A contact this near, m, is treated as one, besides the way that can be covered in a sub-step.
-pub(crate) const CLEARANCE: f64 = 1e-4;
 
 /// What the drive does for a tick.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,4 +1,4 @@
-//! The processes a supervisor starts, watches and ends.
+//! The processes that a supervisor starts, watches and ends.
 
 use crate::notify::Notify;
 use anyhow::{Context, Result};
@@ -13,13 +13,13 @@ use std::path::Path;
 use std::process::{Child as Spawned, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
-/// How long a process may take to end after being asked to.
-const GRACE: Duration = Duration::from_secs(2);
+/// Time a process may take to end after SIGTERM.
+const END_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// A process of the stack.
 #[derive(Debug)]
 pub struct Child {
-    /// Which one.
+    /// Role of the process.
     pub process: Process,
     spawned: Spawned,
     handle: OwnedFd,
@@ -27,17 +27,17 @@ pub struct Child {
 }
 
 impl Child {
-    /// Starts a process of the stack: this same program, which becomes the scenario's foreign command if there is one.
+    /// Starts a process of the stack: this same program, which becomes the scenario's external process if it has one.
     ///
-    /// Nothing is asked to be done between fork and exec: so the system shares this process's memory with the new one instead of
-    /// copying its tables, and the gate, whose pages are locked, does not fault on each of them afterwards.
+    /// Nothing runs between fork and exec, so the kernel shares this process's memory instead of copying its page
+    /// tables. The gate, whose pages are locked, therefore has no page faults afterwards.
     ///
     /// # Errors
     /// If the program cannot be started.
     pub fn start(process: Process, settings: &Settings, run_file: &Path, start: ProcessStart) -> Result<Self> {
         let mut command = this_program()?;
         command.arg("process").arg(process.name());
-        if let Some(words) = foreign(&settings.processes, process) {
+        if let Some(words) = external_command(&settings.processes, process) {
             command.arg("--").args(words);
         }
         command.env(RunFile::VARIABLE, run_file).env(RunFile::GENERATION, start.generation.to_string());
@@ -62,16 +62,16 @@ impl Child {
         Ok(Self { process, spawned, handle, ended: None })
     }
 
-    /// Its process id.
+    /// Process id.
     #[must_use]
     pub fn pid(&self) -> Pid {
         Pid::from_child(&self.spawned)
     }
 
-    /// Its exit status, once it has ended.
+    /// Exit status, once the process has ended.
     ///
     /// # Errors
-    /// If the system does not tell.
+    /// If the system does not report it.
     pub fn ended(&mut self) -> Result<Option<ExitStatus>> {
         if self.ended.is_none() {
             self.ended = self.spawned.try_wait().with_context(|| format!("cannot wait for the {}", self.process))?;
@@ -79,17 +79,17 @@ impl Child {
         Ok(self.ended)
     }
 
-    /// To all of its process group: a foreign command may have started processes of its own.
+    /// Sends a signal to the whole process group: an external process may have started others.
     pub fn signal(&self, signal: Signal) {
-        // A group that has ended already needs no signal.
+        // Fails only if the group has ended.
         let _ = kill_process_group(Pid::from_child(&self.spawned), signal);
     }
 }
 
-/// This very program, to be started once more: also when its file has been replaced by another version since.
+/// Command that starts this same program, even if another version has replaced its file since.
 ///
 /// # Errors
-/// If the system does not tell its name.
+/// If the system does not report the program's path.
 pub fn this_program() -> Result<Command> {
     let name = std::env::current_exe().context("cannot find this program's own file")?;
     let mut command = Command::new("/proc/self/exe");
@@ -100,16 +100,16 @@ pub fn this_program() -> Result<Command> {
     Ok(command)
 }
 
-/// The processes of a run, in the order in which they are started.
+/// The processes of a run, in the order of their start.
 #[must_use]
 pub fn started(settings: &Settings) -> &'static [Process] {
     const ALL: [Process; 4] = [Process::Plant, Process::Planner, Process::Controller, Process::Standby];
     if settings.supervisor.standby { &ALL } else { &ALL[..3] }
 }
 
-/// The scenario's own command for a process, if it has one.
+/// The scenario's external command for a process, if it has one.
 #[must_use]
-pub fn foreign(processes: &Processes, process: Process) -> Option<&Vec<String>> {
+pub fn external_command(processes: &Processes, process: Process) -> Option<&Vec<String>> {
     match process {
         Process::Plant => processes.plant.as_ref(),
         Process::Planner => processes.planner.as_ref(),
@@ -118,31 +118,31 @@ pub fn foreign(processes: &Processes, process: Process) -> Option<&Vec<String>> 
     }
 }
 
-/// Checks that a foreign command's program is there.
+/// Checks that the program of an external process exists and is executable.
 ///
 /// # Errors
-/// If it is not, naming the setting.
+/// If it does not; the error names the setting.
 pub fn find_program(processes: &Processes, process: Process) -> Result<()> {
-    let Some(program) = foreign(processes, process).map(|words| Path::new(&words[0])) else { return Ok(()) };
-    // As the system looks for it: with a slash it is a path, without one it is in a folder of PATH.
+    let Some(program) = external_command(processes, process).map(|words| Path::new(&words[0])) else { return Ok(()) };
+    // As execvp(3) searches: a name with a slash is a path, another one lies in a folder of PATH.
     let found = if program.components().count() > 1 {
-        may_run(program)
+        is_executable(program)
     } else {
-        std::env::var_os("PATH").is_some_and(|path| std::env::split_paths(&path).any(|dir| may_run(&dir.join(program))))
+        std::env::var_os("PATH").is_some_and(|path| std::env::split_paths(&path).any(|dir| is_executable(&dir.join(program))))
     };
     anyhow::ensure!(
         found,
-        "processes.{process}: found no program '{}' that may be run, expected the path of one, or a name in PATH",
+        "processes.{process}: found no executable program '{}', expected the path of one, or a name in PATH",
         program.display()
     );
     Ok(())
 }
 
-fn may_run(program: &Path) -> bool {
+fn is_executable(program: &Path) -> bool {
     program.is_file() && rustix::fs::access(program, rustix::fs::Access::EXEC_OK).is_ok()
 }
 
-/// How a process ended, in words.
+/// Describes how a process ended.
 #[must_use]
 pub fn describe(status: ExitStatus) -> String {
     use std::os::unix::process::ExitStatusExt;
@@ -156,31 +156,31 @@ pub fn describe(status: ExitStatus) -> String {
     }
 }
 
-/// Waits until one of some processes ends, or the time is up.
+/// Waits until one of the processes ends, or for `timeout`.
 pub fn watch<'a>(children: impl Iterator<Item = &'a Child>, timeout: Duration) {
     let mut fds: Vec<_> = children.filter(|c| c.ended.is_none()).map(|c| PollFd::new(&c.handle, PollFlags::IN)).collect();
-    // Interrupted by a signal is as good as times out: the caller looks at everything anyway.
+    // An interrupted wait equals a time-out: the caller checks everything anyway.
     let _ = poll(&mut fds, Some(&hapfic_ipc::clock::timespec(timeout.as_nanos() as u64)));
 }
 
-/// Asks all to end and waits; kills what does not end in time. Returns those that had to be killed.
+/// Sends SIGTERM to all processes and waits; kills those that do not end in time, and returns them.
 ///
 /// # Errors
-/// If the system does not tell how one ended.
+/// If the system does not report how a process ended.
 pub fn end(mut children: Vec<Child>) -> Result<Vec<Process>> {
     for child in &children {
-        // A stopped process acts on the signal only when it goes on.
+        // A stopped process handles SIGTERM only after SIGCONT.
         child.signal(Signal::TERM);
         child.signal(Signal::CONT);
     }
-    let deadline = Instant::now() + GRACE;
+    let deadline = Instant::now() + END_TIMEOUT;
     let mut killed = Vec::new();
     loop {
-        let mut living = 0;
+        let mut running = 0;
         for child in &mut children {
-            living += usize::from(child.ended()?.is_none());
+            running += usize::from(child.ended()?.is_none());
         }
-        if living == 0 {
+        if running == 0 {
             break;
         }
         let left = deadline.saturating_duration_since(Instant::now());
@@ -193,7 +193,7 @@ pub fn end(mut children: Vec<Child>) -> Result<Vec<Process>> {
         watch(children.iter(), left.max(Duration::from_millis(10)));
     }
     for child in &children {
-        // Whatever its leader has left in the group.
+        // Processes that the leader has left in its group.
         child.signal(Signal::KILL);
     }
     Ok(killed)

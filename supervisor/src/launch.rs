@@ -1,8 +1,8 @@
-//! One run from start to end: everything checked first, then started, polled, ended, and removed.
+//! One run from start to end: checks, start, watch, end, and removal of its namespace.
 
 use crate::children;
 use crate::notify::Notify;
-use crate::operator::{self, Served};
+use crate::operator::{self, OperatorServer};
 use crate::privileges::{self, Cores};
 use crate::recorder::{self, Recorder};
 use crate::registry::RunDirectory;
@@ -26,25 +26,25 @@ use std::sync::atomic::AtomicBool;
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// An error of what was asked for, before anything was started.
+/// An invalid run request; no process was started.
 #[derive(Debug)]
-pub struct Refused(pub anyhow::Error);
+pub struct Rejected(pub anyhow::Error);
 
 /// Runs a scenario.
 ///
 /// # Errors
-/// `Ok(Err(Refused))` if it cannot be started as asked; `Err` if the machinery fails.
-pub fn run(request: &RunRequest) -> Result<Result<Summary, Refused>> {
+/// `Ok(Err(Rejected))` if the request is invalid; `Err` if the supervisor itself fails.
+pub fn run(request: &RunRequest) -> Result<Result<Summary, Rejected>> {
     let prepared = match Prepared::new(request) {
         Ok(prepared) => prepared,
-        Err(e) => return Ok(Err(Refused(e))),
+        Err(e) => return Ok(Err(Rejected(e))),
     };
     prepared.run(request).map(Ok)
 }
 
-/// Everything that can fail because of what was asked for, done.
+/// A checked request, with all that an invalid request could make fail.
 struct Prepared {
-    place: RunDirectory,
+    directory: RunDirectory,
     plant: Plant,
     writer: Writer,
     viewer: Viewer,
@@ -60,34 +60,34 @@ impl Prepared {
             children::find_program(&settings.processes, *process)?;
         }
         watch::check_faults(&settings.faults, &request.log, settings.supervisor.standby)?;
-        let place = RunDirectory::take(&request.scenario, &request.log)?;
-        // Before this run's log is made: it may be the same file.
-        place.orphaned_logs().iter().for_each(|log| recover_orphan(log));
+        let directory = RunDirectory::take(&request.scenario, &request.log)?;
+        // Recovery comes before this run creates its log, which may be the same file.
+        directory.orphaned_logs().iter().for_each(|log| recover_orphan(log));
         let start_unix_ns = if request.clock == Clock::Realtime { hapfic_ipc::clock::unix_ns() } else { 0 };
         let writer = hapfic_log::create_run_log(&run_log(request, &plant, start_unix_ns))?;
         let viewer =
             Viewer::new(scene::scene(settings, plant.chain()), settings.recorder.viewer_rate_hz.round() as u32, start_unix_ns);
         let stop = Arc::new(AtomicBool::new(false));
         for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP] {
-            // The second one ends at once, whatever is still being waited for; the next start then cleans up.
+            // The second signal ends the program immediately; the next start then cleans up.
             signal_hook::flag::register_conditional_shutdown(signal, 3, Arc::clone(&stop)).context("cannot handle signals")?;
             signal_hook::flag::register(signal, Arc::clone(&stop)).context("cannot handle signals")?;
         }
-        Ok(Self { place, plant, writer, viewer, stop })
+        Ok(Self { directory, plant, writer, viewer, stop })
     }
 
     fn run(self, request: &RunRequest) -> Result<Summary> {
-        let Self { place, plant, writer, viewer, stop } = self;
+        let Self { directory, plant, writer, viewer, stop } = self;
         let settings = &request.settings;
         hapfic_ipc::service::quiet();
-        let domain = Domain::new(&place.prefix(), &place.root())?.with_short_timeouts(request.clock);
+        let domain = Domain::new(&directory.prefix(), &directory.root())?.with_short_timeouts(request.clock);
         let realtime = request.clock == Clock::Realtime && request.realtime != RealtimeMode::Off;
         let fifo = realtime && hapfic_ipc::realtime::may_fifo(settings.realtime.priority_plant as i32);
-        let cores = Cores::new(&settings.realtime, place.others(), fifo);
-        let run_file = Path::new(&place.root()).join("run.json");
+        let cores = Cores::new(&settings.realtime, directory.others(), fifo);
+        let run_file = Path::new(&directory.root()).join("run.json");
         RunFile {
-            prefix: place.prefix(),
-            root: place.root(),
+            prefix: directory.prefix(),
+            root: directory.root(),
             supervisor_pid: std::process::id() as i32,
             clock: request.clock,
             realtime: request.realtime,
@@ -102,11 +102,11 @@ impl Prepared {
         if realtime {
             hapfic_ipc::realtime::lock_memory(Prefault::All);
         }
-        // Without it a tick is held up some time.
+        // A table that grows during the run delays a tick.
         let _ = hapfic_ipc::realtime::reserve_fd_table(FILES);
-        // First of all, and until the end: a service whose maker dies while making it can be lost for good.
+        // The supervisor creates all services and keeps them: a creator that dies midway can make a service unusable.
         let bus = Bus::open(&domain, "supervisor")?;
-        place.close_to_others()?;
+        directory.close_to_others()?;
         let _services = keep_all_alive(&bus)?;
         let _idle = if realtime { CpuLatencyGuard::take() } else { None };
 
@@ -124,12 +124,12 @@ impl Prepared {
         })?;
         let here = plant.sample().foot_position;
         let (change_client, change_server) = hapfic_gate_process::change_exchange::exchange();
-        let (inject, asked) = std::sync::mpsc::channel();
+        let (inject, fault_requests) = std::sync::mpsc::channel();
         let notify = Notify::from_env();
-        // Before the gate, so that its failure leaves nobody behind.
-        let _served = Served::start(operator::OperatorServerStart {
+        // Before the gate, so that a failure leaves no gate thread behind.
+        let _operator = OperatorServer::start(operator::OperatorServerStart {
             domain: domain.clone(),
-            run: place.prefix().trim_end_matches('_').to_owned(),
+            run: directory.prefix().trim_end_matches('_').to_owned(),
             scenario: request.scenario.clone(),
             clock: request.clock,
             log: request.log.clone(),
@@ -169,13 +169,13 @@ impl Prepared {
                 stop,
                 run_file: &run_file,
                 cores,
-                asked,
+                fault_requests,
                 notify: &notify,
             },
         )?;
         let times = match watch.start_and_follow() {
             Ok(times) => times,
-            // From here on nothing may end without ending everyone.
+            // From here on a failure must end all processes too.
             Err(e) => {
                 watch.fault("supervisor", format!("{e:#}"), "start");
                 RunTimes::default()
@@ -189,26 +189,26 @@ impl Prepared {
     }
 }
 
-/// Files that a supervisor may have open: some 250 when all have joined, and more with each that dies and is started again.
+/// Files that a supervisor may have open: some 250 with all processes connected, and more after each restart.
 const FILES: u64 = 1024;
-/// Largest log of a killed run that a start recovers by itself, bytes: about a second's work.
-const QUICKLY_RECOVERED: u64 = 64 << 20;
+/// Largest log of a killed run that a start recovers by itself [bytes]: about 1 s of work.
+const AUTO_RECOVERY_LIMIT: u64 = 64 << 20;
 
-/// Makes the log of a run whose supervisor was killed readable, and says so. What cannot be done is no reason not to start.
+/// Recovers the log of a run whose supervisor was killed, and reports it; a failure does not prevent the start.
 fn recover_orphan(log: &Path) {
-    // A pipe would wait for somebody to write.
+    // Reading a pipe would block until a writer opens it.
     let Some(found) = std::fs::metadata(log).ok().filter(std::fs::Metadata::is_file) else { return };
-    if found.len() > QUICKLY_RECOVERED {
-        crate::say(&format!("hapfic: a run was killed; `hapfic recover {}` makes its log readable", log.display()));
+    if found.len() > AUTO_RECOVERY_LIMIT {
+        crate::log_line(&format!("hapfic: a run was killed. Hint: `hapfic recover {}` makes its log readable", log.display()));
         return;
     }
     match hapfic_log::recover(log, None) {
         Ok(recovery) => {
             if let Some(output) = &recovery.output {
-                crate::say(&format!("hapfic: a run was killed; its log is recovered to {}", output.display()));
+                crate::log_line(&format!("hapfic: a run was killed; its log is recovered to {}", output.display()));
             }
         }
-        Err(e) => crate::say(&format!("hapfic: a run was killed, and its log cannot be recovered: {e}")),
+        Err(e) => crate::log_line(&format!("hapfic: a run was killed, and its log cannot be recovered: {e}")),
     }
 }
 
@@ -260,7 +260,7 @@ fn summarise(request: &RunRequest, times: RunTimes, mut faults: Vec<RunFault>, l
     }
     if completed && recorded.is_some_and(|r| !r.active) {
         completed = false;
-        let what = "made no request that could be used, in the whole run".to_owned();
+        let what = "made no valid request in the whole run".to_owned();
         faults.push(RunFault { process: "controller".to_owned(), what, detector: "tick", tick: -1 });
     }
     let metrics = recorded.map(|r| r.metrics).unwrap_or_default();
@@ -279,7 +279,7 @@ fn summarise(request: &RunRequest, times: RunTimes, mut faults: Vec<RunFault>, l
     };
     let mut lost = metrics.ticks.lost;
     if times.completed && metrics.ticks.last.is_some() {
-        // The gaps, and what is missing at the start and at the end.
+        // Gaps, and ticks missing at the start and at the end.
         let written: u64 = recorded.map_or(0, |r| r.ticks.iter().sum());
         lost = (2 * request.settings.duration_ticks).saturating_sub(written);
     }

@@ -1,8 +1,8 @@
-//! Launches the stack, watches its processes, records everything and answers operators.
+//! Launches the stack, watches its processes, records all messages and answers operators.
 //!
-//! Read [`launch`] first: one run from start to end. [`watch`] starts, watches and restarts the processes ([`children`]); [`recorder`]
-//! drains and writes; [`operator`] answers requests; [`registry`] says where a run lives and finds it again; [`summary`] is what comes
-//! of a run.
+//! Read [`launch`] first: one run from start to end. [`watch`] starts, watches and restarts the processes ([`children`]);
+//! [`recorder`] drains and writes the messages; [`operator`] answers requests; [`registry`] holds the namespace of a run
+//! and finds running ones; [`summary`] holds the results of a run.
 
 pub mod children;
 pub mod launch;
@@ -18,8 +18,8 @@ pub mod watch;
 
 pub use request::RunRequest;
 
-/// Writes a line to standard error. A reader that has gone away is no reason to fail.
-pub fn say(text: &str) {
+/// Writes a line to standard error; a closed standard error is no failure.
+pub fn log_line(text: &str) {
     use std::io::Write;
     let _ = writeln!(std::io::stderr(), "{text}");
 }

@@ -1,5 +1,6 @@
-//! Tells the service manager how the run is, by the protocol of sd_notify(3): a datagram of `KEY=VALUE` lines to the socket that the
-//! environment names. Without one nothing is told.
+//! Reports the state of the run to the service manager by the protocol of sd_notify(3): datagrams of `KEY=VALUE` lines.
+//!
+//! The environment names the socket. Without one, nothing is sent.
 
 use std::env::{var, var_os};
 use std::ffi::OsStr;
@@ -10,36 +11,36 @@ use std::os::unix::net::{SocketAddr, UnixDatagram};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-/// How long a service manager that does not take its messages may hold up the caller.
+/// Time for which a service manager that reads no messages may block the caller.
 const TIMEOUT: Duration = Duration::from_millis(100);
-/// Signs of life in the time after which the service manager loses patience.
-const SIGNS: u32 = 3;
+/// Heartbeats within one watchdog time-out of the service manager.
+const HEARTBEATS_PER_TIMEOUT: u32 = 3;
 
-/// The line to the service manager. Not for real-time threads: each message is a system call.
+/// The connection to the service manager. Not for real-time threads: each message is a system call.
 #[derive(Debug)]
 pub struct Notify {
-    /// Where to; `None`: nobody listens.
+    /// Socket and address; `None`: no service manager.
     target: Option<(UnixDatagram, SocketAddr)>,
-    /// How often a sign of life is due; `None`: nobody waits for any.
+    /// Interval of the heartbeats; `None`: no watchdog.
     every: Option<Duration>,
     begun: Instant,
-    /// When the last sign of life went out, us after `begun`, plus one; zero: never.
+    /// Time of the last heartbeat after `begun`, plus one [us]; zero: none yet.
     last: AtomicU64,
 }
 
 impl Notify {
-    /// Variables that name the socket and the watchdog. They are this process's alone: to be removed from the environment of every
-    /// process it starts.
+    /// Variables that name the socket and the watchdog. They hold for this process only, so a caller removes them from
+    /// the environment of every process that it starts.
     pub const VARIABLES: [&'static str; 3] = ["NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID"];
 
-    /// As the environment says. A socket that cannot be used is reported, and nothing is told: the run goes on without.
+    /// Connects as the environment specifies. Logs an unusable socket and continues without a service manager.
     #[must_use]
     pub fn from_env() -> Self {
         let [socket, usec, pid] = Self::VARIABLES;
         let socket = var_os(socket);
         let every = interval(var(usec).ok().as_deref(), var(pid).ok().as_deref(), std::process::id());
         Self::new(socket.as_deref(), every).unwrap_or_else(|e| {
-            crate::say(&format!("hapfic: NOTIFY_SOCKET: found {socket:?}, expected a socket of the service manager: {e}"));
+            crate::log_line(&format!("hapfic: NOTIFY_SOCKET: found {socket:?}, expected a socket of the service manager: {e}"));
             Self::to(None, None)
         })
     }
@@ -49,7 +50,7 @@ impl Notify {
         let address = match name.as_bytes() {
             [b'@', abstract_name @ ..] => SocketAddr::from_abstract_name(abstract_name)?,
             [b'/', ..] => SocketAddr::from_pathname(name)?,
-            _ => return Err(io::Error::new(io::ErrorKind::InvalidInput, "neither a path from the root nor `@` and a name")),
+            _ => return Err(io::Error::new(io::ErrorKind::InvalidInput, "neither an absolute path nor `@` and a name")),
         };
         let from = UnixDatagram::unbound()?;
         from.set_write_timeout(Some(TIMEOUT))?;
@@ -60,22 +61,22 @@ impl Notify {
         Self { target, every, begun: Instant::now(), last: AtomicU64::new(0) }
     }
 
-    /// All processes are ready, and the run begins. From here on the watchdog counts.
+    /// Reports that all processes are ready. The watchdog starts to count.
     pub fn ready(&self) {
         self.send("READY=1");
     }
 
-    /// One line for people.
+    /// Reports a one-line status text.
     pub fn status(&self, text: &str) {
         self.send(&format!("STATUS={}", text.replace(['\n', '\r'], " ")));
     }
 
-    /// The run ends. From here on the watchdog does not count any more.
+    /// Reports that the run ends. The watchdog stops to count.
     pub fn stopping(&self) {
         self.send("STOPPING=1");
     }
 
-    /// A sign of life. To be called often, more than three times in `WATCHDOG_USEC`; what is not due yet is not sent.
+    /// Sends a heartbeat if one is due. The caller calls this more than three times in `WATCHDOG_USEC`.
     pub fn watchdog(&self) {
         let Some(every) = self.every else { return };
         let now = micros(self.begun.elapsed()).saturating_add(1);
@@ -85,7 +86,7 @@ impl Notify {
         }
     }
 
-    /// Whether it was taken. A service manager that has gone away, or does not listen, is no reason to end the run.
+    /// Sends a message and returns whether the socket took it; a lost service manager does not end the run.
     fn send(&self, message: &str) -> bool {
         self.target.as_ref().is_some_and(|(from, to)| from.send_to_addr(message.as_bytes(), to).is_ok())
     }
@@ -95,11 +96,11 @@ fn micros(duration: Duration) -> u64 {
     u64::try_from(duration.as_micros()).unwrap_or(u64::MAX)
 }
 
-/// How often a sign of life is due, from `WATCHDOG_USEC` and `WATCHDOG_PID`; `None` if this process is to give none.
+/// Interval of the heartbeats from `WATCHDOG_USEC` and `WATCHDOG_PID`; `None` if this process sends none.
 fn interval(usec: Option<&str>, pid: Option<&str>, own: u32) -> Option<Duration> {
     let limit = usec?.parse::<u64>().ok().filter(|usec| *usec > 0)?;
     let ours = pid.is_none_or(|pid| pid.parse::<u32>() == Ok(own));
-    ours.then(|| Duration::from_micros(limit) / SIGNS)
+    ours.then(|| Duration::from_micros(limit) / HEARTBEATS_PER_TIMEOUT)
 }
 
 #[cfg(test)]
@@ -108,7 +109,7 @@ mod tests {
     use super::*;
     use std::path::PathBuf;
 
-    /// A service manager, in a folder of the test's own.
+    /// A service manager with a socket in the temporary folder.
     struct Manager {
         socket: UnixDatagram,
         path: PathBuf,
@@ -126,14 +127,14 @@ mod tests {
             Self { socket, path }
         }
 
-        /// All that has arrived. A datagram has arrived when it was sent.
-        fn heard(&self) -> Vec<String> {
-            let mut heard = Vec::new();
+        /// All messages received; a sent datagram is immediately readable.
+        fn received(&self) -> Vec<String> {
+            let mut messages = Vec::new();
             let mut buffer = [0; 4096];
             while let Ok(count) = self.socket.recv(&mut buffer) {
-                heard.push(String::from_utf8(buffer[..count].to_vec()).unwrap());
+                messages.push(String::from_utf8(buffer[..count].to_vec()).unwrap());
             }
-            heard
+            messages
         }
     }
 
@@ -144,43 +145,43 @@ mod tests {
     }
 
     #[test]
-    fn messages_are_those_of_the_protocol() {
+    fn notify_each_call_sends_protocol_line() {
         let manager = Manager::new("protocol");
         let notify = Notify::new(Some(manager.path.as_os_str()), None).unwrap();
         notify.ready();
         notify.status("tick 5\nREADY=0");
         notify.watchdog();
         notify.stopping();
-        assert_eq!(manager.heard(), ["READY=1", "STATUS=tick 5 READY=0", "STOPPING=1"]);
+        assert_eq!(manager.received(), ["READY=1", "STATUS=tick 5 READY=0", "STOPPING=1"]);
     }
 
     #[test]
-    fn an_abstract_socket_is_as_good() {
+    fn notify_abstract_socket_receives() {
         let name = format!("hapfic-notify-{}", std::process::id());
         let address = SocketAddr::from_abstract_name(&name).unwrap();
         let manager = Manager::listening(UnixDatagram::bind_addr(&address).unwrap(), PathBuf::new());
         let notify = Notify::new(Some(OsStr::new(&format!("@{name}"))), None).unwrap();
         notify.ready();
-        assert_eq!(manager.heard(), ["READY=1"]);
+        assert_eq!(manager.received(), ["READY=1"]);
     }
 
     #[test]
-    fn signs_of_life_are_sent_when_they_are_due() {
+    fn watchdog_before_interval_sends_nothing() {
         let manager = Manager::new("due");
         let seldom = Notify::new(Some(manager.path.as_os_str()), interval(Some("3000000000"), None, 7)).unwrap();
         for _ in 0..5 {
             seldom.watchdog();
         }
-        assert_eq!(manager.heard(), ["WATCHDOG=1"]);
+        assert_eq!(manager.received(), ["WATCHDOG=1"]);
         let often = Notify::new(Some(manager.path.as_os_str()), interval(Some("1"), Some("7"), 7)).unwrap();
         for _ in 0..5 {
             often.watchdog();
         }
-        assert_eq!(manager.heard().len(), 5);
+        assert_eq!(manager.received().len(), 5);
     }
 
     #[test]
-    fn a_sign_of_life_that_was_not_taken_is_due_again() {
+    fn watchdog_failed_send_retries() {
         let manager = Manager::new("again");
         let notify = Notify::new(Some(manager.path.as_os_str()), interval(Some("3000000000"), None, 7)).unwrap();
         let path = manager.path.clone();
@@ -188,20 +189,20 @@ mod tests {
         notify.watchdog();
         let manager = Manager::listening(UnixDatagram::bind(&path).unwrap(), path);
         notify.watchdog();
-        assert_eq!(manager.heard(), ["WATCHDOG=1"]);
+        assert_eq!(manager.received(), ["WATCHDOG=1"]);
     }
 
     #[test]
-    fn who_is_not_asked_tells_nothing() {
+    fn notify_without_target_sends_nothing() {
         for (usec, pid) in [(None, None), (Some("0"), None), (Some("soon"), None), (Some("-1"), None), (Some("9"), Some("8"))] {
             assert_eq!(interval(usec, pid, 7), None, "{usec:?} {pid:?}");
         }
         assert_eq!(interval(Some("9"), Some("other"), 7), None);
         assert_eq!(interval(Some("2000001"), Some("7"), 7), Some(Duration::from_nanos(666_667_000)));
-        for nobody in [None, Some(OsStr::new(""))] {
-            let notify = Notify::new(nobody, Some(Duration::ZERO)).unwrap();
+        for none in [None, Some(OsStr::new(""))] {
+            let notify = Notify::new(none, Some(Duration::ZERO)).unwrap();
             notify.ready();
-            notify.status("alone");
+            notify.status("not sent");
             notify.watchdog();
             notify.stopping();
             assert!(notify.target.is_none());
@@ -209,12 +210,12 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_address_is_refused() {
+    fn notify_invalid_address_is_rejected() {
         let long = format!("/{}", "x".repeat(200));
         for bad in ["notify", "vsock:2:1234", long.as_str()] {
             assert!(Notify::new(Some(OsStr::new(bad)), None).is_err(), "{bad}");
         }
-        // A service manager that is gone is not found out before something is said, and then it is no failure.
+        // A missing service manager shows at the first message only, and is no failure.
         Notify::new(Some(OsStr::new("/nonexistent/notify")), None).unwrap().ready();
     }
 }

@@ -1,4 +1,4 @@
-//! What real-time privileges a run has, and what it lacks: one table.
+//! The real-time privileges that a run has and lacks, and the cores of its threads.
 
 use anyhow::{Result, bail};
 use hapfic_config::{Placement, Realtime, Settings};
@@ -7,10 +7,10 @@ use hapfic_ipc::realtime::{Privilege, SchedGrants, privileges, reserve_core, sha
 use hapfic_messages::{Clock, Process, RealtimeMode};
 use std::fmt::Write;
 
-/// Refuses to go on if all privileges are required and one cannot be had.
+/// Rejects the run if `mode` requires all privileges and one is not available.
 ///
 /// # Errors
-/// The table of what is there and what is not.
+/// The table of available and missing privileges.
 pub fn require(settings: &Settings, clock: Clock, mode: RealtimeMode) -> Result<()> {
     if mode != RealtimeMode::Require {
         return Ok(());
@@ -20,52 +20,55 @@ pub fn require(settings: &Settings, clock: Clock, mode: RealtimeMode) -> Result<
     }
     let list = privileges(settings.realtime.priority_plant as i32);
     if list.iter().any(|p| !p.granted) {
-        bail!("--realtime require: this user lacks what real time needs\n{}", table(&list));
+        bail!("--realtime require: found a missing privilege, expected all of these\n{}", table(&list));
     }
     Ok(())
 }
 
-/// The cores of threads that the settings give none; none: any.
+/// The cores of threads to which the settings assign none; `None`: any core.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Cores {
-    /// Of all but the controller in reserve, and the gate.
+    /// Shared real-time core: all threads but the standby controller and the gate.
     pub shared: Option<u32>,
-    /// Of the controller in reserve.
+    /// Core of the standby controller.
     pub reserve: Option<u32>,
-    /// Of the gate.
+    /// Core of the gate.
     pub gate: Option<u32>,
-    /// Whether the gate may look out for requests: it has a core on which it keeps neither plant nor controller from the processor.
+    /// Whether the gate may busy-poll for requests: plant and controller have other cores.
     pub gate_busy_polls: bool,
-    /// Of the gate's spare, where the gate looks out: the core of the controller, who calls it.
+    /// Core of the spare gate thread if the gate busy-polls: that of the controller, which notifies it.
     pub spare: Option<u32>,
 }
 
 impl Cores {
-    /// Of the `others + 1`-th run on this machine; `fifo`: whether its threads can be real-time ones.
+    /// Chooses the cores of the `others + 1`-th run on this machine; `fifo`: whether its threads can have SCHED_FIFO.
     ///
-    /// A gate that [looks out](hapfic_ipc::ArrivalPredictor) for requests needs a core where neither plant nor controller are. So the first
-    /// runs have two cores each; a gate of a further one sleeps on the core of all, where it is woken soonest.
+    /// A gate that [busy-polls](hapfic_ipc::ArrivalPredictor) for requests needs a core without plant and controller.
+    /// So the first runs have two cores each. The gate of a further run sleeps on the shared real-time core, where its
+    /// wake-up is fastest.
     #[must_use]
     pub fn new(wanted: &Realtime, others: usize, fifo: bool) -> Self {
-        let (first, paired) = place(others, hapfic_ipc::realtime::usable_cores().len());
+        let (first, paired) = first_core(others, hapfic_ipc::realtime::usable_cores().len());
         let (shared, reserve) = match wanted.placement {
             Placement::OneCore => (shared_core(first), reserve_core(first)),
             Placement::Free => (None, None),
         };
-        let waited_for = [wanted.core_plant, wanted.core_controller].map(|core| core.or(shared));
-        let apart = |gate: Option<u32>| gate.is_some() && waited_for.iter().all(|core| core.is_some() && *core != gate);
+        let upstream_cores = [wanted.core_plant, wanted.core_controller].map(|core| core.or(shared));
+        let apart = |gate: Option<u32>| gate.is_some() && upstream_cores.iter().all(|core| core.is_some() && *core != gate);
         let may = fifo && wanted.busy_poll_lead_us > 0;
-        let looks_out_there = may && paired && apart(reserve);
-        let gate = wanted.core_gate.or(if looks_out_there { reserve } else { shared });
+        let polls_on_reserve = may && paired && apart(reserve);
+        let gate = wanted.core_gate.or(if polls_on_reserve { reserve } else { shared });
         let gate_busy_polls = may && paired && apart(gate);
         let spare = wanted.core_controller.or(shared).filter(|_| gate_busy_polls);
         Self { shared, reserve, gate, gate_busy_polls, spare }
     }
 }
 
-/// Where the `others + 1`-th run on so many cores is, counted from the last core down, and whether the core after that is its own, too:
-/// two for each as long as there are two. Then first a core that is left over, then those of gates, which need little, then those of plants.
-fn place(others: usize, cores: usize) -> (usize, bool) {
+/// Returns the first core of the `others + 1`-th run, counted from the last core down, and whether it has the next too.
+///
+/// Each run has two cores as long as two are free. Later runs get a left-over core, then those of gates, which need
+/// little time, then those of plants.
+fn first_core(others: usize, cores: usize) -> (usize, bool) {
     let pairs = cores / 2;
     if others < pairs {
         return (2 * others, true);
@@ -77,7 +80,7 @@ fn place(others: usize, cores: usize) -> (usize, bool) {
     (all.get((others - pairs) % cores.max(1)).copied().unwrap_or(others), false)
 }
 
-/// A real-time thread and what it asks for.
+/// A real-time thread, and the privileges it requests.
 struct PrivilegeRow {
     name: &'static str,
     process: Process,
@@ -100,7 +103,7 @@ fn rows(settings: &Settings, cores: Cores) -> Vec<PrivilegeRow> {
     .collect()
 }
 
-/// What threads asked for and did not get: who, and what.
+/// Lists the requested privileges that were not granted: thread and privilege.
 #[must_use]
 pub fn missing(settings: &Settings, cores: Cores, shared: &SharedStatus) -> Vec<(&'static str, String)> {
     let mut missing = Vec::new();
@@ -128,11 +131,11 @@ fn table(list: &[Privilege]) -> String {
     out
 }
 
-/// Says in one table what the run got: the machine's side, and each process's.
+/// Logs the privileges of the machine and of each process in one table.
 pub fn report(settings: &Settings, mode: RealtimeMode, cores: Cores, shared: &SharedStatus) {
     let mut out = String::from("real time:");
     if mode == RealtimeMode::Off {
-        out.push_str(" off, nothing asked for");
+        out.push_str(" off, no privileges requested");
     } else {
         let _ = write!(out, "\n{}", table(&privileges(settings.realtime.priority_plant as i32)));
         for PrivilegeRow { name, process, priority, core } in rows(settings, cores) {
@@ -147,7 +150,7 @@ pub fn report(settings: &Settings, mode: RealtimeMode, cores: Cores, shared: &Sh
             let _ = writeln!(out, "  {name:<14} {fifo}, {memory}, {core}");
         }
     }
-    crate::say(out.trim_end());
+    crate::log_line(out.trim_end());
 }
 
 #[cfg(test)]
@@ -155,19 +158,19 @@ mod tests {
     use super::*;
 
     #[test]
-    fn runs_have_two_cores_each_as_long_as_there_are_two() {
-        let places = |cores| (0..6).map(|others| place(others, cores)).collect::<Vec<_>>();
+    fn first_core_free_pair_left_gives_two_cores() {
+        let places = |cores| (0..6).map(|others| first_core(others, cores)).collect::<Vec<_>>();
         assert_eq!(places(1), [(0, false); 6]);
         assert_eq!(places(2), [(0, true), (1, false), (0, false), (1, false), (0, false), (1, false)]);
         assert_eq!(places(3), [(0, true), (2, false), (1, false), (0, false), (2, false), (1, false)]);
         assert_eq!(places(4), [(0, true), (2, true), (1, false), (3, false), (0, false), (2, false)]);
-        assert_eq!(place(3, 0), (3, false), "where the system does not tell");
+        assert_eq!(first_core(3, 0), (3, false), "number of cores unknown");
     }
 
     #[test]
-    fn a_gate_that_is_not_apart_is_on_the_core_of_all() {
+    fn cores_gate_without_own_core_uses_shared_core() {
         let wanted = Settings::load("floor", &[]).map(|settings| settings.realtime);
-        let Ok(wanted) = wanted else { panic!("floor is a scenario") };
+        let Ok(wanted) = wanted else { panic!("no scenario floor") };
         let sleeping = Cores::new(&Realtime { busy_poll_lead_us: 0, ..wanted }, 0, true);
         assert_eq!((sleeping.gate, sleeping.gate_busy_polls), (sleeping.shared, false));
         assert_eq!(Cores::new(&wanted, 0, false).gate, sleeping.shared, "without privileges");
@@ -179,7 +182,7 @@ mod tests {
         assert_eq!(default.spare, default.shared.filter(|_| default.gate_busy_polls));
         let swapped = Realtime { core_plant: default.reserve, core_controller: default.reserve, ..wanted };
         let swapped = Cores::new(&Realtime { core_gate: default.shared, ..swapped }, 0, true);
-        assert!(!swapped.gate_busy_polls || swapped.spare == default.reserve, "where the controller is");
+        assert!(!swapped.gate_busy_polls || swapped.spare == default.reserve, "the spare is on the core of the controller");
         let free = Cores::new(&Realtime { placement: Placement::Free, ..wanted }, 0, true);
         assert_eq!(free, Cores::default());
     }

@@ -1,13 +1,13 @@
-//! The progress line, on a terminal only.
+//! The progress line of a run, on a terminal only.
 
 use hapfic_gate_process::shared_status::StatusSnapshot;
 use std::io::{IsTerminal, Write};
 use std::time::{Duration, Instant};
 
-/// How often it is drawn.
-const DRAW_EVERY: Duration = Duration::from_millis(100);
+/// Interval between two drawings of the line.
+const DRAW_INTERVAL: Duration = Duration::from_millis(100);
 
-/// A line on standard error that is drawn over itself.
+/// A line on standard error that replaces itself.
 #[derive(Debug)]
 pub struct Progress {
     duration_s: f64,
@@ -16,16 +16,16 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// Nothing drawn yet.
+    /// Makes a line that is not drawn yet, for a run of `duration_s` [s].
     #[must_use]
     pub fn new(duration_s: f64) -> Self {
         Self { duration_s, terminal: std::io::stderr().is_terminal(), drawn: None }
     }
 
-    /// Draws the line, if there is a terminal and it is time to.
+    /// Draws the line if standard error is a terminal and the drawing interval has passed.
     pub fn show(&mut self, snapshot: &StatusSnapshot) {
-        // Before the first tick there is nothing to show.
-        if !self.terminal || *snapshot == StatusSnapshot::default() || self.drawn.is_some_and(|t| t.elapsed() < DRAW_EVERY) {
+        // The default snapshot: no tick is done.
+        if !self.terminal || *snapshot == StatusSnapshot::default() || self.drawn.is_some_and(|t| t.elapsed() < DRAW_INTERVAL) {
             return;
         }
         self.drawn = Some(Instant::now());
@@ -43,11 +43,11 @@ impl Progress {
             snapshot.missed,
             snapshot.late,
         );
-        // A terminal that has gone away is no reason to stop.
+        // A closed terminal does not end the run.
         let _ = write!(std::io::stderr(), "\r\x1b[2K{line}");
     }
 
-    /// Takes the line away.
+    /// Removes the line.
     pub fn clear(&self) {
         if self.drawn.is_some() {
             let _ = write!(std::io::stderr(), "\r\x1b[2K");

@@ -1,7 +1,7 @@
-//! Where a run lives: a prefix and a folder of its own in shared memory, and a registration that others can find.
+//! Namespace of a run: its prefix and folder in shared memory, and the registration by which other commands find it.
 //!
-//! The registration is locked as long as its supervisor lives; one that can be locked by somebody else belongs to a dead run,
-//! whose remains are then removed.
+//! The supervisor holds a lock on the registration while it process_lives. A registration without a lock belongs to a dead run,
+//! and the next start removes the remains of that run.
 
 use anyhow::{Context, Result};
 use hapfic_ipc::Domain;
@@ -15,48 +15,48 @@ use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// How long a killed process may take to end.
-const END_PATIENCE_NS: u64 = 1_000_000_000;
-/// Where POSIX shared memory is.
+/// Time a killed process may take to end [ns].
+const END_TIMEOUT_NS: u64 = 1_000_000_000;
+/// Folder of POSIX shared memory.
 const SHM: &str = "/dev/shm";
-/// How long a lock may outlive its supervisor, and how often it is looked at.
-const LOCK_PATIENCE: Duration = Duration::from_secs(1);
-const POLL_INTERVAL: Duration = Duration::from_millis(1);
+/// Time a lock may outlive its supervisor, and interval at which it is polled.
+const LOCK_TIMEOUT: Duration = Duration::from_secs(1);
+const LOCK_POLL_INTERVAL: Duration = Duration::from_millis(1);
 
-/// What others may know of a run.
+/// Public data of a run, as other commands read it.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Registration {
-    /// Name of the run: prefix of its shared memory without the trailing `_`.
+    /// Name of the run: the prefix of its shared memory without the trailing `_`.
     pub run: String,
-    /// Process id of its supervisor.
+    /// Process id of the supervisor.
     pub pid: u32,
     /// Name of the scenario.
     pub scenario: String,
-    /// The log it writes, from the root.
+    /// Absolute path of the log.
     pub log: PathBuf,
 }
 
 impl Registration {
-    /// The run's corner of the machine.
+    /// Namespace of the run.
     ///
     /// # Errors
-    /// If its name is none that a run can have.
+    /// If the run's name is invalid.
     pub fn domain(&self) -> Result<Domain> {
         Ok(Domain::new(&format!("{}_", self.run), &format!("{SHM}/{}", self.run))?)
     }
 }
 
-/// All runs of this user that are alive, by name.
+/// All live runs of this user, sorted by name.
 ///
 /// # Errors
-/// If the place where they are registered, or a registration, cannot be read.
+/// If the registry folder cannot be read.
 pub fn running() -> Result<Vec<Registration>> {
     let folder = folder_path();
     if !is_ours(&folder)? {
         return Ok(Vec::new());
     }
-    let _turn = Turn::take(&folder)?;
+    let _lock = RegistryLock::take(&folder)?;
     let entries =
         fs::read_dir(&folder).with_context(|| format!("cannot read {}, where runs are registered", folder.display()))?;
     let mut runs = Vec::new();
@@ -66,9 +66,9 @@ pub fn running() -> Result<Vec<Registration>> {
         }
         match fs::read_to_string(&path).map_err(anyhow::Error::from).and_then(|t| Ok(serde_json::from_str::<Registration>(&t)?)) {
             Ok(run) => runs.push(run),
-            // It is no reason not to reach the others.
-            Err(e) => crate::say(&format!(
-                "hapfic: {}: cannot read this registration of a run ({e:#}); is it of another version of hapfic?",
+            // The other runs stay reachable.
+            Err(e) => crate::log_line(&format!(
+                "hapfic: {}: cannot read this registration of a run ({e:#}). Hint: another version of hapfic may have written it",
                 path.display()
             )),
         }
@@ -77,48 +77,48 @@ pub fn running() -> Result<Vec<Registration>> {
     Ok(runs)
 }
 
-/// Does something while a run cannot end, so that nothing made meanwhile in its corner outlives it; `None` if it has ended.
+/// Calls `act` while the run cannot end, so that nothing made in its namespace outlives it; `None` if it has ended.
 ///
 /// # Errors
-/// If the place where runs are registered cannot be locked.
+/// If the registry folder cannot be locked.
 pub fn while_alive<T>(run: &str, act: impl FnOnce() -> T) -> Result<Option<T>> {
     let folder = folder_path();
     if !is_ours(&folder)? {
         return Ok(None);
     }
-    let _turn = Turn::take(&folder)?;
+    let _lock = RegistryLock::take(&folder)?;
     Ok(is_alive(&folder.join(format!("{run}.json"))).then(act))
 }
 
-/// Whether a registration's supervisor lives: it holds the lock. To be called in turn.
+/// Whether the supervisor of a registration process_lives, that is, holds its lock. The caller holds the [`RegistryLock`].
 fn is_alive(path: &Path) -> bool {
     File::open(path).is_ok_and(|file| flock(&file, FlockOperation::NonBlockingLockExclusive).is_err())
 }
 
-/// A run's place; removed with everything in it when dropped.
+/// The namespace of a run; dropping it removes everything in it.
 #[derive(Debug)]
 pub struct RunDirectory {
     run: String,
     file: PathBuf,
     others: usize,
     orphaned_logs: Vec<PathBuf>,
-    // Holds the lock.
+    /// Holds the lock.
     _registration: File,
 }
 
 impl RunDirectory {
-    /// Makes a place that no other run has, and registers it.
+    /// Creates a namespace that no other run has, and registers it.
     ///
     /// # Errors
     /// If shared memory or the user's run-time directory cannot be written.
     pub fn take(scenario: &str, log: &Path) -> Result<Self> {
         let folder = runtime_folder()?;
-        // One start or end at a time, so that none takes another's half-made registration for a dead run's.
-        let turn = Turn::take(&folder)?;
+        // One start or end at a time: a half-made registration looks like that of a dead run.
+        let lock = RegistryLock::take(&folder)?;
         let (others, orphaned_logs) = clean_up(&folder);
         let mut salt = hapfic_ipc::clock::unix_ns();
         loop {
-            // Short: a Unix socket's path has 108 bytes, and iceoryx2 needs most of them.
+            // Short: the path of a Unix socket has 108 bytes, and iceoryx2 needs most of them.
             let run = format!("hf{}{}", base36(u64::from(std::process::id())), base36(salt % 46_656));
             let file = folder.join(format!("{run}.json"));
             let made = OpenOptions::new().write(true).create_new(true).mode(0o600).open(&file);
@@ -135,18 +135,18 @@ impl RunDirectory {
                 run: run.clone(),
                 pid: std::process::id(),
                 scenario: scenario.to_owned(),
-                // Whoever asks may be elsewhere.
+                // Clients may have another working directory.
                 log: std::path::absolute(log).unwrap_or_else(|_| log.to_owned()),
             };
-            let place = Self { run, file, others, orphaned_logs, _registration: registration };
-            let furnished = place.furnish(&content);
-            // A place that is dropped asks for the turn itself.
-            drop(turn);
-            return furnished.map(|()| place);
+            let directory = Self { run, file, others, orphaned_logs, _registration: registration };
+            let populated = directory.populate(&content);
+            // Dropping the directory takes the lock itself.
+            drop(lock);
+            return populated.map(|()| directory);
         }
     }
 
-    fn furnish(&self, content: &Registration) -> Result<()> {
+    fn populate(&self, content: &Registration) -> Result<()> {
         serde_json::to_writer_pretty(&self._registration, content).context("cannot write the run's registration")?;
         DirBuilder::new()
             .mode(0o700)
@@ -160,17 +160,19 @@ impl RunDirectory {
         format!("{}_", self.run)
     }
 
-    /// Logs of runs whose remains were removed when this one registered: their supervisors were killed.
+    /// Logs of runs whose supervisors were killed, and whose remains this run removed when it registered.
     #[must_use]
     pub fn orphaned_logs(&self) -> &[PathBuf] {
         &self.orphaned_logs
     }
 
-    /// Puts a copy that only this user may open in place of iceoryx2's counter of nodes, which is made with mode 0666: whoever
-    /// else opened the first one then has nothing. To be called when the first node is there, before any other.
+    /// Replaces iceoryx2's node counter, which has mode 0666, by a copy that only this user may open.
+    ///
+    /// Another user who has opened the first file then holds an unused one. The call comes after the first node exists
+    /// and before any other.
     ///
     /// # Errors
-    /// If it cannot be replaced.
+    /// If the file cannot be replaced.
     pub fn close_to_others(&self) -> Result<()> {
         let problem = || format!("cannot close {SHM}/{}* to other users", self.prefix());
         for entry in fs::read_dir(SHM).with_context(problem)?.flatten() {
@@ -186,13 +188,13 @@ impl RunDirectory {
         Ok(())
     }
 
-    /// Runs that were alive on this machine when this one registered.
+    /// Number of runs that were alive when this one registered.
     #[must_use]
     pub fn others(&self) -> usize {
         self.others
     }
 
-    /// The run's folder.
+    /// Folder of the run in shared memory.
     #[must_use]
     pub fn root(&self) -> String {
         format!("{SHM}/{}", self.run)
@@ -202,32 +204,32 @@ impl RunDirectory {
 impl Drop for RunDirectory {
     fn drop(&mut self) {
         let Some(folder) = self.file.parent() else { return };
-        // In turn: whoever is about to ask this run something must not make anything here after it has been removed. Without its
-        // turn it can still remove its own, but not the folder that others may be about to use.
-        let turn = Turn::take(folder);
+        // Under the lock no client creates ports here after the removal. Without it the run removes its own files, but
+        // not the folder, which another run may be about to use.
+        let lock = RegistryLock::take(folder);
         remove_remains(&self.run);
-        // Last: as long as it is there, the next start knows that something may be left.
+        // Last: while the registration exists, the next start looks for remains.
         let _ = fs::remove_file(&self.file);
-        if turn.is_ok() {
-            // Only if no other run is registered.
+        if lock.is_ok() {
+            // Fails if another run is registered.
             let _ = fs::remove_dir(folder);
         }
     }
 }
 
-/// The right to change what is registered; ends when dropped.
-struct Turn(#[allow(dead_code)] File);
+/// The exclusive right to change the registry; ends when dropped.
+struct RegistryLock(#[allow(dead_code)] File);
 
-impl Turn {
+impl RegistryLock {
     fn take(folder: &Path) -> Result<Self> {
         use std::os::unix::fs::MetadataExt;
         let problem = || format!("cannot lock {}, where runs are registered", folder.display());
         loop {
             let handle = match File::open(folder) {
                 Ok(handle) => handle,
-                // Another run has just removed it.
+                // Another run has just removed the folder.
                 Err(e) if e.kind() == std::io::ErrorKind::NotFound => {
-                    // Made anew, unless the user's own folder has gone away altogether, as at the end of a session.
+                    // Created again, unless the user's run-time directory itself is gone, as after a logout.
                     if runtime_folder()? != folder {
                         return Err(e).with_context(problem);
                     }
@@ -236,7 +238,7 @@ impl Turn {
                 Err(e) => return Err(e).with_context(problem),
             };
             flock(&handle, FlockOperation::LockExclusive).with_context(problem)?;
-            // While this one waited, the folder may have been removed and made anew.
+            // Another run may have removed and recreated the folder during the wait.
             let same = |a: &fs::Metadata, b: &fs::Metadata| (a.dev(), a.ino()) == (b.dev(), b.ino());
             if let (Ok(ours), Ok(now)) = (handle.metadata(), fs::metadata(folder))
                 && same(&ours, &now)
@@ -247,29 +249,29 @@ impl Turn {
     }
 }
 
-/// Where the user's run-time directory for runs is.
+/// Path of the user's registry folder.
 fn folder_path() -> PathBuf {
     match std::env::var_os("XDG_RUNTIME_DIR") {
-        // Set, but not there: as after `su`.
+        // The variable may name a missing folder, as after `su`.
         Some(dir) if Path::new(&dir).is_dir() => PathBuf::from(dir).join("hapfic"),
         _ => std::env::temp_dir().join(format!("hapfic-{}", rustix::process::getuid().as_raw())),
     }
 }
 
-/// The user's run-time directory for runs; made if it is not there.
+/// The user's registry folder; created if it does not exist.
 fn runtime_folder() -> Result<PathBuf> {
     let folder = folder_path();
     match DirBuilder::new().mode(0o700).create(&folder) {
         Ok(()) => Ok(folder),
         Err(e) if e.kind() == std::io::ErrorKind::AlreadyExists => {
-            anyhow::ensure!(is_ours(&folder)?, "{} has just been removed; try again", folder.display());
+            anyhow::ensure!(is_ours(&folder)?, "{} has just been removed. Hint: try again", folder.display());
             Ok(folder)
         }
         Err(e) => Err(e).with_context(|| format!("cannot make {}, where runs are registered", folder.display())),
     }
 }
 
-/// Whether the folder where runs are registered is there. Not one that somebody else has put there, or may write to.
+/// Whether the registry folder exists; fails if another user owns it or may write to it.
 fn is_ours(folder: &Path) -> Result<bool> {
     use std::os::unix::fs::MetadataExt;
     let found = match fs::symlink_metadata(folder) {
@@ -278,7 +280,7 @@ fn is_ours(folder: &Path) -> Result<bool> {
         Err(e) => {
             return Err(e).with_context(|| {
                 format!(
-                    "cannot look at {}, where runs are registered; set XDG_RUNTIME_DIR to a folder of your own",
+                    "cannot read {}, where runs are registered. Hint: set XDG_RUNTIME_DIR to a folder of your own",
                     folder.display()
                 )
             });
@@ -287,8 +289,8 @@ fn is_ours(folder: &Path) -> Result<bool> {
     let own = rustix::process::getuid().as_raw();
     anyhow::ensure!(
         found.is_dir() && found.uid() == own && found.mode() & 0o022 == 0,
-        "{} belongs to user {} with mode {:o}, expected a folder of user {own} that nobody else may write; set XDG_RUNTIME_DIR to a \
-         folder of your own",
+        "{} belongs to user {} with mode {:o}, expected a folder of user {own} without write permission for others. Hint: set \
+         XDG_RUNTIME_DIR to a folder of your own",
         folder.display(),
         found.uid(),
         found.mode() & 0o7777
@@ -296,7 +298,7 @@ fn is_ours(folder: &Path) -> Result<bool> {
     Ok(true)
 }
 
-/// Removes what dead runs have left. Returns how many are alive, and the logs of the dead.
+/// Removes the remains of dead runs. Returns the number of live runs, and the logs of the dead ones.
 fn clean_up(folder: &Path) -> (usize, Vec<PathBuf>) {
     let Ok(entries) = fs::read_dir(folder) else { return (0, Vec::new()) };
     let (mut alive, mut logs) = (0, Vec::new());
@@ -309,7 +311,7 @@ fn clean_up(folder: &Path) -> (usize, Vec<PathBuf>) {
         let run = path.file_stem().and_then(|s| s.to_str()).unwrap_or_default();
         if run.starts_with("hf") && run.len() > 4 && run.chars().all(|c| c.is_ascii_alphanumeric()) {
             remove_remains(run);
-            // A registration that was cut off by the death of its run names no log.
+            // A truncated registration names no log.
             let registered = fs::read(&path).ok().and_then(|text| serde_json::from_slice::<Registration>(&text).ok());
             logs.extend(registered.map(|registration| registration.log));
             let _ = fs::remove_file(&path);
@@ -318,22 +320,24 @@ fn clean_up(folder: &Path) -> (usize, Vec<PathBuf>) {
     (alive, logs)
 }
 
-/// Whether somebody alive holds the lock of a registration. A supervisor that was killed in the middle of starting a process leaves the lock to that
-/// process until it becomes another program or ends, which is soon.
+/// Whether a live supervisor holds the lock of a registration.
+///
+/// A supervisor that is killed while it starts a process leaves its lock to that process, until the process calls exec
+/// or ends.
 fn is_held(file: &File, path: &Path) -> bool {
     let begun = Instant::now();
     while flock(file, FlockOperation::NonBlockingLockExclusive).is_err() {
         let registered = fs::read(path).ok().and_then(|text| serde_json::from_slice::<Registration>(&text).ok());
-        if registered.is_some_and(|registration| lives(registration.pid)) || begun.elapsed() > LOCK_PATIENCE {
+        if registered.is_some_and(|registration| process_lives(registration.pid)) || begun.elapsed() > LOCK_TIMEOUT {
             return true;
         }
-        std::thread::sleep(POLL_INTERVAL);
+        std::thread::sleep(LOCK_POLL_INTERVAL);
     }
     false
 }
 
-/// Whether there is such a process, and not only what is left of it for its parent.
-fn lives(pid: u32) -> bool {
+/// Whether a process exists and is no zombie.
+fn process_lives(pid: u32) -> bool {
     let stat = fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
     stat.rsplit_once(") ").is_some_and(|(_, rest)| !rest.starts_with(['Z', 'X']))
 }
@@ -350,14 +354,14 @@ fn remove_remains(run: &str) {
     }
 }
 
-/// Ends what still runs of a run whose supervisor is gone: it should have ended by itself, unless it was stopped.
+/// Kills the remaining processes of a dead run; only stopped ones outlive their supervisor.
 fn end_processes(run: &str) {
     let mark = format!("{}={SHM}/{run}/", hapfic_ipc::RunFile::VARIABLE);
     let Ok(entries) = fs::read_dir("/proc") else { return };
     let mut ended = Vec::new();
     for entry in entries.flatten() {
         let Some(pid) = entry.file_name().to_str().and_then(|n| n.parse().ok()).and_then(Pid::from_raw) else { continue };
-        // Opened first: what is read after is then of the same process.
+        // Opened before the environment is read, so that both belong to the same process.
         let Ok(handle) = pidfd_open(pid, PidfdFlags::empty()) else { continue };
         let environment = fs::read(entry.path().join("environ")).unwrap_or_default();
         if environment.split(|b| *b == 0).any(|v| v.starts_with(mark.as_bytes())) {
@@ -365,9 +369,9 @@ fn end_processes(run: &str) {
             ended.push(handle);
         }
     }
-    // One that is in the middle of a system call may still make a file.
+    // A process inside a system call may still create a file.
     for handle in &ended {
-        let _ = poll(&mut [PollFd::new(handle, PollFlags::IN)], Some(&hapfic_ipc::clock::timespec(END_PATIENCE_NS)));
+        let _ = poll(&mut [PollFd::new(handle, PollFlags::IN)], Some(&hapfic_ipc::clock::timespec(END_TIMEOUT_NS)));
     }
 }
 
@@ -386,13 +390,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn places_are_unique_and_leave_nothing() {
+    fn run_directory_drop_leaves_nothing() {
         let (a, b) = (RunDirectory::take("floor", Path::new("a")).unwrap(), RunDirectory::take("floor", Path::new("b")).unwrap());
         assert_ne!(a.prefix(), b.prefix());
         let (root, file) = (a.root(), a.file.clone());
         assert!(Path::new(&root).is_dir() && file.is_file());
         fs::write(format!("{SHM}/{}remains", a.prefix()), "x").unwrap();
-        // A third start must not take a living run for a dead one.
+        // A third start must keep a live run.
         let c = RunDirectory::take("floor", Path::new("c")).unwrap();
         assert!(Path::new(&root).is_dir());
         drop((a, c));
@@ -402,21 +406,21 @@ mod tests {
     }
 
     #[test]
-    fn what_a_dead_run_left_is_swept_at_the_next_start() {
+    fn run_directory_next_start_cleans_up_dead_run() {
         let folder = runtime_folder().unwrap();
-        // As if its supervisor had been killed: registered, and nobody holds the lock.
+        // A killed supervisor: registered, without a lock.
         let run = format!("hfdead{}", base36(u64::from(std::process::id())));
         fs::write(folder.join(format!("{run}.json")), "{}").unwrap();
         fs::create_dir(format!("{SHM}/{run}")).unwrap();
         fs::write(format!("{SHM}/{run}_segment"), "x").unwrap();
-        let place = RunDirectory::take("floor", Path::new("a")).unwrap();
+        let directory = RunDirectory::take("floor", Path::new("a")).unwrap();
         assert!(!Path::new(&format!("{SHM}/{run}")).exists());
         assert!(!Path::new(&format!("{SHM}/{run}_segment")).exists());
-        drop(place);
+        drop(directory);
     }
 
     #[test]
-    fn a_lock_that_outlives_its_supervisor_is_waited_for_and_that_of_the_living_is_not() {
+    fn is_held_dead_supervisor_waits_for_lock() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("hfx.json");
         let register = |pid: u32| {
@@ -443,7 +447,7 @@ mod tests {
     }
 
     #[test]
-    fn base36_counts() {
+    fn base36_digit_overflow_carries() {
         assert_eq!((base36(0), base36(35), base36(36)), ("0".into(), "z".into(), "10".into()));
     }
 }

@@ -1,23 +1,23 @@
-//! What a run is asked to be.
+//! The request for a run.
 
 use hapfic_config::Settings;
 use hapfic_messages::{Clock, RealtimeMode};
 use std::path::PathBuf;
 use std::time::Instant;
 
-/// What to run.
+/// Request for a run.
 #[derive(Clone, Debug)]
 pub struct RunRequest {
-    /// Name for messages and the log.
+    /// Name of the scenario, for messages and the log.
     pub scenario: String,
     /// The checked scenario.
     pub settings: Settings,
-    /// How time passes.
+    /// Clock of the run.
     pub clock: Clock,
-    /// How hard to try for real time.
+    /// Whether the run takes, requires or leaves real-time privileges.
     pub realtime: RealtimeMode,
-    /// Where to log.
+    /// Path of the log.
     pub log: PathBuf,
-    /// When the program started.
+    /// Start of the program.
     pub since: Instant,
 }

@@ -1,4 +1,4 @@
-//! The summary of a run: for people and, with the same content, for programs.
+//! The summary of a run, as text and as JSON with the same content.
 
 use crate::recorder::IncidentSummary;
 use hapfic_log::MetricsSummary;
@@ -11,103 +11,103 @@ use std::fmt::Write;
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// Everything there is to say about a run.
+/// Summary of a run.
 #[derive(Clone, Debug, Serialize)]
 pub struct Summary {
     /// Name of the scenario, or its file.
     pub scenario: String,
     /// `realtime` or `lockstep`.
     pub clock: &'static str,
-    /// Simulated time, s.
+    /// Simulated time [s].
     pub duration_s: f64,
-    /// Wall-clock time from first to last tick, s.
+    /// Wall-clock time from the first to the last tick [s].
     pub wall_s: f64,
-    /// Simulated seconds per wall second.
+    /// Simulated time per wall-clock time.
     pub speed: f64,
-    /// From the start of the program to the first tick, s.
+    /// Time from the start of the program to the first tick [s].
     pub launch_s: f64,
     /// Whether the run reached its end.
     pub completed: bool,
-    /// x - x_d.
+    /// Position error x - x_d.
     pub tracking: TrackingSummary,
-    /// F - F_d.
+    /// Force error F - F_d.
     pub force: ForceSummary,
-    /// F_c.
+    /// Force of the attractor F_c.
     pub force_command: ForceCommandSummary,
-    /// What happened in the scene.
+    /// Events of the scene.
     pub moments: MomentsSummary,
-    /// What the plant's integrator had to do.
+    /// Effort of the plant's integrator.
     pub integration: IntegrationSummary,
-    /// By the wall clock.
+    /// Wall-clock times.
     pub timing: Timing,
-    /// The log.
+    /// Size of the log, and lost ticks.
     pub recorder: RecorderSummary,
-    /// Ticks the figures are from.
+    /// Ticks that the metrics cover.
     pub ticks: TickSummary,
-    /// What the run got over.
+    /// Lost and restarted processes.
     pub losses: Losses,
-    /// Brakes and stops, and where they are described.
+    /// Brakes and stops, and the path of their post-mortem.
     pub incidents: Option<IncidentSummary>,
-    /// What went wrong, in the order of time.
+    /// Faults that ended the run, in the order of time.
     pub faults: Vec<RunFault>,
-    /// Where the log is.
+    /// Path of the log.
     pub log: PathBuf,
 }
 
-/// By the wall clock.
+/// Wall-clock times of a run.
 #[derive(Clone, Debug, Serialize)]
 pub struct Timing {
-    /// State published to command published, us; none in lockstep.
+    /// Latency from a published state to the published command [us]; none in lockstep.
     pub latency_us: Option<Quantiles>,
-    /// Periods by which the plant's timer came late.
+    /// Periods by which the plant's timer was late.
     pub late_ticks: u64,
-    /// Ticks whose command no request of theirs stands behind.
+    /// Ticks whose command is not from a request of the same tick.
     pub missed_ticks: u64,
-    /// Ticks at which the drive braked after it had been active.
+    /// Ticks in which the drive braked after the first active one.
     pub brake_ticks: u64,
-    /// How late the plant's timer was, us; none in lockstep.
+    /// Lateness of the plant's timer [us]; none in lockstep.
     pub wake_lateness_us: Option<Quantiles>,
-    /// Time the machine took away from all processors together, ms.
+    /// Steal time, the sum of all processors [ms].
     pub steal_ms: u64,
-    /// Ticks that the gate's spare has done.
+    /// Ticks by the spare gate thread.
     pub spare_gate_ticks: u64,
     /// Heap allocations between receiving and sending, in all processes.
     pub allocations: u64,
 }
 
-/// The log.
+/// Size of the log, and lost ticks.
 #[derive(Clone, Debug, Serialize)]
 pub struct RecorderSummary {
     /// Messages written.
     pub messages: u64,
     /// Ticks missing in `/state` or `/command`.
     pub lost: u64,
-    /// Size of the file, bytes.
+    /// Size of the file [bytes].
     pub file_bytes: u64,
 }
 
-/// Processes that were lost, and what became of them.
+/// Lost processes of a run, and injected faults.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Losses {
-    /// Those that were lost at all.
+    /// Processes that were lost at least once.
     pub processes: Vec<Loss>,
-    /// Faults that were made on purpose.
+    /// Number of injected faults.
     pub injected: u64,
 }
 
-/// A process that was lost.
+/// Losses of one process.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Loss {
-    /// Its name.
+    /// Name of the process.
     pub process: &'static str,
-    /// How often.
+    /// Number of losses.
     pub times: u32,
-    /// Longest time from when it was found lost until its successor did ticks, ms.
+    /// Longest time from the detected loss to the successor's first tick [ms].
     pub longest_ms: f64,
 }
 
 impl Losses {
-    /// From each process's number of losses and longest time without it.
+    /// Makes the summary from the number of losses and the longest outage of each process.
     pub fn new(all: impl Iterator<Item = (Process, u32, Duration)>, injected: u64) -> Self {
         let lost = all.filter(|(_, times, _)| *times > 0);
         let processes = lost.map(|(process, times, longest)| Loss {
@@ -119,21 +119,21 @@ impl Losses {
     }
 }
 
-/// Something that went wrong.
+/// A fault that the run did not survive.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct RunFault {
-    /// The process it is about.
+    /// Name of the process.
     pub process: String,
-    /// What happened.
+    /// Description, without the name of the process.
     pub what: String,
-    /// Who saw it: `exit`, `heartbeat`, `tick`, `signal`, `operator`, `recorder`, `start`.
+    /// Detector that found it: `exit`, `heartbeat`, `tick`, `signal`, `operator`, `recorder`, `start`.
     pub detector: &'static str,
-    /// Last tick whose command had gone out.
+    /// Last tick whose command was published.
     pub tick: i64,
 }
 
 impl Summary {
-    /// Puts the metrics in their places.
+    /// Combines the data of the supervisor, the metrics and those of the recorder.
     #[must_use]
     pub fn new(run: Run, metrics: &MetricsSummary, recorder: RecorderSummary) -> Self {
         let realtime = run.clock == "realtime";
@@ -170,7 +170,7 @@ impl Summary {
         }
     }
 
-    /// For the terminal.
+    /// Formats the summary for a terminal.
     #[must_use]
     pub fn text(&self) -> String {
         let mut out = String::new();
@@ -220,18 +220,14 @@ impl Summary {
             })
         };
         writeln!(out, "  state -> command   {}", quantiles(&timing.latency_us))?;
-        writeln!(out, "  timer lateness     {}  (the machine's own witness)", quantiles(&timing.wake_lateness_us))?;
+        writeln!(out, "  timer lateness     {}  (reference timer)", quantiles(&timing.wake_lateness_us))?;
         writeln!(
             out,
-            "  ticks              {} late, {} missed, {} braked; {} ms stolen by the host; {} allocations in real-time code",
+            "  ticks              {} late, {} missed, {} braked; {} ms steal time; {} allocations in real-time code",
             timing.late_ticks, timing.missed_ticks, timing.brake_ticks, timing.steal_ms, timing.allocations
         )?;
         if timing.spare_gate_ticks > 0 {
-            writeln!(
-                out,
-                "  gate               {} ticks by its spare, its own thread not being there in time",
-                timing.spare_gate_ticks
-            )?;
+            writeln!(out, "  gate               {} ticks by the spare gate thread", timing.spare_gate_ticks)?;
         }
         writeln!(
             out,
@@ -244,7 +240,7 @@ impl Summary {
         self.write_faults(out)
     }
 
-    /// What happened in the scene, where anything did.
+    /// Writes the events of the scene, if there are any.
     fn write_scene(&self, out: &mut String) -> std::fmt::Result {
         let outside = &self.tracking.outside;
         for (axis, name) in ["x", "y", "z"].iter().enumerate().filter(|&(axis, _)| outside.ticks[axis] > 0) {
@@ -253,7 +249,7 @@ impl Summary {
                 (outside.force_limited_ticks, "with F_c at F_max"),
                 (outside.torque_limited_ticks, "with the torque cut"),
                 (outside.force_held_ticks, "holding a force"),
-                (outside.converging_ticks, "on the way back"),
+                (outside.converging_ticks, "converging"),
                 (outside.inactive_ticks, "without command"),
                 (outside.unexplained_ticks, "unexplained"),
             ];
@@ -262,10 +258,10 @@ impl Summary {
             writeln!(out, "  outside x_b        {name} {:.3} s: {}", seconds(outside.ticks), named.join(", "))?;
         }
         for object in self.moments.objects.iter() {
-            write!(out, "  {:<18} turned {:.1} deg", object.name, object.max_turn_deg)?;
+            write!(out, "  {:<18} rotated {:.1} deg", object.name, object.max_turn_deg)?;
             write!(out, "{}", if object.tipped_at_rest { ", at rest on another face" } else { "" })?;
             write!(out, ", moved {:.0} mm", object.max_displacement_m * 1e3)?;
-            // The foot itself is never free while it touches, but for touches too weak to count.
+            // A foot in contact counts as free only below the force threshold.
             let struck = |pair: &&PairSummary| pair.against == object.name && 2 * pair.foot_free_ticks > pair.ticks;
             for pair in self.moments.contacts.iter().filter(struck) {
                 write!(out, "; {} on it {} ticks with the foot free", pair.body, pair.foot_free_ticks)?;
@@ -287,7 +283,7 @@ impl Summary {
     fn write_faults(&self, out: &mut String) -> std::fmt::Result {
         let losses = &self.losses;
         if losses.injected > 0 {
-            writeln!(out, "  faults on purpose  {}", losses.injected)?;
+            writeln!(out, "  injected faults    {}", losses.injected)?;
         }
         for loss in &losses.processes {
             let times = if loss.times == 1 { "once".to_owned() } else { format!("{} times", loss.times) };
@@ -296,7 +292,7 @@ impl Summary {
         if let Some(incidents) = &self.incidents {
             writeln!(out, "  brakes and stops   {}, described in {}", incidents.count, incidents.file.display())?;
             if let Some(error) = &incidents.error {
-                writeln!(out, "  brakes and stops   the description is not whole: {error}")?;
+                writeln!(out, "  brakes and stops   the description is incomplete: {error}")?;
             }
         }
         for fault in &self.faults {
@@ -310,38 +306,38 @@ impl Summary {
     }
 }
 
-/// What only the supervisor knows of a run.
+/// Data of a run that only the supervisor has.
 #[derive(Clone, Debug)]
 pub struct Run {
     /// Name of the scenario.
     pub scenario: String,
     /// Name of the clock.
     pub clock: &'static str,
-    /// Wall-clock time from first to last tick, s.
+    /// Wall-clock time from the first to the last tick [s].
     pub wall_s: f64,
-    /// From the start of the program to the first tick, s.
+    /// Time from the start of the program to the first tick [s].
     pub launch_s: f64,
     /// Whether the run reached its end.
     pub completed: bool,
-    /// Stolen time, ms.
+    /// Steal time [ms].
     pub steal_ms: u64,
-    /// Ticks that the gate's spare has done.
+    /// Ticks by the spare gate thread.
     pub spare_ticks: u64,
-    /// What it got over.
+    /// Lost and restarted processes.
     pub losses: Losses,
     /// Brakes and stops.
     pub incidents: Option<IncidentSummary>,
-    /// What went wrong.
+    /// Faults that ended the run.
     pub faults: Vec<RunFault>,
-    /// Where the log is.
+    /// Path of the log.
     pub log: PathBuf,
 }
 
-/// Time stolen from all processors since boot, ms; zero where the system does not tell.
+/// Steal time of all processors since boot [ms]; zero if the system does not report it.
 #[must_use]
 pub fn steal_ms() -> u64 {
     let Ok(text) = std::fs::read_to_string("/proc/stat") else { return 0 };
     let ticks: Option<u64> = text.lines().next().and_then(|l| l.split_whitespace().nth(8)).and_then(|v| v.parse().ok());
-    // USER_HZ is 100 on every Linux there is.
+    // USER_HZ is 100 on every Linux.
     ticks.unwrap_or(0) * 10
 }

@@ -1,10 +1,11 @@
-//! A short campaign for every target, the same each time, and every file of the corpus: what once found something does not again.
+//! A short campaign for every target, the same each time, with every file of the corpus: an old finding does not
+//! return.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use hapfic_tests::fuzz::{ALL, Budget, FOLDER, FuzzOutcome, Options, Tally, Target, campaign, load, named};
+use hapfic_tests::fuzz::{ALL, Budget, CampaignResult, FOLDER, FuzzOutcome, Options, Target, campaign, load, named};
 use std::path::Path;
 
-/// Mutated inputs a target.
+/// Mutated inputs for each target.
 const EXECUTIONS: u64 = 300;
 const SEED: u64 = 20_240_601;
 
@@ -19,58 +20,58 @@ fn options(scratch: &Path, corpus: &Path) -> Options {
     }
 }
 
-fn run(target: &'static Target, corpus: &Path) -> Tally {
+fn run(target: &'static Target, corpus: &Path) -> CampaignResult {
     let memory = Path::new("/dev/shm");
     let folder = if memory.is_dir() { memory.to_owned() } else { std::env::temp_dir() };
     let scratch = tempfile::Builder::new().prefix("fuzz-").tempdir_in(folder).unwrap();
     campaign(target, &options(scratch.path(), corpus)).unwrap()
 }
 
-/// Nothing is found, and the campaign is not an idle one: inputs are accepted, and rejected for several reasons.
-fn finds_nothing(name: &str) {
+/// Asserts that a campaign has no findings, and is not idle: it accepts inputs, and rejects others for several reasons.
+fn expect_no_findings(name: &str) {
     let target = named(name).unwrap();
-    let tally = run(target, Path::new(FOLDER));
-    let findings: Vec<_> = tally.findings.iter().map(|f| format!("{}: {}", f.file.display(), f.what)).collect();
+    let result = run(target, Path::new(FOLDER));
+    let findings: Vec<_> = result.findings.iter().map(|f| format!("{}: {}", f.file.display(), f.what)).collect();
     assert!(findings.is_empty(), "{}", findings.join("\n"));
     let from_files = load(Path::new(FOLDER), name).unwrap().len() as u64;
-    assert_eq!(tally.executions, (target.seeds)().len() as u64 + from_files + EXECUTIONS);
+    assert_eq!(result.executions, (target.seeds)().len() as u64 + from_files + EXECUTIONS);
     assert!(from_files > 0, "the corpus has nothing for {name}");
-    assert!(tally.accepted > 0, "nothing is accepted");
-    assert!(tally.shapes.len() > 3, "rejected: {:?}", tally.shapes);
+    assert!(result.accepted > 0, "no input is accepted");
+    assert!(result.shapes.len() > 3, "found the rejections {:?}, expected more than 3 shapes", result.shapes);
 }
 
 #[test]
-fn scenarios() {
-    finds_nothing("config");
+fn config_mutations_no_findings() {
+    expect_no_findings("config");
 }
 
 #[test]
-fn changes() {
-    finds_nothing("change");
+fn change_mutations_no_findings() {
+    expect_no_findings("change");
 }
 
 #[test]
-fn robot_descriptions() {
-    finds_nothing("urdf");
+fn urdf_mutations_no_findings() {
+    expect_no_findings("urdf");
 }
 
 #[test]
-fn logs() {
-    finds_nothing("log");
+fn log_mutations_no_findings() {
+    expect_no_findings("log");
 }
 
 #[test]
-fn messages() {
-    finds_nothing("message");
+fn message_mutations_no_findings() {
+    expect_no_findings("message");
 }
 
 #[test]
-fn run_files() {
-    finds_nothing("runfile");
+fn runfile_mutations_no_findings() {
+    expect_no_findings("runfile");
 }
 
 #[test]
-fn the_corpus_has_a_folder_for_each_target_and_stays_small() {
+fn corpus_folders_match_targets_and_stay_small() {
     for target in &ALL {
         let files = load(Path::new(FOLDER), target.name).unwrap();
         let bytes: usize = files.iter().map(|(_, input)| input.len()).sum();
@@ -78,17 +79,17 @@ fn the_corpus_has_a_folder_for_each_target_and_stays_small() {
     }
     for entry in std::fs::read_dir(FOLDER).unwrap() {
         let name = entry.unwrap().file_name().into_string().unwrap();
-        assert!(named(&name).is_some(), "no target is called {name}");
+        assert!(named(&name).is_some(), "found the folder {name}, expected the name of a target");
     }
 }
 
-/// Panics where an input has a certain byte, in one of two places.
+/// Panics at either of two bytes, each in a line of its own.
 fn fragile(input: &[u8], _: &Path) -> FuzzOutcome {
     assert!(!input.contains(&b'!'), "an exclamation mark");
     assert!(!input.contains(&b'?'), "a question mark");
     match input.len() {
         0..=8 => FuzzOutcome::Accepted,
-        length => FuzzOutcome::Refused(format!("{length} bytes")),
+        length => FuzzOutcome::Rejected(format!("{length} bytes")),
     }
 }
 
@@ -102,13 +103,13 @@ static FRAGILE: Target = Target {
 };
 
 #[test]
-fn a_panic_is_found_saved_and_told_from_others() {
-    let nowhere = tempfile::tempdir().unwrap();
-    let tally = run(&FRAGILE, nowhere.path());
-    assert_eq!(tally.findings.len(), 2, "{:?}", tally.findings);
-    assert!(tally.finding_count > 2 && tally.accepted > 0);
-    assert_eq!(tally.shapes.iter().collect::<Vec<_>>(), ["# bytes"]);
-    for (finding, mark) in tally.findings.iter().map(|f| (f, if f.what.contains("an exclamation") { b'!' } else { b'?' })) {
+fn campaign_panics_saved_by_kind() {
+    let empty = tempfile::tempdir().unwrap();
+    let result = run(&FRAGILE, empty.path());
+    assert_eq!(result.findings.len(), 2, "{:?}", result.findings);
+    assert!(result.finding_count > 2 && result.accepted > 0);
+    assert_eq!(result.shapes.iter().collect::<Vec<_>>(), ["# bytes"]);
+    for (finding, mark) in result.findings.iter().map(|f| (f, if f.what.contains("an exclamation") { b'!' } else { b'?' })) {
         assert!(finding.what.contains("fuzz/main.rs"), "{}", finding.what);
         let input = std::fs::read(&finding.file).unwrap();
         assert!(input.contains(&mark));
@@ -117,11 +118,11 @@ fn a_panic_is_found_saved_and_told_from_others() {
 }
 
 #[test]
-fn the_same_seed_gives_the_same_campaign() {
-    let nowhere = tempfile::tempdir().unwrap();
-    let tally = || {
-        let tally = run(named("change").unwrap(), nowhere.path());
-        (tally.executions, tally.accepted, tally.shapes, tally.findings)
+fn campaign_same_seed_same_result() {
+    let empty = tempfile::tempdir().unwrap();
+    let result = || {
+        let result = run(named("change").unwrap(), empty.path());
+        (result.executions, result.accepted, result.shapes, result.findings)
     };
-    assert_eq!(tally(), tally());
+    assert_eq!(result(), result());
 }

@@ -1,8 +1,8 @@
-//! What a run leaves on the machine: seen from outside, by what the operating system shows.
+//! Remains of a run on the machine, as the operating system shows them.
 
 use std::fs;
 
-/// Names in shared memory and processes that belong to the run of a supervisor with this process id.
+/// Files in shared memory and processes of the run of a supervisor with this process id.
 #[must_use]
 pub fn remains_of(supervisor: u32) -> Vec<String> {
     let prefix = format!("hf{}", base36(supervisor));
@@ -24,7 +24,7 @@ pub fn remains_of(supervisor: u32) -> Vec<String> {
     found
 }
 
-/// The processes a supervisor has started: name (`plant`, `planner`, ...) and process id.
+/// Child processes of a supervisor: name (`plant`, `planner`, ...) and process id.
 #[must_use]
 pub fn children_of(supervisor: u32) -> Vec<(String, u32)> {
     processes()
@@ -38,7 +38,7 @@ pub fn children_of(supervisor: u32) -> Vec<(String, u32)> {
         .collect()
 }
 
-/// Whether a process runs; one that only waits to be reaped does not.
+/// Whether a process runs; a zombie does not.
 #[must_use]
 pub fn is_running(pid: u32) -> bool {
     fs::read_to_string(format!("/proc/{pid}/stat"))

@@ -1,7 +1,7 @@
-//! The harness of the tests that start the real stack: builds the binary, runs it in a corner of its own, and looks for what it
-//! left behind.
+//! Harness of the tests that start the real stack: builds the binary, runs it in a namespace of its own, and lists its
+//! remains.
 //!
-//! A failure here is a failure of the test that uses it, so everything panics with what it was about.
+//! A failure here is a failure of the calling test, so every function panics with its cause.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 pub mod fuzz;

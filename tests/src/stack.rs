@@ -1,4 +1,4 @@
-//! Starting the stack, and what came of it.
+//! Start of the stack, and its result.
 
 use crate::leftovers::{children_of, remains_of};
 use std::path::PathBuf;
@@ -7,10 +7,10 @@ use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
-/// How long anything may take before a test gives up. Generous: machines are shared.
+/// Time-out of every wait of a test. Generous: machines are shared.
 const TIMEOUT: Duration = Duration::from_secs(120);
 
-/// The binary, built once by each test process: it is then never older than the sources.
+/// Path of the binary. Each test process builds it once, so it is never older than the sources.
 pub fn hapfic() -> PathBuf {
     static BINARY: OnceLock<PathBuf> = OnceLock::new();
     BINARY
@@ -29,7 +29,7 @@ pub fn hapfic() -> PathBuf {
         .clone()
 }
 
-/// A place to run the stack in: a folder for logs, and a run-time directory of its own.
+/// Sandbox of the stack: a temporary folder for logs, which is the run-time directory too.
 #[derive(Debug)]
 pub struct Stack {
     folder: TempDir,
@@ -42,19 +42,19 @@ impl Default for Stack {
 }
 
 impl Stack {
-    /// A fresh place.
+    /// Makes an empty sandbox.
     #[must_use]
     pub fn new() -> Self {
         Self { folder: TempDir::new().expect("a temporary folder") }
     }
 
-    /// A path in the place.
+    /// Path in the sandbox.
     #[must_use]
     pub fn path(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
     }
 
-    /// The program with arguments, not started yet.
+    /// Command line of the program, not started yet.
     #[must_use]
     pub fn command(&self, arguments: &[&str]) -> Command {
         let mut command = Command::new(hapfic());
@@ -80,22 +80,22 @@ impl Stack {
         self.start(arguments).finish()
     }
 
-    /// What is left in the run-time directory.
+    /// Number of registrations in the run-time directory.
     #[must_use]
     pub fn registrations(&self) -> usize {
         std::fs::read_dir(self.path("hapfic")).map_or(0, Iterator::count)
     }
 }
 
-/// A program that runs.
+/// Running program.
 #[derive(Debug)]
 pub struct Started {
-    /// Taken by whoever waits for its end.
+    /// `None` after the wait for its end.
     child: Option<Child>,
 }
 
 impl Drop for Started {
-    /// A test that failed in between leaves nothing running: as by Ctrl-C, and if that does not help, by force.
+    /// Ends the program of a failed test with SIGINT, and after 5 s with SIGKILL.
     fn drop(&mut self) {
         let Some(mut child) = self.child.take() else { return };
         let _ = rustix::process::kill_process(rustix::process::Pid::from_child(&child), rustix::process::Signal::INT);
@@ -120,19 +120,19 @@ impl Started {
         self.child.as_mut().expect("it has not ended")
     }
 
-    /// Its process id.
+    /// Process id.
     #[must_use]
     pub fn pid(&self) -> u32 {
         self.child().id()
     }
 
-    /// Sends it a signal.
+    /// Sends a signal to the program.
     pub fn signal(&self, signal: rustix::process::Signal) {
         let pid = rustix::process::Pid::from_child(self.child());
         rustix::process::kill_process(pid, signal).expect("the program still runs");
     }
 
-    /// Waits until it has started all its processes, and returns them by name.
+    /// Waits until the named processes have started, and returns all children.
     #[must_use]
     pub fn children(&mut self, names: &[&str]) -> Vec<(String, u32)> {
         let start = Instant::now();
@@ -147,7 +147,7 @@ impl Started {
         }
     }
 
-    /// Waits until a file is at least so large.
+    /// Waits until a file has a number of bytes.
     pub fn wait_for(&mut self, file: &std::path::Path, bytes: u64) {
         let start = Instant::now();
         while std::fs::metadata(file).map_or(0, |m| m.len()) < bytes {
@@ -157,7 +157,7 @@ impl Started {
         }
     }
 
-    /// Kills it and waits for its end; what it said is lost, since processes it has left behind may hold on to its output.
+    /// Kills the program and waits for its end. Discards the output, since orphans may still hold it open.
     #[must_use]
     pub fn kill(mut self) -> Finished {
         let supervisor = self.pid();
@@ -167,7 +167,7 @@ impl Started {
         Finished { supervisor, code: status.code(), out: String::new(), err: String::new() }
     }
 
-    /// Waits for its end.
+    /// Waits for the end of the program.
     #[must_use]
     pub fn finish(mut self) -> Finished {
         let supervisor = self.pid();
@@ -181,27 +181,27 @@ impl Started {
     }
 }
 
-/// A program that has ended.
+/// Result of a program that has ended.
 #[derive(Debug)]
 pub struct Finished {
-    /// Its process id.
+    /// Process id.
     pub supervisor: u32,
-    /// Its exit code; none if a signal ended it.
+    /// Exit code; `None` if a signal ended the program.
     pub code: Option<i32>,
-    /// What it said.
+    /// Standard output.
     pub out: String,
-    /// What it said on standard error.
+    /// Standard error.
     pub err: String,
 }
 
 impl Finished {
-    /// Asserts the exit code, and that nothing of the run is left.
+    /// Asserts the exit code, and that no remains of the run are left.
     pub fn expect(&self, code: i32) -> &Self {
         assert_eq!(self.code, Some(code), "stdout:\n{}\nstderr:\n{}", self.out, self.err);
         self.expect_nothing_left()
     }
 
-    /// Asserts that nothing of the run is left, as soon as what is ending has ended.
+    /// Asserts that no remains of the run are left; polls for 10 s, since processes may still be ending.
     pub fn expect_nothing_left(&self) -> &Self {
         let start = Instant::now();
         loop {

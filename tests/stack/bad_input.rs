@@ -1,4 +1,4 @@
-//! Bad input: one clear error, exit code 2, nothing started, nothing left.
+//! Bad input: one clear error, exit code 2, no process started, no remains.
 
 use hapfic_tests::{Finished, Stack};
 
@@ -12,16 +12,16 @@ fn rejected(stack: &Stack, arguments: &[&str], words: &[&str]) -> Finished {
     end
 }
 
-/// A scenario made from the embedded one by replacing a text.
+/// Writes a variant of the embedded scenario `floor`, with one text replaced.
 fn variant(stack: &Stack, from: &str, to: &str) -> String {
     let floor = stack.run(&["scenarios", "floor"]).expect(0).out.clone();
-    assert!(floor.contains(from), "floor.toml has no '{from}' any more");
+    assert!(floor.contains(from), "found no '{from}' in floor.toml");
     std::fs::write(stack.path("mine.toml"), floor.replacen(from, to, 1)).unwrap();
     "mine.toml".to_owned()
 }
 
 #[test]
-fn scenario_files() {
+fn run_bad_scenario_rejected() {
     let stack = Stack::new();
     rejected(&stack, &["run", "flor"], &["flor", "floor"]);
     rejected(&stack, &["run", "missing.toml"], &["missing.toml"]);
@@ -43,7 +43,7 @@ fn scenario_files() {
 }
 
 #[test]
-fn robot_descriptions() {
+fn run_bad_urdf_rejected() {
     let stack = Stack::new();
     let file = variant(&stack, "urdf = \"leg.urdf\"", "urdf = \"mine.urdf\"");
     let leg = include_str!("../../config/robots/leg.urdf");
@@ -61,7 +61,7 @@ fn robot_descriptions() {
 }
 
 #[test]
-fn command_line() {
+fn command_line_bad_words_rejected() {
     let stack = Stack::new();
     rejected(&stack, &["run", "--set", "controller.tapr=0.1"], &["--set", "tapr", "taper"]);
     rejected(&stack, &["run", "--set", "controller.taper=much"], &["--set", "taper", "much"]);
@@ -73,20 +73,20 @@ fn command_line() {
 }
 
 #[test]
-fn places_that_cannot_be_written() {
+fn run_unwritable_output_rejected() {
     let stack = Stack::new();
     std::fs::write(stack.path("file"), "").unwrap();
     rejected(&stack, &["run", "--log", "file/run.mcap"], &["file"]);
     rejected(&stack, &["run", "--log", "/dev/full"], &["/dev/full"]);
     rejected(&stack, &["run", "--summary-json", "nowhere/summary.json"], &["nowhere/summary.json"]);
-    // What was there before is still there.
+    // An existing file stays as it is.
     std::fs::write(stack.path("old.json"), "old").unwrap();
     rejected(&stack, &["run", "--summary-json", "old.json", "--log", "/dev/full"], &["/dev/full"]);
     assert_eq!(std::fs::read_to_string(stack.path("old.json")).unwrap(), "old");
 }
 
 #[test]
-fn a_log_that_another_run_is_writing() {
+fn run_log_of_another_run_rejected() {
     let stack = Stack::new();
     let long = ["run", "floor", "--clock", "lockstep", "--duration", "3600", "--log", "run.mcap"];
     let mut first = stack.start(&long);
@@ -101,27 +101,27 @@ fn a_log_that_another_run_is_writing() {
 }
 
 #[test]
-fn real_time_that_cannot_be_had() {
+fn run_lockstep_with_realtime_rejected() {
     let stack = Stack::new();
     rejected(&stack, &["run", "--clock", "lockstep", "--realtime", "require"], &["require", "lockstep"]);
 }
 
 #[test]
-fn a_process_that_cannot_start_fails_the_run() {
+fn run_process_start_failure_reported() {
     let stack = Stack::new();
     let run = ["run", "floor", "--clock", "lockstep", "--log", "run.mcap", "--set"];
     for process in ["plant", "planner", "controller"] {
         let set = format!("processes.{process}=[\"/nonexistent/program\"]");
         rejected(&stack, &[&run[..], &[&set]].concat(), &[&format!("processes.{process}"), "/nonexistent/program"]);
-        // A program that is there and cannot be started.
+        // A file that is not executable.
         let set = format!("processes.{process}=[\"/etc/passwd\"]");
         rejected(&stack, &[&run[..], &[&set]].concat(), &[&format!("processes.{process}"), "/etc/passwd"]);
     }
-    // One that starts and ends at once.
+    // A program that ends immediately.
     let end = stack.run(&[&run[..], &["processes.planner=[\"true\"]"]].concat());
     end.expect(3);
     assert!(end.out.contains("planner ended with exit code 0"), "{}", end.out);
-    // One that never gets ready.
+    // A program that never becomes ready.
     let end =
         stack.run(&[&run[..], &["processes.planner=[\"sleep\", \"1000\"]", "--set", "supervisor.ready_timeout_ms=500"]].concat());
     end.expect(3);

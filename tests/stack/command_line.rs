@@ -1,27 +1,27 @@
-//! What the program says of itself and its scenarios, and the summary it writes.
+//! Output of `scenarios`, `check` and `schema`, and the summary of a run.
 
 use hapfic_tests::Stack;
 use serde_json::Value;
 
 #[test]
-fn scenarios_check_and_schema() {
+fn scenarios_printed_text_passes_check() {
     let stack = Stack::new();
     assert!(stack.run(&["scenarios"]).expect(0).out.contains("floor"));
-    assert!(stack.run(&["check", "floor"]).expect(0).out.contains("good"));
+    assert!(stack.run(&["check", "floor"]).expect(0).out.contains("valid"));
     let schema: Value = serde_json::from_str(&stack.run(&["schema"]).expect(0).out).unwrap();
     assert!(schema["properties"]["controller"].is_object() || schema["$defs"].is_object());
-    // What it prints can be edited and run from a path.
+    // The printed scenario is valid from a path too.
     let text = stack.run(&["scenarios", "floor"]).expect(0).out.clone();
     std::fs::write(stack.path("mine.toml"), text).unwrap();
-    assert!(stack.run(&["check", "mine.toml"]).expect(0).out.contains("good"));
+    assert!(stack.run(&["check", "mine.toml"]).expect(0).out.contains("valid"));
 }
 
 #[test]
-fn the_summary_has_every_field_that_scripts_read() {
+fn summary_json_fields_present() {
     let stack = Stack::new();
     let end = stack.run(&["run", "floor", "--clock", "lockstep", "--log", "run.mcap", "--summary-json", "summary.json"]);
     end.expect(0);
-    assert!(end.err.is_empty(), "a run that is not polled should be quiet: {}", end.err);
+    assert!(end.err.is_empty(), "found messages of a run without a terminal, expected none: {}", end.err);
     let summary: Value = serde_json::from_str(&std::fs::read_to_string(stack.path("summary.json")).unwrap()).unwrap();
     assert_eq!(summary["scenario"], "floor");
     assert_eq!(summary["clock"], "lockstep");
@@ -47,7 +47,7 @@ fn the_summary_has_every_field_that_scripts_read() {
     for field in ["late_ticks", "missed_ticks", "steal_ms"] {
         assert!(summary["timing"][field].is_u64(), "timing.{field}");
     }
-    // The paper's experiment itself: pressed with 50 N, held and while sliding, within the bounds.
+    // The paper's experiment: 50 N at rest and while sliding, within the bounds.
     assert_eq!(summary["force"]["desired_n"][2], 50.0);
     assert!(summary["force"]["settled_rms_percent"][2].as_f64().unwrap() <= 0.2);
     assert!(summary["force"]["sliding_rms_percent"][2].as_f64().unwrap() <= 3.5);

@@ -1,4 +1,4 @@
-//! However a run ends, its log is whole and nothing is left.
+//! Every end of a run leaves a whole log, and no remains.
 
 use crate::log_file::expect_complete;
 use hapfic_tests::{Stack, is_running, remains_of};
@@ -6,14 +6,14 @@ use rustix::process::{Pid, Signal, kill_process};
 use std::io::Read;
 use std::time::{Duration, Instant};
 
-/// A lockstep run far longer than any test.
+/// A lockstep run of an hour.
 const LONG: [&str; 8] = ["run", "floor", "--clock", "lockstep", "--duration", "3600", "--log", "run.mcap"];
 const PROCESSES: [&str; 4] = ["plant", "planner", "controller", "standby"];
-/// Bytes of log after which a run is well under way.
-const UNDER_WAY: u64 = 200_000;
+/// Size of the log of a run with some hundred ticks [bytes].
+const RUNNING_LOG_BYTES: u64 = 200_000;
 
-/// Waits for processes whose supervisor is gone to end by themselves.
-fn expect_gone(children: &[(String, u32)]) {
+/// Asserts that the processes of a lost supervisor end by themselves.
+fn expect_ended(children: &[(String, u32)]) {
     let start = Instant::now();
     while children.iter().any(|(_, pid)| is_running(*pid)) {
         assert!(start.elapsed() < Duration::from_secs(10), "still running: {children:?}");
@@ -22,11 +22,11 @@ fn expect_gone(children: &[(String, u32)]) {
 }
 
 #[test]
-fn a_signal_ends_everything_in_order() {
+fn run_signal_ends_in_order() {
     for signal in [Signal::INT, Signal::TERM] {
         let stack = Stack::new();
         let mut run = stack.start(&LONG);
-        run.wait_for(&stack.path("run.mcap"), UNDER_WAY);
+        run.wait_for(&stack.path("run.mcap"), RUNNING_LOG_BYTES);
         run.signal(signal);
         let end = run.finish();
         end.expect(3);
@@ -37,11 +37,11 @@ fn a_signal_ends_everything_in_order() {
 }
 
 #[test]
-fn a_lost_plant_ends_the_run_with_a_report_and_a_whole_log() {
+fn plant_lost_ends_run_with_report() {
     let stack = Stack::new();
     let mut run = stack.start(&LONG);
     let children = run.children(&PROCESSES);
-    run.wait_for(&stack.path("run.mcap"), UNDER_WAY);
+    run.wait_for(&stack.path("run.mcap"), RUNNING_LOG_BYTES);
     let (_, pid) = children.iter().find(|(n, _)| n == "plant").unwrap();
     kill_process(Pid::from_raw(*pid as i32).unwrap(), Signal::KILL).unwrap();
     let end = run.finish();
@@ -51,18 +51,18 @@ fn a_lost_plant_ends_the_run_with_a_report_and_a_whole_log() {
 }
 
 #[test]
-fn without_a_supervisor_all_go_and_the_next_start_cleans_up() {
+fn supervisor_kill_next_start_cleans_up() {
     let stack = Stack::new();
     let mut run = stack.start(&LONG);
     let children = run.children(&PROCESSES);
-    run.wait_for(&stack.path("run.mcap"), UNDER_WAY);
-    // One that is halted can do nothing by itself.
+    run.wait_for(&stack.path("run.mcap"), RUNNING_LOG_BYTES);
+    // A halted process cannot end by itself.
     let (_, halted) = children.iter().find(|(name, _)| name == "standby").unwrap();
     kill_process(Pid::from_raw(*halted as i32).unwrap(), Signal::STOP).unwrap();
     let end = run.kill();
     assert_eq!(end.code, None);
-    expect_gone(&children);
-    assert!(!remains_of(end.supervisor).is_empty(), "a killed supervisor cannot have cleaned up");
+    expect_ended(&children);
+    assert!(!remains_of(end.supervisor).is_empty(), "found no remains of a killed supervisor");
     let next = stack.run(&["run", "floor", "--clock", "lockstep", "--duration", "0.1", "--log", "next.mcap"]);
     next.expect(0);
     assert!(next.err.contains("its log is recovered to") && next.err.contains("run.recovered.mcap"), "{}", next.err);
@@ -72,7 +72,7 @@ fn without_a_supervisor_all_go_and_the_next_start_cleans_up() {
 }
 
 #[test]
-fn a_supervisor_killed_while_it_starts_leaves_nothing_running_and_the_next_start_works() {
+fn supervisor_kill_during_start_no_remains() {
     let stack = Stack::new();
     for delay_us in (0..40_000).step_by(4_000) {
         let run = stack.start(&LONG);
@@ -82,7 +82,7 @@ fn a_supervisor_killed_while_it_starts_leaves_nothing_running_and_the_next_start
         }
         let children = hapfic_tests::children_of(run.pid());
         let end = run.kill();
-        expect_gone(&children);
+        expect_ended(&children);
         stack.run(&["run", "floor", "--clock", "lockstep", "--duration", "0.05", "--log", "next.mcap"]).expect(0);
         end.expect_nothing_left();
     }
@@ -90,15 +90,15 @@ fn a_supervisor_killed_while_it_starts_leaves_nothing_running_and_the_next_start
 }
 
 #[test]
-fn a_foreign_program_and_what_it_started_end_with_the_run() {
+fn external_process_and_children_end_with_run() {
     let stack = Stack::new();
-    let foreign = "processes.planner=[\"sh\", \"-c\", \"sleep 1000 & sleep 1000\"]";
-    // When the supervisor ends it, and when the supervisor is killed: then its death signal, or the next start, does.
+    let external = "processes.planner=[\"sh\", \"-c\", \"sleep 1000 & sleep 1000\"]";
+    // The supervisor ends it. If the supervisor is killed, the death signal or the next start ends it.
     for signal in [Signal::INT, Signal::KILL] {
-        let arguments = [&LONG[..], &["--set", foreign]].concat();
+        let arguments = [&LONG[..], &["--set", external]].concat();
         let run = stack.start(&arguments);
         let begun = Instant::now();
-        // The plant, both controllers, the shell and its two.
+        // The plant, both controllers, the shell and its two children.
         while remains_of(run.pid()).iter().filter(|r| r.starts_with("process")).count() < 6 {
             assert!(begun.elapsed() < Duration::from_secs(30), "{:?}", remains_of(run.pid()));
             std::thread::yield_now();
@@ -119,15 +119,15 @@ fn a_foreign_program_and_what_it_started_end_with_the_run() {
 }
 
 #[test]
-fn a_log_that_cannot_be_written_any_further_ends_the_run() {
+fn log_write_failure_ends_run() {
     let stack = Stack::new();
     let pipe = stack.path("pipe");
     rustix::fs::mkfifoat(rustix::fs::CWD, &pipe, rustix::fs::Mode::RUSR | rustix::fs::Mode::WUSR).unwrap();
     let run = stack.start(&["run", "floor", "--clock", "lockstep", "--duration", "3600", "--log", "pipe"]);
     let mut reader = std::fs::File::open(&pipe).unwrap();
-    // The disk is full after this much.
-    let mut taken = vec![0; 100_000];
-    reader.read_exact(&mut taken).unwrap();
+    // The reader closes the pipe after these bytes, as a full disk would.
+    let mut bytes = vec![0; 100_000];
+    reader.read_exact(&mut bytes).unwrap();
     drop(reader);
     let end = run.finish();
     end.expect(3);

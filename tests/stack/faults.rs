@@ -1,6 +1,6 @@
-//! Who dies, what happens: real processes, really killed, halted and fed with nonsense.
+//! Fault injection in the real stack: killed and halted processes, corrupted messages.
 //!
-//! In lockstep nothing may come of it at all. In realtime logic and counts are asserted, never a time.
+//! In lockstep a fault may change nothing. In realtime the tests assert logic and counts, never a time.
 
 mod lockstep;
 mod machine;

@@ -1,4 +1,4 @@
-//! Lockstep: the same scenario and seed give the same bytes, whatever the machine does meanwhile.
+//! Lockstep: the same scenario and seed give the same bytes, under any load of the machine.
 
 use crate::log_file::{Streams, expect_complete, streams};
 use hapfic_config::Settings;
@@ -8,8 +8,8 @@ use hapfic_tests::Stack;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Topics that are functions of scenario and seed alone. `/timing` has what the clock on the wall says.
-const PURE: [&str; 10] =
+/// Topics that are functions of scenario and seed alone; `/timing` has wall-clock times.
+const DETERMINISTIC: [&str; 10] =
     ["/state", "/reference", "/request", "/request/standby", "/command", "/operator", "/event", "/tf", "/scene", "/log"];
 
 fn run(stack: &Stack, name: &str, arguments: &[&str]) -> Streams {
@@ -22,7 +22,7 @@ fn run(stack: &Stack, name: &str, arguments: &[&str]) -> Streams {
 }
 
 fn expect_same(a: &Streams, b: &Streams) {
-    for topic in PURE {
+    for topic in DETERMINISTIC {
         let (a, b) = (a.get(topic), b.get(topic));
         assert!(a.is_some(), "{topic} is empty");
         let (a, b) = (a.unwrap(), b.unwrap());
@@ -34,11 +34,11 @@ fn expect_same(a: &Streams, b: &Streams) {
 }
 
 #[test]
-fn two_runs_give_the_same_bytes_on_a_loaded_machine_too() {
+fn lockstep_loaded_machine_same_bytes() {
     let stack = Stack::new();
     let quiet = run(&stack, "quiet", &["--duration", "5"]);
     assert_eq!(quiet["/state"].len(), 5000);
-    // More hogs than cores, so that every process of the stack is put aside again and again.
+    // More busy threads than cores, so the kernel preempts every process of the stack again and again.
     let stop = AtomicBool::new(false);
     let loaded = std::thread::scope(|scope| {
         for _ in 0..2 * std::thread::available_parallelism().unwrap().get() {
@@ -57,7 +57,7 @@ fn two_runs_give_the_same_bytes_on_a_loaded_machine_too() {
 }
 
 #[test]
-fn another_law_gives_other_bytes() {
+fn lockstep_other_law_other_bytes() {
     let stack = Stack::new();
     let ours = run(&stack, "ours", &["--duration", "4"]);
     let paper = run(&stack, "paper", &["--duration", "4", "--set", "controller.fidelity=paper"]);
@@ -65,7 +65,7 @@ fn another_law_gives_other_bytes() {
 }
 
 #[test]
-fn runs_beside_each_other_do_not_see_each_other() {
+fn lockstep_parallel_runs_isolated() {
     let stack = Stack::new();
     let logs = ["a.mcap", "b.mcap", "c.mcap"];
     let started: Vec<_> =
@@ -80,7 +80,7 @@ fn runs_beside_each_other_do_not_see_each_other() {
     assert_eq!(stack.registrations(), 0);
 }
 
-/// What a run logged that the simulation in one process makes, too.
+/// Logged messages that the simulation in one process makes as well.
 #[derive(Default)]
 struct Logged {
     names: Names,
@@ -107,14 +107,14 @@ impl Logged {
     }
 }
 
-/// Equal numbers, and equal bytes: a zero's sign counts.
+/// Asserts equal numbers and equal bytes; the sign of a zero counts.
 fn expect_same_bytes<M: prost::Message + PartialEq + std::fmt::Debug>(logged: &M, simulated: &M, tick: usize) {
     assert_eq!(logged, simulated, "tick {tick}: left is logged, right is simulated");
     assert!(logged.encode_to_vec() == simulated.encode_to_vec(), "tick {tick}: the same numbers with other bits: {logged:?}");
 }
 
 #[test]
-fn the_simulation_in_one_process_gives_the_same_bits_as_the_processes() {
+fn simulation_one_process_same_bits() {
     for (scenario, seconds) in [("box", "4"), ("floor", "2")] {
         let stack = Stack::new();
         stack.run(&["run", scenario, "--clock", "lockstep", "--duration", seconds, "--log", "run.mcap"]).expect(0);
@@ -135,7 +135,7 @@ fn the_simulation_in_one_process_gives_the_same_bits_as_the_processes() {
                 sets.push(convert::operator(next));
             }
         }
-        assert!(sets.len() > 2, "{scenario}: the script has done too little");
+        assert!(sets.len() > 2, "{scenario}: found {} parameter sets, expected more than 2", sets.len());
         assert_eq!(logged.sets, sets, "{scenario}");
     }
 }

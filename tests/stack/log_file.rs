@@ -1,12 +1,12 @@
-//! What is in a log, read by the `mcap` crate alone.
+//! Content of a log, read by the `mcap` crate alone.
 
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Messages of each topic: log time and bytes, in the order of the file.
+/// Messages of each topic: log time [ns] and bytes, in the order of the file.
 pub type Streams = BTreeMap<String, Vec<(u64, Vec<u8>)>>;
 
-/// Every message of a finished log.
+/// Reads every message of a finished log.
 pub fn streams(path: &Path) -> Streams {
     let bytes = std::fs::read(path).unwrap();
     let mut streams = Streams::new();
@@ -17,15 +17,15 @@ pub fn streams(path: &Path) -> Streams {
     streams
 }
 
-/// Asserts that a log has a summary, and state and command of every tick from 0 on; returns how many.
+/// Asserts that a log has a summary, and state and command of every tick from 0 on; returns the number of ticks.
 pub fn expect_complete(path: &Path) -> usize {
     let bytes = std::fs::read(path).unwrap();
     let summary = mcap::Summary::read(&bytes).unwrap().expect("a log that was closed has a summary");
     assert!(summary.stats.is_some());
-    let ticks = |wanted: &str| -> Vec<i64> {
+    let ticks = |topic: &str| -> Vec<i64> {
         hapfic_log::Reader::open(path)
             .unwrap()
-            .filter_map(|entry| match (entry.unwrap().record, wanted) {
+            .filter_map(|entry| match (entry.unwrap().record, topic) {
                 (hapfic_log::Record::State(s), "/state") => Some(s.tick),
                 (hapfic_log::Record::Command(c), "/command") => Some(c.tick),
                 _ => None,
@@ -35,7 +35,7 @@ pub fn expect_complete(path: &Path) -> usize {
     let (states, commands) = (ticks("/state"), ticks("/command"));
     let expected: Vec<i64> = (0..states.len() as i64).collect();
     assert_eq!(states, expected, "a tick is missing in /state, or out of order");
-    // When a run is cut short, the plant may be two states ahead of the last command.
+    // At the end of an interrupted run the plant may be two states ahead of the last command.
     let ahead = states.len() - commands.len();
     assert!(ahead <= 2, "{} states, {} commands", states.len(), commands.len());
     assert_eq!(commands, expected[..commands.len().min(expected.len())], "a tick is missing in /command");

@@ -1,6 +1,6 @@
-//! The stack as its users meet it: real processes, real signals, real files.
+//! Tests of the whole stack: real processes, real signals, real files.
 //!
-//! Tests run beside each other, each in a corner of its own; those in realtime one after the other (a lock file), and none
+//! Tests run in parallel, each in a namespace of its own. Realtime tests run one at a time (a lock file). No test
 //! asserts a time.
 #![allow(clippy::unwrap_used, clippy::expect_used, missing_docs)]
 

@@ -1,4 +1,4 @@
-//! What an operator does while the stack runs: `hapfic set`, `status`, `stop`, and `timeline` afterwards.
+//! Commands of an operator on a running stack: `hapfic set`, `status`, `stop`, and `timeline` afterwards.
 
 use crate::log_file::{expect_complete, streams};
 use crate::running::{TIMEOUT, start, status_at, unscripted};
@@ -8,15 +8,16 @@ use serde_json::Value;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-/// Asks without the harness's look for remains: those of the run are still in use.
+/// Runs a command without the harness's check for remains, since the run still uses its files.
 fn ask(stack: &Stack, arguments: &[&str], code: i32) -> Finished {
     let end = stack.run(arguments);
     assert_eq!(end.code, Some(code), "{arguments:?}\nstdout:\n{}\nstderr:\n{}", end.out, end.err);
     end
 }
 
-/// Version, tick of effect, tick due when it was asked, tick due when the gate took it.
-fn promised(end: &Finished) -> [i64; 4] {
+/// Reads the reply of `hapfic set`: version, effective tick, tick due at the request, tick due at the gate's
+/// acceptance.
+fn reply_numbers(end: &Finished) -> [i64; 4] {
     let first = end.out.lines().next().unwrap();
     let numbers: Vec<i64> = first.split(|c: char| !c.is_ascii_digit()).filter_map(|n| n.parse().ok()).collect();
     numbers.try_into().unwrap_or_else(|n| panic!("expected four numbers, found {n:?} in: {first}"))
@@ -31,7 +32,7 @@ fn stop(stack: &Stack, run: Started) {
     assert_eq!(stack.registrations(), 0);
 }
 
-/// Asserts that a version is in force from its tick on, and not before, in all that was logged.
+/// Asserts by all messages of a log that a version is in force from its tick on, and not before.
 fn expect_in_force(log: &Path, version: u64, effective: i64, force: f64) {
     let (mut announced, mut with) = (0, 0);
     for entry in Reader::open(log).unwrap() {
@@ -47,12 +48,12 @@ fn expect_in_force(log: &Path, version: u64, effective: i64, force: f64) {
             _ => {}
         }
     }
-    assert_eq!(announced, 1, "version {version} is not on /operator once");
-    assert!(with > 0, "no request was made with version {version}");
+    assert_eq!(announced, 1, "found version {version} {announced} times on /operator, expected once");
+    assert!(with > 0, "found no request with version {version}");
 }
 
 #[test]
-fn a_change_takes_effect_at_one_tick_and_a_bad_one_not_at_all() {
+fn set_change_effective_at_one_tick() {
     let _alone = crate::realtime::alone();
     let stack = Stack::new();
     let run = start(&stack, "run", "realtime");
@@ -65,23 +66,23 @@ fn a_change_takes_effect_at_one_tick_and_a_bad_one_not_at_all() {
     }
 
     let set = ask(&stack, &["set", "desired_force.z=80", "taper=0.1"], 0);
-    let [version, effective, asked, taken] = promised(&set);
+    let [version, effective, requested, accepted] = reply_numbers(&set);
     assert_eq!(version, 2);
-    assert!(effective >= taken + 5 && effective <= taken + 10, "{}", set.out);
-    assert!(asked <= taken, "{}", set.out);
-    // On a machine that is free now and then, from being asked to being in force takes 10 ms at most: the best of some.
-    let mut quickest = effective - asked;
+    assert!(effective >= accepted + 5 && effective <= accepted + 10, "{}", set.out);
+    assert!(requested <= accepted, "{}", set.out);
+    // On an idle machine a change is in force within 10 ms of its request; so the best of some attempts counts.
+    let mut quickest = effective - requested;
     for attempt in 0..50 {
         if quickest <= 10 {
             break;
         }
-        let [_, effective, asked, _] =
-            promised(&ask(&stack, &["set", &format!("taper={}", 0.11 + 0.001 * f64::from(attempt))], 0));
-        quickest = quickest.min(effective - asked);
+        let [_, effective, requested, _] =
+            reply_numbers(&ask(&stack, &["set", &format!("taper={}", 0.11 + 0.001 * f64::from(attempt))], 0));
+        quickest = quickest.min(effective - requested);
     }
-    assert!(quickest <= 10, "at best in force {quickest} ticks after it was asked for");
+    assert!(quickest <= 10, "found {quickest} ticks from request to effect at best, expected 10 at most");
     let version =
-        if quickest == effective - asked { version } else { status_at(&stack, 0)["announced_version"].as_i64().unwrap() };
+        if quickest == effective - requested { version } else { status_at(&stack, 0)["announced_version"].as_i64().unwrap() };
     assert!(set.out.contains("desired_force_n: [0, 0, 0] -> [0, 0, 80]"), "{}", set.out);
     assert!(set.out.contains("taper: 0.2 -> 0.1"), "{}", set.out);
 
@@ -99,10 +100,10 @@ fn a_change_takes_effect_at_one_tick_and_a_bad_one_not_at_all() {
         }
     }
     let status = status_at(&stack, effective + 100);
-    assert_eq!(status["announced_version"], version, "what was rejected must change nothing");
+    assert_eq!(status["announced_version"], version, "a rejected change has changed something");
     let begun = Instant::now();
     while status_at(&stack, 0)["desired_force_n"][2] != 80.0 {
-        assert!(begun.elapsed() < TIMEOUT, "the change does not show");
+        assert!(begun.elapsed() < TIMEOUT, "the status does not show the change");
     }
     assert!(ask(&stack, &["status", "--once"], 0).out.contains("|x - x_d|"));
 
@@ -113,15 +114,15 @@ fn a_change_takes_effect_at_one_tick_and_a_bad_one_not_at_all() {
 }
 
 #[test]
-fn a_run_that_was_changed_online_can_be_run_again() {
+fn timeline_online_changes_replayed() {
     let stack = Stack::new();
     let run = start(&stack, "first", "lockstep");
     status_at(&stack, 50);
     ask(&stack, &["set", "target_position=[-0.10, 0.05, 0.06]"], 0);
     ask(&stack, &["set", "target_position.z=0.012", "mean_speed=0.1"], 0);
-    // One that changes nothing is a version, too.
+    // A change of nothing makes a version too.
     ask(&stack, &["set", "mean_speed=0.1"], 0);
-    let [version, effective, ..] = promised(&ask(&stack, &["set", "desired_force.z=30", "search=sign"], 0));
+    let [version, effective, ..] = reply_numbers(&ask(&stack, &["set", "desired_force.z=30", "search=sign"], 0));
     assert_eq!(version, 5);
     status_at(&stack, effective + 500);
     stop(&stack, run);
@@ -148,7 +149,7 @@ fn a_run_that_was_changed_online_can_be_run_again() {
 }
 
 #[test]
-fn of_several_runs_one_must_be_named() {
+fn commands_several_runs_name_required() {
     let stack = Stack::new();
     let mut runs = [start(&stack, "a", "lockstep"), start(&stack, "b", "lockstep")];
     for (run, log) in runs.iter_mut().zip(["a.mcap", "b.mcap"]) {
@@ -168,7 +169,7 @@ fn of_several_runs_one_must_be_named() {
         let status: Value = serde_json::from_str(&ask(&stack, &["status", "--json", "--run", name], 0).out).unwrap();
         assert_eq!(status["scenario"], scenario);
         if version == 1 {
-            assert_eq!(status["announced_version"], 1, "the other run must not change");
+            assert_eq!(status["announced_version"], 1, "the other run has changed");
         }
     }
     assert!(ask(&stack, &["stop", "--run", "hfnone"], 2).err.contains("hfnone"));
@@ -179,7 +180,7 @@ fn of_several_runs_one_must_be_named() {
 }
 
 #[test]
-fn without_a_run_there_is_nothing_to_ask() {
+fn commands_no_run_rejected() {
     let stack = Stack::new();
     for arguments in [&["set", "taper=0.1"][..], &["status"], &["status", "--json"], &["stop"]] {
         let end = ask(&stack, arguments, 2);
@@ -190,14 +191,14 @@ fn without_a_run_there_is_nothing_to_ask() {
 }
 
 #[test]
-fn callers_that_are_killed_neither_harm_the_run_nor_outlive_it() {
+fn commands_killed_callers_harmless() {
     let stack = Stack::new();
     let run = start(&stack, "run", "lockstep");
     status_at(&stack, 10);
     for delay_us in (0..60_000).step_by(2_000) {
         let caller = stack.start(&["set", "taper=0.1"]);
         std::thread::sleep(Duration::from_micros(delay_us));
-        // One that is done before has nothing left to be killed.
+        // A caller may have ended before.
         let _ = caller.kill();
     }
     status_at(&stack, 20);

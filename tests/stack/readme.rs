@@ -1,11 +1,11 @@
-//! Every command of README runs.
+//! Commands of README.
 
 use hapfic_tests::Stack;
 
 #[test]
-fn the_commands_of_readme_run() {
+fn readme_commands_succeed() {
     let readme = include_str!("../../README.md");
-    // One of them is a realtime run.
+    // One command is a realtime run.
     let _alone = crate::realtime::alone();
     let stack = Stack::new();
     let mut ran = 0;

@@ -1,4 +1,4 @@
-//! Realtime: everything that must hold whatever the machine's timing is.
+//! Realtime: properties that hold at any timing of the machine.
 
 use crate::log_file::expect_complete;
 use crate::running;
@@ -6,7 +6,7 @@ use hapfic_ipc::{clock, realtime};
 use hapfic_tests::Stack;
 use rustix::fs::{FlockOperation, flock};
 
-/// One realtime run at a time: the lock is beside the binary that is tested.
+/// Takes the lock for the only realtime run; its file is beside the tested binary.
 pub fn alone() -> std::fs::File {
     let path = hapfic_tests::hapfic().with_file_name("realtime-tests.lock");
     let file = std::fs::OpenOptions::new().create(true).truncate(false).write(true).open(path).unwrap();
@@ -15,7 +15,7 @@ pub fn alone() -> std::fs::File {
 }
 
 #[test]
-fn every_tick_is_logged_and_every_bound_holds() {
+fn realtime_run_complete_within_bounds() {
     let _alone = alone();
     let stack = Stack::new();
     stack.run(&["run", "floor", "--duration", "4", "--log", "run.mcap", "--summary-json", "summary.json"]).expect(0);
@@ -28,7 +28,7 @@ fn every_tick_is_logged_and_every_bound_holds() {
     for axis in 0..3 {
         let number = |path: [&str; 2]| summary[path[0]][path[1]][axis].as_f64().unwrap();
         assert!(number(["force_command", "max_n"]) <= number(["force_command", "limit_n"]));
-        // Whether ticks are missed is the machine's business; what follows from it is not a bound of the law.
+        // The machine may cause missed ticks; then the bound of the law does not apply.
         if summary["timing"]["missed_ticks"] == 0 {
             assert!(number(["tracking", "max_m"]) <= number(["tracking", "bound_m"]));
         }
@@ -36,14 +36,14 @@ fn every_tick_is_logged_and_every_bound_holds() {
 }
 
 #[test]
-fn without_privileges_asked_for_it_runs_all_the_same() {
+fn realtime_off_run_complete() {
     let _alone = alone();
     let stack = Stack::new();
     stack.run(&["run", "floor", "--duration", "0.5", "--realtime", "off", "--log", "run.mcap"]).expect(0);
     assert_eq!(expect_complete(&stack.path("run.mcap")), 500);
 }
 
-/// Core of a thread that may run on one only, and `None` if there is no such thread.
+/// Core of a pinned thread; `None` if the thread does not exist or is not pinned.
 fn core_of(pid: u32, name: &str) -> Option<usize> {
     let tasks = std::fs::read_dir(format!("/proc/{pid}/task")).unwrap().flatten();
     let status = tasks.filter_map(|task| std::fs::read_to_string(task.path().join("status")).ok());
@@ -52,32 +52,31 @@ fn core_of(pid: u32, name: &str) -> Option<usize> {
     field(&thread, "Cpus_allowed_list:")?.parse().ok()
 }
 
-/// What only a host can do in earnest: the gate's core is gone for five ticks, again and again. A thread that goes before the gate has it
-/// meanwhile.
+/// Simulates steal time: a thread of higher priority occupies the gate's core for five ticks, again and again.
 #[test]
-fn while_the_gate_s_core_is_taken_away_its_understudy_answers() {
-    const TIMES: u32 = 20;
-    const AWAY_NS: u64 = 5_000_000;
+fn gate_core_taken_spare_thread_answers() {
+    const REPETITIONS: u32 = 20;
+    const STEAL_NS: u64 = 5_000_000;
     let _alone = alone();
     let stack = Stack::new();
     std::fs::write(stack.path("steady.toml"), running::unscripted(&stack)).unwrap();
     let run = stack.start(&["run", "steady.toml", "--duration", "3600", "--log", "run.mcap", "--summary-json", "summary.json"]);
     let _ = running::status_at(&stack, 500);
     let cores = ["hapfic-gate", "hapfic-gate-2"].map(|name| core_of(run.pid(), name));
-    // Without privileges, or with one core, the gate sleeps where all are, and needs nobody.
-    let may = realtime::may_fifo(80) && realtime::usable_cores().len() >= 2;
-    assert_eq!(cores[1].is_some(), may, "gate and spare are on the cores {cores:?}");
-    if may {
+    // Without privileges, or with one core, the gate sleeps on the shared core, and has no spare thread.
+    let has_spare = realtime::may_fifo(80) && realtime::usable_cores().len() >= 2;
+    assert_eq!(cores[1].is_some(), has_spare, "gate and spare are on the cores {cores:?}");
+    if has_spare {
         assert_ne!(cores[0], cores[1]);
         let hog = std::thread::spawn(move || {
             realtime::pin(None, cores[0].unwrap()).unwrap();
             realtime::set_fifo(80).unwrap();
-            for _ in 0..TIMES {
-                let end = clock::now_ns() + AWAY_NS;
+            for _ in 0..REPETITIONS {
+                let end = clock::now_ns() + STEAL_NS;
                 while clock::now_ns() < end {
                     std::hint::spin_loop();
                 }
-                clock::sleep_until(end + 4 * AWAY_NS);
+                clock::sleep_until(end + 4 * STEAL_NS);
             }
         });
         hog.join().unwrap();
@@ -86,8 +85,11 @@ fn while_the_gate_s_core_is_taken_away_its_understudy_answers() {
     run.finish().expect_nothing_left();
     let summary: serde_json::Value = serde_json::from_slice(&std::fs::read(stack.path("summary.json")).unwrap()).unwrap();
     let spare_ticks = summary["timing"]["spare_gate_ticks"].as_u64().unwrap();
-    let expected = if may { TIMES } else { 0 };
-    assert!(spare_ticks >= expected.into(), "{spare_ticks} ticks, expected at least one of five in each of {expected} times");
+    let expected = if has_spare { REPETITIONS } else { 0 };
+    assert!(
+        spare_ticks >= expected.into(),
+        "found {spare_ticks} spare ticks, expected at least one in each of {expected} repetitions"
+    );
     assert_eq!(summary["recorder"]["lost"], 0);
     assert_eq!(summary["timing"]["allocations"], 0);
 }

@@ -4,7 +4,7 @@ use crate::log_file::streams;
 use hapfic_tests::Stack;
 
 #[test]
-fn a_log_that_was_cut_off_is_recovered_and_a_whole_one_left_alone() {
+fn recover_truncated_log_recovered() {
     let stack = Stack::new();
     stack.run(&["run", "floor", "--clock", "lockstep", "--duration", "1", "--log", "run.mcap"]).expect(0);
     let end = stack.run(&["recover", "run.mcap"]);
@@ -20,7 +20,7 @@ fn a_log_that_was_cut_off_is_recovered_and_a_whole_one_left_alone() {
     let (whole, kept) = (streams(&stack.path("run.mcap")), streams(&stack.path("cut.recovered.mcap")));
     assert!(kept["/state"].len() > 100, "{} states", kept["/state"].len());
     for (topic, messages) in &kept {
-        assert!(whole[topic].starts_with(messages), "{topic} has other messages");
+        assert!(whole[topic].starts_with(messages), "{topic}: the recovered messages differ");
     }
 
     let end = stack.run(&["recover", "cut.mcap"]);
@@ -33,7 +33,7 @@ fn a_log_that_was_cut_off_is_recovered_and_a_whole_one_left_alone() {
 }
 
 #[test]
-fn what_is_no_log_is_refused_and_nothing_is_left() {
+fn recover_other_file_rejected() {
     let stack = Stack::new();
     std::fs::write(stack.path("notes.mcap"), "not a log at all").unwrap();
     let end = stack.run(&["recover", "notes.mcap"]);

@@ -1,20 +1,20 @@
-//! Runs that go on until a test ends them.
+//! Runs that last until a test ends them.
 
 use hapfic_tests::{Stack, Started};
 use serde_json::Value;
 use std::time::{Duration, Instant};
 
-/// How long anything may take before a test gives up.
+/// Time-out of every wait of a test.
 pub const TIMEOUT: Duration = Duration::from_secs(60);
 
-/// The embedded scenario without its script, so that nothing but the test changes parameters.
+/// Returns the embedded scenario `floor` without its script, so only the test changes parameters.
 pub fn unscripted(stack: &Stack) -> String {
     let floor = stack.run(&["scenarios", "floor"]).expect(0).out.clone();
     let (body, _) = floor.split_once("[[operator]]").expect("a script");
     body.to_owned()
 }
 
-/// Starts a run far longer than any test, in a file of its own.
+/// Starts a run of an hour, with a scenario file and a log of its own.
 pub fn start(stack: &Stack, name: &str, clock: &str) -> Started {
     let scenario = format!("{name}.toml");
     std::fs::write(stack.path(&scenario), unscripted(stack)).unwrap();
@@ -22,12 +22,12 @@ pub fn start(stack: &Stack, name: &str, clock: &str) -> Started {
     stack.start(&["run", &scenario, "--clock", clock, "--duration", "3600", "--log", &log])
 }
 
-/// The status of the only run, as soon as it has got to a tick.
+/// Waits until the only run has reached a tick, and returns its status.
 pub fn status_at(stack: &Stack, tick: i64) -> Value {
     let begun = Instant::now();
     loop {
         let end = stack.run(&["status", "--json"]);
-        assert!(begun.elapsed() < TIMEOUT, "tick {tick} does not come:\n{}\n{}", end.out, end.err);
+        assert!(begun.elapsed() < TIMEOUT, "the run does not reach tick {tick}:\n{}\n{}", end.out, end.err);
         if end.code != Some(0) {
             continue;
         }

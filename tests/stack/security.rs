@@ -1,4 +1,4 @@
-//! Who can get at a run: what it has on the machine, what another user can do to it, and what the same user can.
+//! Access to a run: its files on the machine, the rights of another user, and those of the same user.
 
 use crate::running::{start, status_at};
 use hapfic_tests::{Stack, Started, hapfic, is_running};
@@ -13,8 +13,8 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
-/// User and group that own nothing.
-const NOBODY: u32 = 65_534;
+/// User and group without any files.
+const OTHER_USER: u32 = 65_534;
 /// Processes that a run starts.
 const PROCESSES: [&str; 4] = ["plant", "planner", "controller", "standby"];
 
@@ -32,7 +32,7 @@ fn stop(stack: &Stack, run: Started) {
     assert_eq!(stack.registrations(), 0);
 }
 
-/// The only run of a place: its registration, and its name.
+/// Registration and name of the only run of a sandbox.
 fn registered(stack: &Stack) -> (PathBuf, String) {
     let mut all = fs::read_dir(stack.path("hapfic")).unwrap().map(|entry| entry.unwrap().path());
     let file = all.next().expect("a registration");
@@ -41,8 +41,8 @@ fn registered(stack: &Stack) -> (PathBuf, String) {
     (file, run)
 }
 
-/// All files of a run that are seen in shared memory itself: its segments and its folder.
-fn top(run: &str) -> Vec<PathBuf> {
+/// Entries of a run in `/dev/shm` itself: its segments and its folder.
+fn shm_entries(run: &str) -> Vec<PathBuf> {
     let mark = format!("{run}_");
     let found: Vec<PathBuf> = fs::read_dir("/dev/shm")
         .unwrap()
@@ -50,11 +50,11 @@ fn top(run: &str) -> Vec<PathBuf> {
         .filter(|entry| entry.file_name().to_str().is_some_and(|name| name == run || name.starts_with(&mark)))
         .map(|entry| entry.path())
         .collect();
-    assert!(found.len() > 20, "a run has more in shared memory than {found:?}");
+    assert!(found.len() > 20, "found {found:?}, expected more than 20 entries of a run");
     found
 }
 
-/// Everything below a folder. What goes away meanwhile is left out.
+/// Everything below a folder, without entries that vanish meanwhile.
 fn below(folder: &Path) -> Vec<PathBuf> {
     let mut found = Vec::new();
     let mut folders = vec![folder.to_owned()];
@@ -69,7 +69,7 @@ fn below(folder: &Path) -> Vec<PathBuf> {
     found
 }
 
-/// Does something in a thread that has become another user, in no group but its own. `None` if this user cannot become another.
+/// Calls a function in a thread of another user without supplementary groups. `None` if this user cannot switch users.
 fn as_another_user<T: Send>(act: impl FnOnce() -> T + Send) -> Option<T> {
     if !geteuid().is_root() {
         std::io::stderr().write_all(b"skipped: only root can become another user\n").unwrap();
@@ -77,17 +77,17 @@ fn as_another_user<T: Send>(act: impl FnOnce() -> T + Send) -> Option<T> {
     }
     std::thread::scope(|scope| {
         let thread = scope.spawn(|| {
-            // By the kernel's rules these are the thread's own, and there is no way back.
+            // The kernel sets them for this thread alone, without a way back.
             set_thread_groups(&[]).unwrap();
-            set_thread_gid(Gid::from_raw(NOBODY)).unwrap();
-            set_thread_uid(Uid::from_raw(NOBODY)).unwrap();
+            set_thread_gid(Gid::from_raw(OTHER_USER)).unwrap();
+            set_thread_uid(Uid::from_raw(OTHER_USER)).unwrap();
             act()
         });
         Some(thread.join().unwrap())
     })
 }
 
-/// The mask that files of this process are made with.
+/// File mode creation mask of this process.
 fn umask() -> u32 {
     let status = fs::read_to_string("/proc/self/status").unwrap();
     let line = status.lines().find_map(|line| line.strip_prefix("Umask:")).expect("Linux 4.7 or newer");
@@ -95,19 +95,19 @@ fn umask() -> u32 {
 }
 
 #[test]
-fn all_of_a_run_belongs_to_its_user_alone() {
+fn run_files_owner_only() {
     let stack = Stack::new();
     let mut run = start(&stack, "run", "lockstep");
     let _ = run.children(&PROCESSES);
     status_at(&stack, 10);
     let (registration, name) = registered(&stack);
-    for path in top(&name).iter().chain([&stack.path("hapfic"), &registration]) {
-        // A caller's connection goes away with it.
+    for path in shm_entries(&name).iter().chain([&stack.path("hapfic"), &registration]) {
+        // The connection of a command vanishes with it.
         let Ok(meta) = fs::symlink_metadata(path) else { continue };
         assert_eq!(meta.uid(), geteuid().as_raw(), "{path:?}");
         assert_eq!(meta.mode() & 0o077, 0, "{path:?} has mode {:o}", meta.mode());
     }
-    // Nobody else gets through the folder; what is in it is of its user, and nobody else could write it either.
+    // No other user passes the folder; its content belongs to its user, and no other user could write it.
     let folder = Path::new("/dev/shm").join(&name);
     let inside = below(&folder);
     assert!(inside.len() > 50, "{inside:?}");
@@ -115,26 +115,26 @@ fn all_of_a_run_belongs_to_its_user_alone() {
         let Ok(meta) = fs::symlink_metadata(&path) else { continue };
         assert_eq!(meta.uid(), geteuid().as_raw(), "{path:?}");
         assert_eq!(meta.mode() & 0o022, 0, "{path:?} has mode {:o}", meta.mode());
-        assert!(!meta.file_type().is_socket(), "{path:?} is a socket: nothing here needs any");
+        assert!(!meta.file_type().is_socket(), "found the socket {path:?}, expected none");
     }
-    // What they wake each other by is in a page of its own.
+    // The doorbells are in a page of their own.
     assert_eq!(fs::metadata(folder.join("doorbells")).unwrap().mode() & 0o777, 0o600);
-    // The log is its user's, and as readable as the user's mask makes any file.
+    // The log belongs to its user, with the mode that the umask gives any file.
     let log = fs::metadata(stack.path("run.mcap")).unwrap();
     assert_eq!((log.uid(), log.mode() & 0o777), (geteuid().as_raw(), 0o666 & !umask()));
     stop(&stack, run);
 }
 
-/// What another user gets done with a path and should not.
+/// Lists successful accesses of another user to a path.
 fn breaches(path: &Path) -> Vec<String> {
     let denied = |what: &str, error: Option<std::io::Error>| match error {
         Some(e) if matches!(e.kind(), ErrorKind::PermissionDenied | ErrorKind::NotFound) => None,
-        // The wrong question, and answered before the right to ask it is looked at.
+        // The kernel checks the file type before the permission.
         Some(e) if matches!(e.kind(), ErrorKind::IsADirectory | ErrorKind::NotADirectory) => None,
-        // Too long a path to be a socket's.
+        // The path is too long for a socket.
         Some(e) if e.kind() == ErrorKind::InvalidInput => None,
         Some(e) => Some(format!("{what} {}: {e}", path.display())),
-        None => Some(format!("{what} {}: done", path.display())),
+        None => Some(format!("{what} {}: succeeded", path.display())),
     };
     let socket = UnixDatagram::unbound().unwrap();
     [
@@ -149,35 +149,35 @@ fn breaches(path: &Path) -> Vec<String> {
 }
 
 #[test]
-fn another_user_can_neither_open_nor_remove_nor_end_any_of_it() {
+fn other_user_open_remove_kill_denied() {
     let stack = Stack::new();
     let mut run = start(&stack, "run", "lockstep");
     let children = run.children(&PROCESSES);
     status_at(&stack, 10);
     let (registration, name) = registered(&stack);
-    let top = top(&name);
+    let entries = shm_entries(&name);
     let folder = Path::new("/dev/shm").join(&name);
     let pids: Vec<u32> = children.iter().map(|(_, pid)| *pid).chain([run.pid()]).collect();
-    let mut closed: Vec<PathBuf> = top.clone();
+    let mut closed: Vec<PathBuf> = entries.clone();
     closed.extend(below(&folder));
-    // The log has what the umask gives it.
+    // Without the log, whose mode is that of the umask.
     closed.extend([folder, registration, stack.path("hapfic")]);
     for pid in &pids {
         closed.extend(["mem", "environ", "fd"].map(|what| PathBuf::from(format!("/proc/{pid}/{what}"))));
     }
     let found = as_another_user(|| {
         let mut found: Vec<String> = closed.iter().flat_map(|path| breaches(path)).collect();
-        for path in &top {
+        for path in &entries {
             match fs::remove_file(path) {
                 Err(e) if matches!(e.kind(), ErrorKind::PermissionDenied | ErrorKind::NotFound | ErrorKind::IsADirectory) => {}
-                done => found.push(format!("remove {}: {done:?}", path.display())),
+                other => found.push(format!("remove {}: {other:?}", path.display())),
             }
         }
         for pid in &pids {
             for signal in [Signal::TERM, Signal::KILL, Signal::STOP] {
                 match kill_process(Pid::from_raw(*pid as i32).unwrap(), signal) {
                     Err(rustix::io::Errno::PERM) => {}
-                    done => found.push(format!("{signal:?} to {pid}: {done:?}")),
+                    other => found.push(format!("{signal:?} to {pid}: {other:?}")),
                 }
             }
         }
@@ -188,17 +188,17 @@ fn another_user_can_neither_open_nor_remove_nor_end_any_of_it() {
 }
 
 #[test]
-fn another_user_has_no_say() {
+fn other_user_commands_rejected() {
     let stack = Stack::new();
     let run = start(&stack, "run", "lockstep");
     let before = status_at(&stack, 10);
     let (_, name) = registered(&stack);
-    // A program and a folder that the other user can get at.
+    // A program and a folder that the other user may access.
     let place = TempDir::new().unwrap();
     fs::set_permissions(place.path(), Permissions::from_mode(0o755)).unwrap();
     let program = place.path().join("hapfic");
-    // By a process of its own: a file that this one has open for writing may be inherited by what other tests start meanwhile, and
-    // cannot be run as long as they have it.
+    // Copied by another process: children of parallel tests could inherit a file that this process has open for
+    // writing, and the kernel does not execute such a file.
     assert!(Command::new("cp").arg(hapfic()).arg(&program).status().unwrap().success());
     fs::set_permissions(&program, Permissions::from_mode(0o755)).unwrap();
     let own = place.path().join("own");
@@ -215,8 +215,8 @@ fn another_user_has_no_say() {
             && ["no stack is running", "where runs are registered", "belongs to user", "Permission denied"]
                 .iter()
                 .any(|words| err.contains(words));
-        let good = end.status.code() == Some(2) && end.stdout.is_empty() && clear;
-        (!good).then(|| format!("{arguments:?} with {runtime:?}: {:?}\n{err}", end.status))
+        let valid = end.status.code() == Some(2) && end.stdout.is_empty() && clear;
+        (!valid).then(|| format!("{arguments:?} with {runtime:?}: {:?}\n{err}", end.status))
     };
     let all = || {
         let mut found = Vec::new();
@@ -235,10 +235,10 @@ fn another_user_has_no_say() {
         found
     };
     if geteuid().is_root() {
-        chown(&own, Some(NOBODY), Some(NOBODY)).unwrap();
+        chown(&own, Some(OTHER_USER), Some(OTHER_USER)).unwrap();
     }
     assert_eq!(as_another_user(all).unwrap_or_default(), Vec::<String>::new());
-    // The same where one can get as far as the folder of registrations.
+    // The same if the other user can read the folder of registrations.
     fs::set_permissions(&owners, Permissions::from_mode(0o755)).unwrap();
     assert_eq!(as_another_user(all).unwrap_or_default(), Vec::<String>::new());
     let after = status_at(&stack, before["tick"].as_i64().unwrap() + 1);
@@ -249,35 +249,37 @@ fn another_user_has_no_say() {
 }
 
 #[test]
-fn what_the_same_user_leaves_beside_a_run_does_not_disturb_it() {
+fn same_user_stray_files_harmless() {
     let stack = Stack::new();
     let run = start(&stack, "run", "lockstep");
     status_at(&stack, 10);
     let (_, name) = registered(&stack);
     let folder = Path::new("/dev/shm").join(&name);
-    let mut foreign = vec![
+    let mut stray = vec![
         (format!("/dev/shm/{name}_junk"), b"junk".to_vec()),
         (format!("{}/junk", folder.display()), b"junk".to_vec()),
         (format!("{}/nodes/junk", folder.display()), b"junk".to_vec()),
         (format!("{}/services/{name}_0000000000000000000000000000000000000000.service", folder.display()), b"junk".to_vec()),
         (stack.path("hapfic/junk.json").display().to_string(), b"junk".to_vec()),
     ];
-    // Beginnings of real segments, and empty ones, under names as iceoryx2 gives them.
-    let segments: Vec<PathBuf> =
-        top(&name).into_iter().filter(|path| path.extension().is_some_and(|e| e == "connection" || e == "dynamic")).collect();
+    // Truncated copies of real segments, and empty ones, under names like those of iceoryx2.
+    let segments: Vec<PathBuf> = shm_entries(&name)
+        .into_iter()
+        .filter(|path| path.extension().is_some_and(|e| e == "connection" || e == "dynamic"))
+        .collect();
     assert!(segments.len() > 10, "{segments:?}");
     for path in &segments {
         let (stem, extension) = path.to_str().unwrap().rsplit_once('.').unwrap();
         let bytes = fs::read(path).unwrap_or_default();
-        foreign.push((format!("{stem}7.{extension}"), bytes[..bytes.len() / 2].to_vec()));
-        foreign.push((format!("{stem}8.{extension}"), Vec::new()));
+        stray.push((format!("{stem}7.{extension}"), bytes[..bytes.len() / 2].to_vec()));
+        stray.push((format!("{stem}8.{extension}"), Vec::new()));
     }
-    for (path, bytes) in &foreign {
+    for (path, bytes) in &stray {
         fs::write(path, bytes).unwrap();
     }
     let tick = status_at(&stack, 0)["tick"].as_i64().unwrap();
     set(&stack, "taper=0.15");
-    // Killed callers make the supervisor look through all of it.
+    // Killed callers make the supervisor scan all of it.
     for _ in 0..10 {
         let caller = stack.start(&["set", "taper=0.1"]);
         std::thread::sleep(Duration::from_millis(10));
@@ -285,26 +287,26 @@ fn what_the_same_user_leaves_beside_a_run_does_not_disturb_it() {
     }
     status_at(&stack, tick + 100);
     set(&stack, "taper=0.12");
-    // Not part of the run, so nobody removes it.
+    // Not part of the run, so the run does not remove it.
     fs::remove_file(stack.path("hapfic/junk.json")).unwrap();
     stop(&stack, run);
-    for (path, _) in &foreign {
+    for (path, _) in &stray {
         assert!(!Path::new(path).exists(), "{path} is left");
     }
 }
 
 #[test]
-fn segments_that_the_same_user_cuts_off_end_the_run_and_nothing_else() {
+fn same_user_truncated_segments_end_run_only() {
     for kind in ["data", "connection", "dynamic"] {
         let stack = Stack::new();
         let mut run = start(&stack, "run", "lockstep");
         let children = run.children(&PROCESSES);
         run.wait_for(&stack.path("run.mcap"), 200_000);
         let (_, name) = registered(&stack);
-        for path in top(&name).iter().filter(|path| path.extension().is_some_and(|e| e == kind)) {
+        for path in shm_entries(&name).iter().filter(|path| path.extension().is_some_and(|e| e == kind)) {
             OpenOptions::new().write(true).truncate(true).open(path).unwrap();
         }
-        // Whoever touches one gets SIGBUS; if that is not the supervisor, it reports.
+        // A process that touches a segment gets SIGBUS; the supervisor reports the loss of any other process.
         let end = run.finish();
         assert!(matches!(end.code, None | Some(3)), "{kind}: {:?}\n{}", end.code, end.out);
         let begun = Instant::now();

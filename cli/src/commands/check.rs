@@ -1,6 +1,6 @@
-//! `hapfic check`: everything that can be known to be wrong without running.
+//! `hapfic check`: finds the errors of a scenario without running it.
 
-use crate::{Outcome, print, say};
+use crate::{Outcome, log_line, print};
 use anyhow::Result;
 use hapfic_config::Settings;
 use hapfic_plant::Plant;
@@ -8,33 +8,33 @@ use hapfic_simulation::stability;
 use hapfic_supervisor::children::find_program;
 use hapfic_supervisor::children::started;
 
-/// Checks a scenario and says what it would run, and which of its gains would oscillate.
+/// Checks a scenario; prints its contents, and the gains that would oscillate.
 pub fn check(scenario: &str, set: &[String]) -> Result<Outcome> {
     let settings = match Settings::load(scenario, set) {
         Ok(settings) => settings,
-        Err(e) => return Ok(Outcome::Refused(e.into())),
+        Err(e) => return Ok(Outcome::Rejected(e.into())),
     };
     let plant = match Plant::new(&settings) {
         Ok(plant) => plant,
-        Err(e) => return Ok(Outcome::Refused(anyhow::Error::from(e).context(scenario.to_owned()))),
+        Err(e) => return Ok(Outcome::Rejected(anyhow::Error::from(e).context(scenario.to_owned()))),
     };
     for process in started(&settings).iter().copied() {
         if let Err(e) = find_program(&settings.processes, process) {
-            return Ok(Outcome::Refused(e.context(scenario.to_owned())));
+            return Ok(Outcome::Rejected(e.context(scenario.to_owned())));
         }
     }
     let joints: Vec<_> = plant.chain().joints().iter().map(|j| j.name.as_str()).collect();
     let state = plant.sample();
     let [x, y, z] = state.foot_position;
     print(&format!(
-        "{scenario}: good. {} s, {} operator changes, robot {} with joints {}, foot starts at ({x:.4}, {y:.4}, {z:.4}) m",
+        "{scenario}: valid. {} s, {} operator changes, robot {} with joints {}, foot starts at ({x:.4}, {y:.4}, {z:.4}) m",
         settings.duration_ticks as f64 * hapfic_config::PERIOD_S,
         settings.operator.len(),
         settings.robot.urdf.name,
         joints.join(" "),
     ));
     for unstable in stability::unstable_sets(&settings)? {
-        say(&unstable.warning());
+        log_line(&unstable.warning());
     }
     Ok(Outcome::Done)
 }

@@ -1,18 +1,18 @@
-//! `hapfic set`, `estop`, `rearm` and `inject`: one thing asked of a running stack, and its answer printed.
+//! `hapfic set`, `estop`, `rearm` and `inject`: one request to a running stack.
 
 use crate::{Outcome, print};
 use anyhow::Result;
 use hapfic_messages::OperatorKind;
 use hapfic_supervisor::operator::client;
 
-/// Asks, and prints the answer. The stack itself checks the words.
-pub fn order(run: Option<&str>, kind: OperatorKind, words: &[String]) -> Result<Outcome> {
+/// Sends the request and prints the reply. The stack itself checks the words.
+pub fn request(run: Option<&str>, kind: OperatorKind, words: &[String]) -> Result<Outcome> {
     let text = words.join("\0");
     match client::find(run).and_then(|found| client::ask_once(&found, kind, &text)) {
-        Ok(answer) => {
-            print(&answer);
+        Ok(reply) => {
+            print(&reply);
             Ok(Outcome::Done)
         }
-        Err(e) => Ok(Outcome::Refused(e)),
+        Err(e) => Ok(Outcome::Rejected(e)),
     }
 }

@@ -1,4 +1,4 @@
-//! One file for each thing the program can do.
+//! The commands of the program, one file each.
 
 pub mod bench;
 pub mod check;

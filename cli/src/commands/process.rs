@@ -9,7 +9,7 @@ use hapfic_messages::Process;
 use std::os::unix::process::CommandExt;
 use std::path::PathBuf;
 
-/// A process that the supervisor starts.
+/// Role of a process that the supervisor starts.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub enum ProcessName {
     /// The simulated robot.
@@ -22,8 +22,8 @@ pub enum ProcessName {
     Standby,
 }
 
-/// Joins the run that the environment names, and works until it ends; or becomes a foreign program that does.
-pub fn process(name: ProcessName, foreign: &[String]) -> Result<Outcome> {
+/// Joins the run that the environment names and works until it ends, or becomes an external process that does.
+pub fn process(name: ProcessName, external: &[String]) -> Result<Outcome> {
     let process = match name {
         ProcessName::Plant => Process::Plant,
         ProcessName::Planner => Process::Planner,
@@ -31,16 +31,16 @@ pub fn process(name: ProcessName, foreign: &[String]) -> Result<Outcome> {
         ProcessName::Standby => Process::Standby,
     };
     let Some(path) = std::env::var_os(RunFile::VARIABLE).map(PathBuf::from) else {
-        return Ok(Outcome::Refused(anyhow::anyhow!(
-            "{} is not set, expected the path of a run file: processes are started by `hapfic run`",
+        return Ok(Outcome::Rejected(anyhow::anyhow!(
+            "{} is not set, expected the path of a run file. Hint: `hapfic run` starts the processes",
             RunFile::VARIABLE
         )));
     };
     let run = match RunFile::read(&path) {
         Ok(run) => run,
-        Err(e) => return Ok(Outcome::Refused(e.into())),
+        Err(e) => return Ok(Outcome::Rejected(e.into())),
     };
-    if let [program, arguments @ ..] = foreign {
+    if let [program, arguments @ ..] = external {
         hapfic_ipc::tie_to_supervisor(run.supervisor_pid, hapfic_ipc::Ending::Asked).context("cannot join the run")?;
         let failed = std::process::Command::new(program).args(arguments).exec();
         return Err(failed).with_context(|| format!("processes.{process}: cannot start '{program}'"));

@@ -1,4 +1,4 @@
-//! `hapfic recover`: a log that was cut off or damaged becomes readable again.
+//! `hapfic recover`: makes a readable copy of a truncated or damaged log.
 
 use crate::{Outcome, print};
 use anyhow::Result;
@@ -6,19 +6,19 @@ use hapfic_log::{Recovery, TickGaps};
 use std::fmt::Write;
 use std::path::Path;
 
-/// Recovers a log and says what was kept and what was lost.
+/// Recovers a log and prints what the copy keeps and what is lost.
 pub fn recover(log: &Path, output: Option<&Path>) -> Result<Outcome> {
     match hapfic_log::recover(log, output) {
         Ok(found) => {
             print(text(log, &found).trim_end());
             Ok(Outcome::Done)
         }
-        Err(e) if e.is_refusal() => Ok(Outcome::Refused(e.into())),
+        Err(e) if e.is_refusal() => Ok(Outcome::Rejected(e.into())),
         Err(e) => Err(e.into()),
     }
 }
 
-/// What there is to say, line by line.
+/// Formats the result of the recovery.
 fn text(log: &Path, found: &Recovery) -> String {
     let mut lines = vec![match &found.output {
         None => format!("{}: whole, no copy was made", log.display()),
@@ -27,7 +27,7 @@ fn text(log: &Path, found: &Recovery) -> String {
     let topics: Vec<_> = found.messages.iter().map(|(topic, count)| format!("{topic} {count}")).collect();
     lines.push(format!("messages     {} kept: {}", found.message_count(), topics.join(", ")));
     if found.unchecked > 0 {
-        lines.push(format!("             {} of them rescued from damaged chunks, without a checksum", found.unchecked));
+        lines.push(format!("             {} of them from damaged chunks, without a checksum", found.unchecked));
     }
     lines.push(match found.ticks() {
         Some((first, last)) => format!("ticks        {first} to {last}"),

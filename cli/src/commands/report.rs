@@ -6,47 +6,47 @@ use clap::Args;
 use hapfic_report::{Places, Report, ReportError};
 use std::path::PathBuf;
 
-/// What to make of a log.
+/// Arguments of `hapfic report`.
 #[derive(Args, Debug)]
 pub struct ReportArgs {
-    /// A log of `hapfic run`.
+    /// Log of `hapfic run`.
     pub log: PathBuf,
-    /// One self-contained interactive page; `LOG` with the ending `.html` if nothing is asked for.
+    /// File for the self-contained interactive page; `LOG` with the ending `.html` if no output is given.
     #[arg(long, value_name = "FILE")]
     pub html: Option<PathBuf>,
-    /// A folder for the figures as PNG, for print.
+    /// Folder for the figures as PNG, for print.
     #[arg(long, value_name = "DIR")]
     pub png: Option<PathBuf>,
-    /// The summary, the events and the moments of the pictures as JSON.
+    /// File for the summary, the events and the times of the snapshots as JSON.
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
 }
 
-/// Reads the log, and writes what was asked for; the page and a summary if nothing was.
+/// Reads the log, and writes the requested outputs; by default the page, and a summary to standard output.
 pub fn report(args: &ReportArgs) -> Result<Outcome> {
     match make(args) {
         Ok(()) => Ok(Outcome::Done),
-        Err(e) if e.is_refusal() => Ok(Outcome::Refused(e.into())),
+        Err(e) if e.is_refusal() => Ok(Outcome::Rejected(e.into())),
         Err(e) => Err(e.into()),
     }
 }
 
-/// Does it, and says what was written, as soon as it is.
+/// Writes the outputs, and prints the path of each once it is written.
 fn make(args: &ReportArgs) -> Result<(), ReportError> {
     let mut places = Places { page: args.html.clone(), pictures: args.png.clone(), json: args.json.clone() };
-    let nothing_asked = places == Places::default();
-    if nothing_asked {
+    let no_output_given = places == Places::default();
+    if no_output_given {
         places.page = Some(args.log.with_extension("html"));
     }
     let report = Report::read(&args.log)?;
     let mut first = true;
-    let about = if nothing_asked {
+    let about = if no_output_given {
         report.text()
     } else {
-        report.run().cut_off.as_ref().map_or_else(String::new, |cause| format!("the report is made from what is whole: {cause}"))
+        report.run().cut_off.as_ref().map_or_else(String::new, |cause| format!("the report covers the intact part of the log: {cause}"))
     };
     report.write(&places, |what, path| {
-        // Not before the first part is there: a refusal stands alone.
+        // Printed after the first output exists, so that an error stands alone.
         if std::mem::take(&mut first) && !about.is_empty() {
             print(about.trim_end());
         }

@@ -1,4 +1,4 @@
-//! `hapfic run`: a scenario from start to summary.
+//! `hapfic run`: runs a scenario and prints its summary.
 
 use crate::{Outcome, print};
 use anyhow::{Context, Result};
@@ -6,28 +6,28 @@ use clap::{Args, ValueEnum};
 use hapfic_config::Settings;
 use hapfic_messages::{Clock, RealtimeMode};
 use hapfic_supervisor::RunRequest;
-use hapfic_supervisor::launch::{self, Refused};
+use hapfic_supervisor::launch::{self, Rejected};
 use hapfic_supervisor::summary::Summary;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// How to run.
+/// Arguments of `hapfic run`.
 #[derive(Args, Debug)]
 pub struct RunArgs {
     /// Name of an embedded scenario, or path of a file.
     #[arg(default_value = "floor")]
     pub scenario: String,
-    /// How time passes.
+    /// Clock of the run.
     #[arg(long, value_enum, default_value_t = ClockName::Realtime)]
     pub clock: ClockName,
-    /// Simulated time, s; replaces the scenario's.
+    /// Simulated time; replaces the scenario's [s].
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     pub duration: Option<f64>,
     /// Seed; replaces the scenario's.
     #[arg(long, value_name = "N")]
     pub seed: Option<u64>,
-    /// Where to log; a file in `logs/` if not given.
+    /// Path of the log; a file in `logs/` if not given.
     #[arg(long, value_name = "FILE")]
     pub log: Option<PathBuf>,
     /// Replace a value: `controller.taper=0.1`, `operator.2.desired_force=[0, 0, 80]`.
@@ -36,7 +36,7 @@ pub struct RunArgs {
     /// Also write the summary as JSON.
     #[arg(long, value_name = "FILE")]
     pub summary_json: Option<PathBuf>,
-    /// Whether to ask for real-time privileges: take what can be had, refuse to start without all, or ask for none.
+    /// Real-time privileges: take the available ones, require all, or request none.
     #[arg(long, value_enum, default_value_t = RealtimeName::Auto)]
     pub realtime: RealtimeName,
 }
@@ -56,12 +56,12 @@ impl Default for RunArgs {
     }
 }
 
-/// How time passes.
+/// Clock of a run.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub enum ClockName {
-    /// An absolute timer, 1 kHz.
+    /// An absolute timer of 1 kHz.
     Realtime,
-    /// As fast as it goes; the same every time.
+    /// As fast as possible; the same bytes every time.
     Lockstep,
 }
 
@@ -74,14 +74,14 @@ impl From<ClockName> for Clock {
     }
 }
 
-/// How hard to try for real-time privileges.
+/// Use of real-time privileges.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub enum RealtimeName {
-    /// Take what can be had, and say what is missing.
+    /// Take the available ones, and list the missing ones.
     Auto,
-    /// Refuse to start without all of it.
+    /// Do not start without all of them.
     Require,
-    /// Ask for none.
+    /// Request none.
     Off,
 }
 
@@ -106,11 +106,11 @@ pub fn run(args: &RunArgs, since: Instant) -> Result<Outcome> {
     }
     let settings = match Settings::load(&args.scenario, &overrides) {
         Ok(settings) => settings,
-        Err(e) => return Ok(Outcome::Refused(e.into())),
+        Err(e) => return Ok(Outcome::Rejected(e.into())),
     };
     let summary_file = match args.summary_json.as_deref().map(SummaryFile::open).transpose() {
         Ok(file) => file,
-        Err(e) => return Ok(Outcome::Refused(e)),
+        Err(e) => return Ok(Outcome::Rejected(e)),
     };
     let request = RunRequest {
         scenario: args.scenario.clone(),
@@ -122,11 +122,11 @@ pub fn run(args: &RunArgs, since: Instant) -> Result<Outcome> {
     };
     let summary = match launch::run(&request)? {
         Ok(summary) => summary,
-        Err(Refused(e)) => {
+        Err(Rejected(e)) => {
             if let Some(file) = summary_file {
                 file.forget();
             }
-            return Ok(Outcome::Refused(e));
+            return Ok(Outcome::Rejected(e));
         }
     };
     print(summary.text().trim_end());
@@ -136,8 +136,7 @@ pub fn run(args: &RunArgs, since: Instant) -> Result<Outcome> {
     Ok(if summary.completed { Outcome::Done } else { Outcome::Failed })
 }
 
-/// Where the summary goes: opened before the run, since a summary that cannot be written should not cost one, and emptied only
-/// after it.
+/// File of the JSON summary. Opened before the run, so that an unwritable path costs no run; emptied only after it.
 struct SummaryFile {
     file: std::fs::File,
     path: PathBuf,
@@ -155,12 +154,12 @@ impl SummaryFile {
 
     fn write(&self, summary: &Summary) -> Result<()> {
         let text = serde_json::to_vec_pretty(summary)?;
-        // A device or a pipe has no length to set.
+        // Fails on a device or a pipe, which has no length.
         let _ = self.file.set_len(0);
         (&self.file).write_all(&text).with_context(|| format!("cannot write {}", self.path.display()))
     }
 
-    /// The run was rejected: leaves things as they were.
+    /// Removes the file if it is new: the run was rejected.
     fn forget(self) {
         if !self.existed {
             let _ = std::fs::remove_file(&self.path);
@@ -168,7 +167,7 @@ impl SummaryFile {
     }
 }
 
-/// `logs/floor-20260131-154502-1234.mcap`, local to where the program was started.
+/// Default path of the log, relative to the working directory: `logs/floor-20260131-154502-1234.mcap`.
 fn default_log(scenario: &str) -> PathBuf {
     let stem = Path::new(scenario).file_stem().and_then(|s| s.to_str()).unwrap_or("run");
     let seconds = hapfic_ipc::clock::unix_ns() / 1_000_000_000;
@@ -177,7 +176,7 @@ fn default_log(scenario: &str) -> PathBuf {
     PathBuf::from(format!("logs/{stem}-{year:04}{month:02}{day:02}-{h:02}{m:02}{s:02}-{}.mcap", std::process::id()))
 }
 
-/// Year, month and day of a day since 1970-01-01 (UTC).
+/// Year, month and day of the `day`-th day after 1970-01-01 (UTC).
 fn civil(mut day: u64) -> (u64, u64, u64) {
     let leap = |y: u64| y.is_multiple_of(4) && (!y.is_multiple_of(100) || y.is_multiple_of(400));
     let mut year = 1970;
@@ -202,7 +201,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn days_have_their_dates() {
+    fn civil_leap_years_return_dates() {
         assert_eq!(civil(0), (1970, 1, 1));
         assert_eq!(civil(19_782), (2024, 2, 29));
         assert_eq!(civil(20_819), (2027, 1, 1));

@@ -1,4 +1,4 @@
-//! `hapfic scenarios`: what there is to run.
+//! `hapfic scenarios`: the embedded scenarios.
 
 use crate::{Outcome, print};
 use anyhow::Result;
@@ -20,7 +20,7 @@ pub fn scenarios(name: Option<&str>) -> Result<Outcome> {
             }
             None => {
                 let names: Vec<_> = embedded().iter().map(|s| s.name).collect();
-                Ok(Outcome::Refused(anyhow::anyhow!("no scenario '{name}', expected one of: {}", names.join(", "))))
+                Ok(Outcome::Rejected(anyhow::anyhow!("no scenario '{name}', expected one of: {}", names.join(", "))))
             }
         },
     }

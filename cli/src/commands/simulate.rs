@@ -1,11 +1,11 @@
 //! `hapfic simulate`: the whole stack in one process, for parameter studies.
 //!
-//! The laws are those of the processes, called in lockstep's order (`simulation.rs`), so the figures are those of
-//! `hapfic run --clock lockstep` to the last bit; there is no shared memory, no clock and no log unless one is asked for.
+//! The laws are those of the processes, called in the order of lockstep (`simulation.rs`). So the metrics equal those of
+//! `hapfic run --clock lockstep` to the last bit. There is no shared memory and no clock, and a log only on request.
 
 mod text;
 
-use crate::{Outcome, print, say};
+use crate::{Outcome, log_line, print};
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use hapfic_config::Settings;
@@ -14,8 +14,7 @@ use hapfic_simulation::recording::Recording;
 use hapfic_simulation::study::{Done, End, study};
 use hapfic_simulation::sweep::Grid;
 use hapfic_simulation::{figures, pool};
-use hapfic_supervisor::children::foreign;
-use hapfic_supervisor::children::started;
+use hapfic_supervisor::children::{external_command, started};
 use serde_json::{Value, json};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use std::fs::File;
@@ -25,13 +24,13 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
-/// What to simulate.
+/// Arguments of `hapfic simulate`.
 #[derive(Args, Debug)]
 pub struct SimulateArgs {
     /// Name of an embedded scenario, or path of a file.
     #[arg(default_value = "floor")]
     pub scenario: String,
-    /// Simulated time of each run, s; replaces the scenario's.
+    /// Simulated time of each run; replaces the scenario's [s].
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     pub duration: Option<f64>,
     /// Replace a value: `controller.taper=0.1`, `operator.2.desired_force=[0, 0, 80]`.
@@ -40,13 +39,13 @@ pub struct SimulateArgs {
     /// Run once with each value: `controller.taper=0.1,0.2` or `controller.taper=0.05:0.25:5`; several sweeps are combined.
     #[arg(long, value_name = "KEY=VALUES")]
     pub sweep: Vec<String>,
-    /// Simulations at a time; as many as there are cores if not given.
+    /// Number of simulations in parallel; the number of cores if not given.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub jobs: Option<u16>,
-    /// Write a log, as `hapfic run --clock lockstep` does; of one run.
+    /// Write a log, as `hapfic run --clock lockstep` does; for a single run only.
     #[arg(long, value_name = "FILE", conflicts_with = "sweep")]
     pub log: Option<PathBuf>,
-    /// Write all figures as a table, a line for each run as soon as it and all before it have ended.
+    /// Write all metrics as a table: a line for each run once it and all earlier ones have ended.
     #[arg(long, value_name = "FILE")]
     pub csv: Option<PathBuf>,
     /// Print one JSON object at the end instead of text.
@@ -54,23 +53,23 @@ pub struct SimulateArgs {
     pub json: bool,
 }
 
-/// Checks all runs, then does them.
+/// Checks all runs, then simulates them.
 ///
-/// A run of a sweep that cannot go on is a result; the only run of all that cannot is a failure.
+/// A run of a sweep that fails is a result; a single run that fails is a failure of the command.
 pub fn simulate(args: &SimulateArgs) -> Result<Outcome> {
     match Prepared::new(args) {
         Ok(prepared) => prepared.run(args),
-        Err(e) => Ok(Outcome::Refused(e)),
+        Err(e) => Ok(Outcome::Rejected(e)),
     }
 }
 
-/// Everything that can fail because of what was asked for, done.
+/// Checked arguments, with all that invalid ones could make fail.
 struct Prepared {
     grid: Grid,
-    /// Of each run.
+    /// Settings of each run.
     settings: Vec<Settings>,
     jobs: usize,
-    /// Of all this program may use, those that the jobs can keep busy.
+    /// Number of usable cores that the jobs keep busy.
     cores: usize,
     csv: Option<Csv>,
     recording: Option<Recording>,
@@ -106,7 +105,7 @@ impl Prepared {
         };
         let stop = Arc::new(AtomicBool::new(false));
         for signal in [SIGINT, SIGTERM, SIGHUP] {
-            // The second one ends at once.
+            // The second signal ends the program immediately.
             signal_hook::flag::register_conditional_shutdown(signal, 3, Arc::clone(&stop)).context("cannot handle signals")?;
             signal_hook::flag::register(signal, Arc::clone(&stop)).context("cannot handle signals")?;
         }
@@ -121,7 +120,7 @@ impl Prepared {
         if self.grid.sweeps().is_empty() { self.one(args, begun) } else { self.all(args, begun) }
     }
 
-    /// The only run.
+    /// Simulates a single run.
     fn one(self, args: &SimulateArgs, begun: Instant) -> Result<Outcome> {
         let Self { settings, csv, mut recording, stop, .. } = self;
         let [settings] = settings.as_slice() else { bail!("found {} runs, expected one", settings.len()) };
@@ -146,7 +145,7 @@ impl Prepared {
         Ok(if done.end == End::Completed { Outcome::Done } else { Outcome::Failed })
     }
 
-    /// All runs of a sweep.
+    /// Simulates all runs of a sweep.
     fn all(self, args: &SimulateArgs, begun: Instant) -> Result<Outcome> {
         let Self { grid, settings, jobs, cores, csv, stop, .. } = self;
         let table = text::Table::new(&grid);
@@ -181,17 +180,17 @@ impl Prepared {
             print(&text::speed(given, simulated_s, wall_s, [jobs, cores]));
         }
         if failed > 0 {
-            say(&format!("hapfic: {failed} of {given} runs could not go on to their end; the table says why"));
+            log_line(&format!("hapfic: {failed} of {given} runs did not complete; the table lists the causes"));
         }
         if given < settings.len() {
-            say(&format!("hapfic: it was ended after {given} of {} runs", settings.len()));
+            log_line(&format!("hapfic: interrupted after {given} of {} runs", settings.len()));
             return Ok(Outcome::Failed);
         }
         Ok(Outcome::Done)
     }
 }
 
-/// Loads and checks a run.
+/// Loads and checks the settings of a run.
 fn load(scenario: &str, fixed: &[String], swept: &[String]) -> Result<Settings> {
     let overrides: Vec<String> = fixed.iter().chain(swept).cloned().collect();
     let settings = Settings::load(scenario, &overrides)?;
@@ -199,23 +198,22 @@ fn load(scenario: &str, fixed: &[String], swept: &[String]) -> Result<Settings> 
     Plant::new(&settings).with_context(what)?;
     ensure!(
         settings.faults.is_empty(),
-        "{}: fault: found {} of them, expected none: there are no processes that could fail; use `hapfic run --clock lockstep`, \
-         or --set 'fault=[]'",
+        "{}: fault: found {} of them, expected none: there are no processes that could fail. Hint: use `hapfic run --clock \
+         lockstep`, or --set 'fault=[]'",
         what(),
         settings.faults.len()
     );
-    if let Some(process) = started(&settings).iter().find(|process| foreign(&settings.processes, **process).is_some()) {
+    if let Some(process) = started(&settings).iter().find(|process| external_command(&settings.processes, **process).is_some()) {
         bail!(
-            "{}: processes: found a foreign command for the {process}, expected none: there are no processes; use `hapfic run \
-             --clock lockstep`",
+            "{}: processes: found an external process for the {process}, expected none: there are no processes. Hint: use \
+             `hapfic run --clock lockstep`",
             what()
         );
     }
     Ok(settings)
 }
 
-/// The table that is being written. Opened before the first run, since a table that cannot be written should not cost one, and
-/// emptied only then.
+/// File of the table. Opened with the checks, so that an unwritable path costs no run; emptied at the first run.
 struct Csv {
     file: File,
     path: PathBuf,
@@ -233,17 +231,17 @@ impl Csv {
     }
 
     fn begin(&self, head: &str) -> Result<()> {
-        // A device or a pipe has no length to set.
+        // Fails on a device or a pipe, which has no length.
         let _ = self.file.set_len(0);
         self.append(head)
     }
 
-    /// A whole line at once.
+    /// Appends a line in one write.
     fn append(&self, line: &str) -> Result<()> {
         (&self.file).write_all(line.as_bytes()).with_context(|| format!("cannot write {}", self.path.display()))
     }
 
-    /// Nothing was run: leaves things as they were.
+    /// Removes the file if it is new: no run was started.
     fn forget(self) {
         if !self.existed {
             let _ = std::fs::remove_file(&self.path);
@@ -251,13 +249,13 @@ impl Csv {
     }
 }
 
-/// How much was done in which time.
+/// Totals of a study.
 struct Totals {
     simulated_s: f64,
     wall_s: f64,
     jobs: usize,
     cores: usize,
-    /// That were asked for.
+    /// Number of requested runs.
     runs: usize,
 }
 

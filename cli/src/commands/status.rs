@@ -1,4 +1,4 @@
-//! `hapfic status`: how a running stack is.
+//! `hapfic status`: shows the status of a running stack.
 
 use crate::{Outcome, print};
 use anyhow::{Context, Result, bail};
@@ -11,20 +11,20 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-/// How often the table is drawn.
-const DRAW_EVERY: Duration = Duration::from_millis(250);
+/// Interval between two drawings of the table.
+const DRAW_INTERVAL: Duration = Duration::from_millis(250);
 
-/// Prints the table once, or again and again in place if there is a terminal; or one JSON object.
+/// Prints the table once, or repeatedly in place on a terminal; or one JSON object.
 pub fn status(run: Option<&str>, json: bool, once: bool) -> Result<Outcome> {
     let connected = client::find(run).and_then(|found| Connection::open(&found).map(|connection| (found, connection)));
     let (found, connection) = match connected {
         Ok(connected) => connected,
-        Err(e) => return Ok(Outcome::Refused(e)),
+        Err(e) => return Ok(Outcome::Rejected(e)),
     };
     let first = match ask(&connection, &found) {
         Ok(Some(status)) => status,
-        Ok(None) => return Ok(Outcome::Refused(anyhow::anyhow!("run {} does not answer, expected its status", found.run))),
-        Err(e) => return Ok(Outcome::Refused(e)),
+        Ok(None) => return Ok(Outcome::Rejected(anyhow::anyhow!("run {} does not answer, expected its status", found.run))),
+        Err(e) => return Ok(Outcome::Rejected(e)),
     };
     if json {
         print(&serde_json::to_string_pretty(&first)?);
@@ -36,7 +36,7 @@ pub fn status(run: Option<&str>, json: bool, once: bool) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// `None` if the run does not answer any more.
+/// Asks the run for its status; `None` if it does not reply.
 fn ask(connection: &Connection, found: &Registration) -> Result<Option<Status>> {
     let Some(reply) = connection.ask(OperatorKind::Status, "")? else { return Ok(None) };
     let text = match reply.parts()? {
@@ -44,15 +44,15 @@ fn ask(connection: &Connection, found: &Registration) -> Result<Option<Status>> 
         (ReplyCode::Refused, text) => bail!("{text}"),
     };
     let status: Status =
-        serde_json::from_str(text).context("the run's status cannot be read; is it of another version of hapfic?")?;
+        serde_json::from_str(text).context("the run's status cannot be read. Hint: it may run another version of hapfic")?;
     Ok(Some(Status { scenario: found.scenario.clone(), log: found.log.clone(), ..status }))
 }
 
-/// Draws until the run ends or somebody interrupts.
+/// Draws the table until the run ends or a signal comes.
 fn follow(connection: &Connection, found: &Registration, first: Status) -> Result<()> {
     let interrupted = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
-        // The connection is then closed in order.
+        // A handled signal lets the connection close in order.
         signal_hook::flag::register(signal, Arc::clone(&interrupted)).context("cannot handle signals")?;
     }
     let mut out = std::io::stdout();
@@ -60,15 +60,15 @@ fn follow(connection: &Connection, found: &Registration, first: Status) -> Resul
     let mut next = Some(first);
     while let Some(status) = next {
         let table = status.table();
-        // Back to the first line of the last table, and over it; a terminal that has gone away ends it.
+        // Back to the first line of the last table, to overwrite it; a closed terminal ends the command.
         let up = if drawn > 0 { format!("\x1b[{drawn}A") } else { String::new() };
-        // Long lines are cut, not wrapped: the way up counts lines.
+        // Long lines are cut, not wrapped: the cursor moves up by lines.
         let lines: String = table.lines().map(|line| format!("\x1b[2K\x1b[?7l{line}\x1b[?7h\n")).collect();
         if write!(out, "{up}{lines}").and_then(|()| out.flush()).is_err() {
             return Ok(());
         }
         drawn = table.lines().count();
-        std::thread::sleep(DRAW_EVERY);
+        std::thread::sleep(DRAW_INTERVAL);
         if interrupted.load(Ordering::Relaxed) || hapfic_supervisor::registry::while_alive(&found.run, || ())?.is_none() {
             break;
         }

@@ -1,12 +1,12 @@
-//! `hapfic nuisance`: a process that is in everybody's way, started for a fault on purpose. Ends with its supervisor.
+//! `hapfic stressor`: a process that keeps cores busy or fills a disk, for an injected fault. It ends with its supervisor.
 
 use crate::Outcome;
 use anyhow::{Context, Result, bail};
 use std::io::Write;
 use std::time::{Duration, Instant};
 
-/// Does what its arguments say: `hog MS` keeps a core busy, `fill FILE` writes until the disk is full.
-pub fn nuisance(supervisor: i32, arguments: &[String]) -> Result<Outcome> {
+/// Stresses the machine: `hog MS` keeps a core busy, `fill FILE` writes until the disk is full.
+pub fn stressor(supervisor: i32, arguments: &[String]) -> Result<Outcome> {
     hapfic_ipc::tie_to_supervisor(supervisor, hapfic_ipc::Ending::Killed).context("cannot join the run")?;
     match arguments.iter().map(String::as_str).collect::<Vec<_>>()[..] {
         ["hog", ms] => {
@@ -21,7 +21,7 @@ pub fn nuisance(supervisor: i32, arguments: &[String]) -> Result<Outcome> {
         ["fill", path] => {
             let mut file = std::fs::File::create_new(path).with_context(|| format!("cannot make {path}"))?;
             let block = vec![0_u8; 1 << 16];
-            // Until there is no room for a block, then none for a byte.
+            // Until neither a block nor a smaller piece fits.
             while file.write_all(&block).is_ok() {}
             while file.write_all(&[0; 64]).is_ok() {}
         }

@@ -1,4 +1,4 @@
-//! Faults on purpose: what fits together, and the draws.
+//! Injected faults: conditions between the keys of an entry, and sampling of random faults.
 
 use super::{At, TICKS_PER_S, ticks};
 use crate::error::ConfigError;
@@ -7,28 +7,28 @@ use crate::raw::{RawFault, RawTargets};
 use crate::tree::describe_number;
 use fastrand::Rng;
 
-/// Most faults of a run: they are all drawn before it starts.
+/// Most faults of a run, all sampled before the run starts.
 const MAX_FAULTS: usize = 1_000_000;
 
-/// What an entry does, whenever it does it.
+/// Effect of an entry, without its time.
 pub(super) struct Effect {
-    /// At tick 0, on the only target or the first of several.
+    /// The fault at tick 0, on the only target or the first of several.
     pub(super) fault: Fault,
-    /// What it may happen to; none: the machine.
+    /// Possible targets; empty: the machine.
     targets: Vec<FaultTarget>,
 }
 
 impl Effect {
-    fn at(&self, tick: i64, draws: &mut Rng) -> Fault {
+    fn at(&self, tick: i64, rng: &mut Rng) -> Fault {
         let target = match self.targets.as_slice() {
-            several @ [_, _, ..] => several[draws.u64(..several.len() as u64) as usize],
+            several @ [_, _, ..] => several[rng.u64(..several.len() as u64) as usize],
             _ => self.fault.target,
         };
         Fault { tick, target, ..self.fault }
     }
 }
 
-/// When an entry's faults begin: so many times from one tick to before another.
+/// Times at which an entry's faults begin: `count` ticks in `from..to`.
 struct When {
     count: u32,
     from: i64,
@@ -36,7 +36,7 @@ struct When {
 }
 
 impl At<'_> {
-    /// All faults of a run of so many ticks, in the order of time; those of one tick in the order of the entries.
+    /// Returns all faults of a run of `run` ticks, in the order of time; at the same tick in the order of the entries.
     pub(super) fn faults(&self, raw: &[RawFault], run: i64, seed: u64) -> Result<Vec<Fault>, ConfigError> {
         let mut seeds = Rng::with_seed(seed);
         let mut faults: Vec<Fault> = Vec::new();
@@ -44,40 +44,40 @@ impl At<'_> {
             let path = format!("fault[{index}]");
             let effect = self.effect(&path, entry)?;
             let when = self.when(&path, entry, run)?;
-            // Each entry has a generator of its own: more draws of one leave the others as they were.
-            let mut draws = seeds.fork();
+            // Each entry has its own generator, so that more samples of one entry leave the other entries unchanged.
+            let mut rng = seeds.fork();
             let all = faults.len() + when.count as usize;
             if all > MAX_FAULTS {
                 let expected = format!("at most {MAX_FAULTS} in all");
                 let help = "lower the counts, or spread the faults over several runs";
-                let found = format!("an entry that makes them {all} faults");
+                let found = format!("an entry that raises the number of faults to {all}");
                 return Err(ConfigError::Combination(self.complain(&path, &found, &expected, help)));
             }
             faults.extend((0..when.count).map(|_| {
-                let tick = draws.i64(when.from..when.to);
-                effect.at(tick, &mut draws)
+                let tick = rng.i64(when.from..when.to);
+                effect.at(tick, &mut rng)
             }));
         }
         faults.sort_by_key(|fault| fault.tick);
         Ok(faults)
     }
 
-    /// What an entry does: kind, process, length and delay fit together.
+    /// Checks that kind, process, length and delay of an entry fit together.
     pub(super) fn effect(&self, path: &str, raw: &RawFault) -> Result<Effect, ConfigError> {
         let kind = raw.kind;
         let targets = self.targets(path, raw)?;
         if raw.for_ms.is_some() && !kind.lasts() {
-            let help = format!("{} knows no length: remove for_ms", kind.name());
+            let help = format!("{} has no length: remove for_ms", kind.name());
             return Err(self.misfit(path, "for_ms", kind, "no length", &help));
         }
         match (kind, raw.by_us) {
             (FaultKind::Slow, None) => {
                 let help = "add by_us, an integer in [1, 100000]";
-                return Err(self.misfit(path, "by_us", kind, "by how much each tick is slowed, us", help));
+                return Err(self.misfit(path, "by_us", kind, "the delay of each tick, us", help));
             }
             (FaultKind::Slow, Some(_)) | (_, None) => {}
             (_, Some(_)) => {
-                return Err(self.misfit(path, "by_us", kind, "no delay", "only slow takes one: remove by_us"));
+                return Err(self.misfit(path, "by_us", kind, "no delay", "only slow has a delay: remove by_us"));
             }
         }
         let target = targets.first().copied().unwrap_or(FaultTarget::Machine);
@@ -98,7 +98,7 @@ impl At<'_> {
         let one_of = format!("one of {}", words.join(", "));
         match &raw.process {
             None if allowed.is_empty() => Ok(Vec::new()),
-            None => Err(self.misfit(path, "process", kind, &one_of, "add process, which says what it happens to")),
+            None => Err(self.misfit(path, "process", kind, &one_of, "add process, the target of the fault")),
             Some(_) if allowed.is_empty() => {
                 let help = format!("{} happens to the whole machine: remove process", kind.name());
                 Err(self.misfit(path, "process", kind, "no process", &help))
@@ -107,7 +107,7 @@ impl At<'_> {
                 let targets = written.as_slice();
                 if targets.is_empty() {
                     let key = format!("{path}.process");
-                    let expected = "a process, or a list of which one is drawn each time";
+                    let expected = "a process, or a list to sample from";
                     let complaint = self.complain(&key, &self.found(&key), expected, "name at least one");
                     return Err(ConfigError::WrongLength(complaint));
                 }
@@ -116,7 +116,7 @@ impl At<'_> {
                 };
                 let key = match written {
                     RawTargets::One(_) => "process".to_owned(),
-                    RawTargets::Drawn(_) => format!("process[{index}]"),
+                    RawTargets::Sampled(_) => format!("process[{index}]"),
                 };
                 Err(self.misfit(path, &key, kind, &one_of, "the supervisor can only be killed"))
             }
@@ -135,19 +135,19 @@ impl At<'_> {
                     return Ok(When { count: 1, from: tick, to: tick + 1 });
                 }
                 let key = format!("{path}.at_s");
-                let help = "after the run's end nothing happens: lengthen the run, or let it happen sooner";
+                let help = "no fault occurs after the run's end: lengthen the run, or choose an earlier time";
                 Err(wrong(&key, &self.found(&key), &format!("less than {}", end()), help))
             }
             (None, Some(random)) => {
                 let (from, to) = (ticks(random.from_s), ticks(random.to_s));
                 let (from_key, to_key) = (format!("{path}.random.from_s"), format!("{path}.random.to_s"));
                 if to > run {
-                    let help = "after the run's end nothing happens: lengthen the run, or end the draws sooner";
+                    let help = "no fault occurs after the run's end: lengthen the run, or choose an earlier end";
                     return Err(wrong(&to_key, &self.found(&to_key), &format!("at most {}", end()), help));
                 }
                 if from >= to {
                     let expected = format!("less than {to_key} = {}", self.found(&to_key));
-                    let help = "there must be a tick of 1 ms to draw from";
+                    let help = "the span must contain a tick of 1 ms";
                     return Err(wrong(&from_key, &self.found(&from_key), &expected, help));
                 }
                 Ok(When { count: random.count, from, to })

@@ -1,4 +1,4 @@
-//! Floor and objects.
+//! Checks of the floor and the objects.
 
 use super::At;
 use crate::error::ConfigError;
@@ -7,11 +7,11 @@ use crate::raw::{RawObject, RawWorld};
 use crate::settings::{Floor, MAX_OBJECTS, Object, ObjectShape, Surface, World};
 use crate::tree::describe_number;
 
-/// Longest gravity, m/s^2.
+/// Longest gravity vector [m/s^2].
 const GRAVITY_MAX: f64 = 100.0;
-/// Names that something else has: in contacts, and in what viewers are shown.
-const TAKEN: [&str; 4] = ["floor", "contacts", "reference", "target"];
-/// Longest name of an object, bytes: as much as summaries keep.
+/// Names in use by contacts and by viewer frames.
+const RESERVED_NAMES: [&str; 4] = ["floor", "contacts", "reference", "target"];
+/// Longest name of an object [bytes]: the length that summaries keep.
 const LONGEST_NAME: usize = 31;
 
 impl At<'_> {
@@ -34,18 +34,18 @@ impl At<'_> {
         if raw.objects.len() > MAX_OBJECTS {
             let found = format!("{} of them", raw.objects.len());
             let expected = format!("at most {MAX_OBJECTS}");
-            let help = "the messages have room for so many";
+            let help = "the messages have no room for more";
             return Err(ConfigError::WrongLength(self.complain("world.object", &found, &expected, help)));
         }
         let mut objects: Vec<Object> = Vec::with_capacity(raw.objects.len());
         for (index, object) in raw.objects.into_iter().enumerate() {
             let object = self.object(&format!("world.object[{index}]"), object)?;
             let name = object.name.as_str();
-            let taken = TAKEN.contains(&name) || objects.iter().any(|o| o.name == name);
+            let taken = RESERVED_NAMES.contains(&name) || objects.iter().any(|o| o.name == name);
             if name.trim().is_empty() || name.len() > LONGEST_NAME || taken {
                 let key = format!("world.object[{index}].name");
-                let expected = format!("a name of its own of at most {LONGEST_NAME} bytes, none of {}", TAKEN.join(", "));
-                let help = "contacts, figures and views tell bodies apart by these names";
+                let expected = format!("a unique name of at most {LONGEST_NAME} bytes, none of {}", RESERVED_NAMES.join(", "));
+                let help = "contacts, figures and viewers identify bodies by these names";
                 return Err(ConfigError::Combination(self.complain(&key, &self.found(&key), &expected, help)));
             }
             objects.push(object);

@@ -5,55 +5,55 @@ use crate::policy::{OnLoss, ShapeKind};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// The limb, its place in the world, and how it stands at the start.
+/// The robot, its place in the world, and its posture at the start.
 #[derive(Clone, Debug, Default, Deserialize, JsonSchema, Serialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct RawRobot {
-    /// The robot description: a URDF file, its path relative to the scenario's file, or the name of an embedded one, such
-    /// as "leg.urdf".
+    /// Robot description: the path of a URDF file relative to the scenario's file, or the name of an embedded one, such as
+    /// "leg.urdf".
     pub(crate) urdf: String,
 
-    /// Link of the description that is fixed to the world.
+    /// Link that is fixed to the world.
     pub(crate) base_link: String,
 
-    /// Link whose frame is the foot; the joints between it and the base are the limb.
+    /// Link whose frame is the foot; the joints between the base and it are the robot.
     pub(crate) tip_link: String,
 
-    /// Where the base link stands, m, world frame, each in [-100, 100]. Raising z lifts the whole limb.
+    /// Position of the base link in the world frame [m], each in [-100, 100]. Raising z lifts the whole robot.
     #[serde(default)]
     pub(crate) base_position_m: [f64; 3],
 
-    /// How the base link is turned: roll, pitch, yaw as in URDF, rad, each in [-10, 10].
+    /// Orientation of the base link: roll, pitch, yaw as in URDF [rad], each in [-10, 10].
     #[serde(default)]
     pub(crate) base_orientation_rpy_rad: [f64; 3],
 
-    /// Joints at the start, base to tip: 1 to 8 numbers in [-100, 100], rad, or m for a prismatic joint.
+    /// Joint positions at the start, base to tip [rad; m for a prismatic joint]: 1 to 8 numbers in [-100, 100].
     pub(crate) start_position_rad: Vec<f64>,
 
-    /// Viscous damping of the joints, N m s/rad (N s/m for a prismatic joint), in [0, 1e4]: a number for all, or a list.
-    /// Without it the description's. Raising it makes the limb sluggish: free motion is resisted, oscillation dies sooner.
+    /// Viscous damping of the joints [N m s/rad; N s/m for a prismatic joint], in [0, 1e4]: a number for all, or a list.
+    /// Default: the description's. Raising it resists free motion and damps oscillation faster.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) joint_damping_n_m_s_per_rad: Option<PerJoint>,
 
-    /// Largest torque of the joints, N m (N for a prismatic joint), in (0, 1e5]: a number for all, or a list. Without it
-    /// the description's. Raising it lets the drive follow larger requests.
+    /// Largest torque of the joints [N m; N for a prismatic joint], in (0, 1e5]: a number for all, or a list. Default: the
+    /// description's. Raising it lets the drive follow larger requests.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) effort_limit_n_m: Option<PerJoint>,
 }
 
-/// What is around the limb.
+/// Surroundings of the robot.
 #[derive(Clone, Debug, Deserialize, JsonSchema, Serialize)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct RawWorld {
-    /// Gravity, m/s^2, world frame with z up; its length at most 100. A longer vector makes everything heavier.
+    /// Gravity in the world frame, z up [m/s^2]; its length at most 100. A longer vector makes all bodies heavier.
     pub(crate) gravity_m_per_s2: [f64; 3],
 
-    /// A level floor without end. Without this table there is none.
+    /// A level, infinite floor. Without this table there is none.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(with = "RawFloor")]
     pub(crate) floor: Option<RawFloor>,
 
-    /// What moves freely, at most 4 of them.
+    /// Free bodies, at most 4.
     #[serde(rename = "object", skip_serializing_if = "Vec::is_empty")]
     pub(crate) objects: Vec<RawObject>,
 }
@@ -64,29 +64,29 @@ impl Default for RawWorld {
     }
 }
 
-/// A level floor and its contact: normal force s(d) (k d + b d') at depth d, friction opposing the slip.
+/// A level floor and its contact law: normal force s(d) (k d + b d') at depth d, friction against the slip.
 #[derive(Clone, Debug, Deserialize, JsonSchema, Serialize)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct RawFloor {
-    /// Its z, m, in [-100, 100].
+    /// Height z of the floor [m], in [-100, 100].
     pub(crate) height_m: f64,
 
-    /// k, N/m, in (0, 1e9]. Raising it makes contacts shallower and impacts harder.
+    /// Contact stiffness k [N/m], in (0, 1e9]. Raising it makes contacts shallower and impacts harder.
     pub(crate) stiffness_n_per_m: f64,
 
-    /// b, N s/m, in [0, 1e7]. Raising it takes the bounce out of impacts.
+    /// Contact damping b [N s/m], in [0, 1e7]. Raising it makes bodies rebound less.
     pub(crate) damping_n_s_per_m: f64,
 
-    /// w, depth over which stiffness and damping come in, m, in (0, 0.1]. Raising it makes the touch softer.
+    /// Transition width w, depth over which stiffness and damping fade in [m], in (0, 0.1]. Raising it softens the touch.
     pub(crate) transition_width_m: f64,
 
-    /// mu_s, largest ratio of friction to normal force, in [0, 10]. Raising it lets more side force hold without slip.
+    /// Static friction mu_s, largest ratio of friction to normal force, in [0, 10]. Raising it holds more side force.
     pub(crate) friction_static: f64,
 
-    /// mu_d, the ratio while sliding, in [0, 10], at most mu_s. Raising it brakes sliding harder.
+    /// Dynamic friction mu_d, the ratio while sliding, in [0, 10], at most mu_s. Raising it brakes sliding harder.
     pub(crate) friction_dynamic: f64,
 
-    /// v_c, slip at which friction reaches mu_s, m/s, in (0, 1]. Raising it lets loaded contacts creep faster.
+    /// Critical speed v_c, slip at which friction reaches mu_s [m/s], in (0, 1]. Raising it makes loaded contacts creep faster.
     pub(crate) critical_speed_m_per_s: f64,
 }
 
@@ -104,63 +104,63 @@ impl Default for RawFloor {
     }
 }
 
-/// A body that moves freely: a box or a ball of even density. Where two surfaces meet, the softer one's stiffness, damping and
-/// transition width count, and the friction of the more slippery one; the robot's links take over what they touch.
+/// A free body: a box or a ball of uniform density. A contact has the stiffness, damping and transition width of the softer
+/// surface, and the friction of the more slippery one. The robot's links have the surface of the body they touch.
 #[derive(Clone, Debug, Deserialize, JsonSchema, Serialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct RawObject {
-    /// Its name in messages and in the log; unlike any other object, link or the floor.
+    /// Name in messages and in the log; different from every other object and link, and from the floor.
     pub(crate) name: String,
 
-    /// "box" or "ball".
+    /// Shape: "box" or "ball".
     pub(crate) shape: ShapeKind,
 
-    /// Edges of a box along its x, y and z, m, each in [1e-3, 10].
+    /// Edges of a box along its x, y and z [m], each in [1e-3, 10].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(with = "[f64; 3]")]
     pub(crate) size_m: Option<[f64; 3]>,
 
-    /// Radius of a ball, m, in [1e-3, 10].
+    /// Radius of a ball [m], in [1e-3, 10].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(with = "f64")]
     pub(crate) radius_m: Option<f64>,
 
-    /// Its mass, kg, in [1e-3, 1e4]. Raising it makes it harder to push and to tip.
+    /// Mass [kg], in [1e-3, 1e4]. Raising it makes the object harder to push and to tip.
     pub(crate) mass_kg: f64,
 
-    /// Where its centre is at the start, m, world frame, each in [-100, 100].
+    /// Position of the centre at the start in the world frame [m], each in [-100, 100].
     pub(crate) position_m: [f64; 3],
 
-    /// How it is turned at the start: roll, pitch, yaw, rad, each in [-10, 10].
+    /// Orientation at the start: roll, pitch, yaw [rad], each in [-10, 10].
     #[serde(default)]
     pub(crate) orientation_rpy_rad: [f64; 3],
 
-    /// k, N/m, in (0, 1e9]. Raising it makes contacts shallower and impacts harder.
+    /// Contact stiffness k [N/m], in (0, 1e9]. Raising it makes contacts shallower and impacts harder.
     #[serde(default = "stiffness")]
     pub(crate) stiffness_n_per_m: f64,
 
-    /// b, N s/m, in [0, 1e7]. Raising it takes the bounce out of impacts.
+    /// Contact damping b [N s/m], in [0, 1e7]. Raising it makes bodies rebound less.
     #[serde(default = "damping")]
     pub(crate) damping_n_s_per_m: f64,
 
-    /// w, depth over which stiffness and damping come in, m, in (0, 0.1]. Raising it makes the touch softer.
+    /// Transition width w, depth over which stiffness and damping fade in [m], in (0, 0.1]. Raising it softens the touch.
     #[serde(default = "transition_width")]
     pub(crate) transition_width_m: f64,
 
-    /// mu_s, largest ratio of friction to normal force, in [0, 10]. Raising it lets more side force hold without slip.
+    /// Static friction mu_s, largest ratio of friction to normal force, in [0, 10]. Raising it holds more side force.
     #[serde(default = "friction_static")]
     pub(crate) friction_static: f64,
 
-    /// mu_d, the ratio while sliding, in [0, 10], at most mu_s. Raising it brakes sliding harder.
+    /// Dynamic friction mu_d, the ratio while sliding, in [0, 10], at most mu_s. Raising it brakes sliding harder.
     #[serde(default = "friction_dynamic")]
     pub(crate) friction_dynamic: f64,
 
-    /// v_c, slip at which friction reaches mu_s, m/s, in (0, 1]. Raising it lets loaded contacts creep faster.
+    /// Critical speed v_c, slip at which friction reaches mu_s [m/s], in (0, 1]. Raising it makes loaded contacts creep faster.
     #[serde(default = "critical_speed")]
     pub(crate) critical_speed_m_per_s: f64,
 }
 
-// The paper's rigid bodies with friction.
+// Defaults: the paper's rigid bodies with friction.
 fn stiffness() -> f64 {
     1e6
 }
@@ -180,24 +180,24 @@ fn critical_speed() -> f64 {
     1e-3
 }
 
-/// The simulated plant: integration, and what the drive does without commands.
+/// The simulated plant: integration, and the drive's reaction to missing commands.
 #[derive(Clone, Debug, Deserialize, JsonSchema, Serialize)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct RawPlant {
-    /// Longest step of the integration in contact, us, an integer in [1, 20]. Raising it is faster and lowers impact peaks.
+    /// Longest integration step in contact [us], an integer in [1, 20]. Raising it saves time and lowers impact peaks.
     pub(crate) contact_substep_us: u32,
 
-    /// Longest step in free flight, us, an integer in [1, 200]. Raising it is faster and less exact.
+    /// Longest integration step in free flight [us], an integer in [1, 200]. Raising it saves time and loses accuracy.
     pub(crate) flight_substep_us: u32,
 
-    /// Ticks without a command after which the drive brakes by itself, an integer in [1, 100]. Raising it rides out longer
-    /// gaps under an old torque.
+    /// Ticks without a command after which the drive brakes by itself, an integer in [1, 100]. Raising it tolerates longer
+    /// gaps, with an old torque.
     pub(crate) command_timeout_ticks: u32,
 
-    /// Damping of the joints while the drive brakes, N m s/rad, in [0, 1e4]. Raising it lets the limb sink more slowly.
+    /// Damping of the joints while the drive brakes [N m s/rad], in [0, 1e4]. Raising it makes the robot sink more slowly.
     pub(crate) brake_damping_n_m_s_per_rad: f64,
 
-    /// What becomes of a run whose plant is lost: "fail" ends it, "restart" starts the plant again from its last state.
+    /// Reaction to the loss of the plant: "fail" ends the run, "restart" restarts the plant from its last state.
     pub(crate) on_loss: OnLoss,
 }
 

@@ -1,4 +1,4 @@
-//! A scenario as written. The doc comments of the keys are what the JSON Schema says about them.
+//! A scenario as written. The doc comments of the keys are their descriptions in the JSON Schema.
 
 mod body;
 mod fault;
@@ -15,31 +15,31 @@ pub(crate) use stack::{RawProcesses, RawRealtime, RawRecorder, RawSupervisor};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// A scenario: robot, world, controller, and what the operator does when.
+/// A scenario: robot, world, controller, and the operator's changes.
 #[derive(Clone, Debug, Deserialize, JsonSchema, Serialize)]
 #[serde(deny_unknown_fields)]
 #[schemars(title = "HapFIC scenario")]
 pub(crate) struct RawScenario {
-    /// One line that says what happens.
+    /// Summary in one line.
     #[serde(default)]
     pub(crate) title: String,
 
-    /// What the scenario shows, in a few sentences.
+    /// Purpose of the scenario, in a few sentences.
     #[serde(default)]
     pub(crate) description: String,
 
-    /// How long it runs, s, in [0.001, 86400]; rounded to whole ticks of 1 ms. Raising it makes the run and its log longer.
+    /// Simulated time [s], in [0.001, 86400]; rounded to whole ticks of 1 ms. Raising it makes the run and its log longer.
     #[serde(default = "default_duration_s")]
     pub(crate) duration_s: f64,
 
-    /// Seed of every random draw, an integer in [0, 9223372036854775807]. Another seed is another run; none is better.
+    /// Seed of all random numbers, an integer in [0, 9223372036854775807]. Another seed gives another run; none is better.
     #[serde(default = "default_seed")]
     pub(crate) seed: u64,
 
-    /// The limb.
+    /// The robot.
     pub(crate) robot: RawRobot,
 
-    /// What is around it.
+    /// Surroundings of the robot.
     #[serde(default)]
     pub(crate) world: RawWorld,
 
@@ -47,11 +47,11 @@ pub(crate) struct RawScenario {
     #[serde(default)]
     pub(crate) plant: RawPlant,
 
-    /// The controller's parameters at the start.
+    /// Parameters of the controller at the start.
     #[serde(default)]
     pub(crate) controller: RawController,
 
-    /// The planner's parameters at the start.
+    /// Parameters of the planner at the start.
     #[serde(default)]
     pub(crate) planner: RawPlanner,
 
@@ -59,7 +59,7 @@ pub(crate) struct RawScenario {
     #[serde(default)]
     pub(crate) supervisor: RawSupervisor,
 
-    /// Priorities and places of the processes.
+    /// Priorities and cores of the processes.
     #[serde(default)]
     pub(crate) realtime: RawRealtime,
 
@@ -67,15 +67,15 @@ pub(crate) struct RawScenario {
     #[serde(default)]
     pub(crate) recorder: RawRecorder,
 
-    /// Foreign commands in place of built-in processes.
+    /// External processes that replace built-in ones.
     #[serde(default)]
     pub(crate) processes: RawProcesses,
 
-    /// What the operator does, in the order of time.
+    /// Changes by the operator, in the order of time.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(crate) operator: Vec<RawOperator>,
 
-    /// Faults on purpose, in any order.
+    /// Injected faults, in any order.
     #[serde(default, rename = "fault", skip_serializing_if = "Vec::is_empty")]
     pub(crate) faults: Vec<RawFault>,
 }
@@ -89,7 +89,7 @@ fn default_seed() -> u64 {
 }
 
 impl Default for RawScenario {
-    /// All defaults; what has none is empty.
+    /// All defaults; a key without a default is empty.
     fn default() -> Self {
         Self {
             title: String::new(),

@@ -1,4 +1,4 @@
-//! One number for all joints, or one for each.
+//! Values per joint, as written.
 
 use schemars::JsonSchema;
 use serde::de::{Error, SeqAccess, Visitor};
@@ -9,13 +9,13 @@ use std::fmt;
 #[derive(Clone, Debug, JsonSchema, Serialize)]
 #[serde(untagged)]
 pub(crate) enum PerJoint {
-    /// The same for all.
+    /// The same number for all joints.
     All(f64),
-    /// In the order of the chain, from base to tip.
+    /// Numbers in the order of the chain, from base to tip.
     Each(Vec<f64>),
 }
 
-// By hand: what serde derives for an untagged enum forgets which element was wrong.
+// By hand: the derived code of an untagged enum loses the invalid element.
 impl<'de> Deserialize<'de> for PerJoint {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         deserializer.deserialize_any(PerJointVisitor)

@@ -1,6 +1,6 @@
-//! What the tests share.
+//! Shared text of the tests.
 
-/// Five lines: the least that a scenario has to say.
+/// Shortest valid scenario: five lines.
 pub const ROBOT: &str = r#"[robot]
 urdf = "leg.urdf"
 base_link = "base"

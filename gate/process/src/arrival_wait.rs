@@ -1,24 +1,24 @@
-//! How the gate's thread waits in realtime: for what, and how long. Meanwhile it has not got the gate.
+//! Wait of the gate's thread in realtime, during which the hand-off cell holds the gate.
 
 use hapfic_ipc::{ArrivalPredictor, DeadlineTimer, IpcError, Listener, Wakes, clock, wait};
 use hapfic_messages::PERIOD_NS;
 use std::time::Duration;
 
-/// How long the gate waits at most before it looks at its flags.
+/// Longest wait of the gate before it checks its flags.
 pub(super) const TIMEOUT: Duration = Duration::from_millis(20);
-/// How often it looks for a state that is overdue.
+/// Poll interval for a state that is overdue.
 const OVERDUE_POLL_INTERVAL: Duration = Duration::from_micros(500);
 
-/// What the gate waits for.
+/// Tick that the gate waits for.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct PendingTick {
     /// The tick that is due.
     pub(super) tick: i64,
-    /// The newest state's tick and time of publication; before the first the plant has the word.
+    /// Tick and publication time of the newest state; `None` before the first, which the plant sends at its own time.
     pub(super) newest: Option<(i64, u64)>,
-    /// How long after its state a request may come, ns.
+    /// Deadline of a request, from its state [ns].
     pub(super) deadline_ns: u64,
-    /// When the next can be looked out for, if it is.
+    /// Arrival predictor, if busy-poll is enabled.
     pub(super) predictor: Option<ArrivalPredictor>,
 }
 
@@ -28,32 +28,32 @@ impl PendingTick {
         self.newest.is_some_and(|(newest, _)| newest == self.tick)
     }
 
-    /// When those in reserve are called, and when the tick is missed, ns: as far as it can be foreseen.
+    /// Times of the call to the standby, and of the missed tick [ns]; predicted before the state comes.
     pub(super) fn call_and_due(&self) -> Option<(u64, u64)> {
         let (newest, stamp) = self.newest?;
-        // A state that is still to come is due a period after the last one.
+        // A future state is due a period after the last.
         let expected = stamp + (self.tick - newest).max(0) as u64 * PERIOD_NS;
         Some((expected + self.deadline_ns / 2, expected + self.deadline_ns))
     }
 }
 
-/// Why the wait is over.
+/// Reason for the end of a wait.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Woken {
-    /// Something came, or it is time to look at the clock.
-    Look,
-    /// The state is due shortly: there is time to go through what will have to be done.
+    /// A message arrived, or a time is up: check again.
+    Check,
+    /// The state is due shortly: there is time for a cache warm-up.
     WarmUp,
 }
 
-/// The gate's eyes and ears.
+/// Wait for states and requests.
 #[derive(Debug)]
 pub(super) struct ArrivalWait {
     state: Listener,
     request: Listener,
-    /// Rings when a request is overdue; where the gate does not look out for it.
+    /// Notifies `request` when a request is late; `None` if the gate polls.
     deadline_timer: Option<DeadlineTimer>,
-    /// Last tick for which there was a rehearsal, or no time for it.
+    /// Last tick with a cache warm-up, or without time for it.
     warmed_up: i64,
 }
 
@@ -66,7 +66,7 @@ impl ArrivalWait {
     pub(super) fn wait(&mut self, pending: &PendingTick) -> Result<Woken, IpcError> {
         let Some((call, due)) = pending.call_and_due() else {
             wait(&[&self.request], TIMEOUT)?;
-            return Ok(Woken::Look);
+            return Ok(Woken::Check);
         };
         if let Some(predictor) = &pending.predictor {
             if self.warmed_up < pending.tick {
@@ -76,8 +76,8 @@ impl ArrivalWait {
                 }
             }
             let limit = if pending.state_is_here() { call } else { u64::MAX };
-            if predictor.watch(&[&self.request as &dyn Wakes, &self.state], pending.tick, limit) {
-                return Ok(Woken::Look);
+            if predictor.poll(&[&self.request as &dyn Wakes, &self.state], pending.tick, limit) {
+                return Ok(Woken::Check);
             }
         }
         let now = clock::now_ns();
@@ -91,7 +91,7 @@ impl ArrivalWait {
             _ => OVERDUE_POLL_INTERVAL,
         };
         wait(&[&self.request], most)?;
-        Ok(Woken::Look)
+        Ok(Woken::Check)
     }
 }
 
@@ -100,9 +100,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_state_that_is_still_to_come_is_due_a_period_after_the_last() {
+    fn pending_tick_without_state_is_due_period_after_last() {
         let pending = PendingTick { tick: 7, newest: None, deadline_ns: 800_000, predictor: None };
-        assert_eq!(pending.call_and_due(), None, "before the first the plant has the word");
+        assert_eq!(pending.call_and_due(), None, "no time is known before the first state");
         let here = PendingTick { newest: Some((7, 5_000_000)), ..pending };
         assert!(here.state_is_here());
         assert_eq!(here.call_and_due(), Some((5_400_000, 5_800_000)));

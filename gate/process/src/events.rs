@@ -1,4 +1,4 @@
-//! What the gate tells of: events, written without touching the heap, sent in the slack.
+//! Events of the gate: written without heap, sent in idle time.
 
 use crate::node::{GateNode, REPORTED_ONE_BY_ONE};
 use hapfic_gate::protocol::ControllerSlot;
@@ -6,7 +6,7 @@ use hapfic_ipc::{IpcError, clock};
 use hapfic_messages::{Clock, Command, Detector, Event, EventKind, Mode, Process, Severity, Source};
 
 impl GateNode {
-    /// Everything that a tick brought, after its command has gone out.
+    /// Reports all events of a tick, after its command has gone out.
     pub(super) fn report_all(
         &mut self,
         command: &Command,
@@ -21,19 +21,19 @@ impl GateNode {
                 write!(text, "request rejected: {defect}")
             })?;
         }
-        for place in ControllerSlot::BOTH {
-            if let Some(defect) = self.defects[place as usize].take() {
-                self.report(place.process(), EventKind::Rejected, Detector::Check, |text| {
+        for slot in ControllerSlot::BOTH {
+            if let Some(defect) = self.defects[slot as usize].take() {
+                self.report(slot.process(), EventKind::Rejected, Detector::Check, |text| {
                     write!(text, "request rejected: {defect}")
                 })?;
             }
         }
-        self.tell_slip()?;
+        self.report_slip()?;
         if let Some((version, from)) = announced {
             self.report_parameters(version, from)?;
         }
         if (command.limited == 0) != (self.limited == 0) {
-            self.tell_limited(command)?;
+            self.report_limited(command)?;
         }
         self.limited = command.limited;
         if let Some(step) = self.gate.discontinuity() {
@@ -41,20 +41,20 @@ impl GateNode {
                 write!(text, "torque of joint {} steps by {:.3} N m", step.joint, step.size)
             })?;
         }
-        self.tell_missed(command)?;
-        if let Some(place) = self.promoted.take() {
-            self.report(place.process(), EventKind::Promoted, Detector::Deadline, |text| {
-                write!(text, "{} is the primary controller from tick {}", place.process(), command.tick)
+        self.report_missed(command)?;
+        if let Some(slot) = self.promoted.take() {
+            self.report(slot.process(), EventKind::Promoted, Detector::Deadline, |text| {
+                write!(text, "{} is the primary controller from tick {}", slot.process(), command.tick)
             })?;
         }
         if command.severity != severity_before {
-            self.tell_transition(severity_before, command.severity)?;
+            self.report_transition(severity_before, command.severity)?;
         }
         Ok(())
     }
 
-    /// Ticks that nobody has answered: the first ones each, the others together.
-    fn tell_missed(&mut self, command: &Command) -> Result<(), IpcError> {
+    /// Reports missed ticks: the first ones each, the others together.
+    fn report_missed(&mut self, command: &Command) -> Result<(), IpcError> {
         let tick = command.tick;
         let answered = command.source == Source::Fresh.code() || command.source == Source::Suppressed.code();
         if answered {
@@ -78,8 +78,8 @@ impl GateNode {
         })
     }
 
-    /// Time that slipped, once it has grown.
-    pub(super) fn tell_slip(&mut self) -> Result<(), IpcError> {
+    /// Reports slipped time, if it has grown.
+    pub(super) fn report_slip(&mut self) -> Result<(), IpcError> {
         let (before, (now, late_ns)) = (self.slipped, self.slip);
         if now <= before {
             return Ok(());
@@ -97,7 +97,7 @@ impl GateNode {
         })
     }
 
-    pub(super) fn tell_limited(&mut self, command: &Command) -> Result<(), IpcError> {
+    pub(super) fn report_limited(&mut self, command: &Command) -> Result<(), IpcError> {
         let limited = command.limited;
         self.report(Process::Supervisor, EventKind::Limited, Detector::None, |text| match limited {
             0 => write!(text, "no torque is limited any more"),
@@ -105,7 +105,7 @@ impl GateNode {
         })
     }
 
-    pub(super) fn tell_transition(&mut self, from: u32, to: u32) -> Result<(), IpcError> {
+    pub(super) fn report_transition(&mut self, from: u32, to: u32) -> Result<(), IpcError> {
         let name = |code| Severity::from_code(code).map_or("?", Severity::name);
         let stop_by = Detector::from_code(self.start.shared.stop_by.load(std::sync::atomic::Ordering::Relaxed));
         let detector = match Severity::from_code(to) {
@@ -123,7 +123,7 @@ impl GateNode {
         })
     }
 
-    /// Sends an event whose text is written without touching the heap.
+    /// Sends an event with a text written without heap.
     pub(super) fn report(
         &mut self,
         process: Process,
@@ -132,7 +132,7 @@ impl GateNode {
         write: impl FnOnce(&mut Text) -> std::fmt::Result,
     ) -> Result<(), IpcError> {
         let mut text = Text::default();
-        // Too long a text is cut.
+        // A text that is too long is cut.
         let _ = write(&mut text);
         let event = Event::new(self.gate.last().tick, process, kind, self.gate.severity(), detector, text.as_str());
         let stamp_ns = if self.start.clock == Clock::Realtime { clock::now_ns() } else { 0 };
@@ -141,7 +141,7 @@ impl GateNode {
     }
 }
 
-/// A text of bounded length on the stack.
+/// Text of bounded length on the stack.
 #[derive(Default)]
 pub(super) struct Text {
     bytes: arrayvec::ArrayString<{ hapfic_messages::EVENT_TEXT }>,

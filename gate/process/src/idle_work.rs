@@ -1,4 +1,4 @@
-//! What the gate does while nobody waits for it.
+//! Idle-time work of the gate.
 
 use crate::change_exchange::{ChangeOutcome, ChangeReply};
 use crate::node::GateNode;
@@ -6,10 +6,9 @@ use hapfic_ipc::IpcError;
 use hapfic_messages::{Check, Detector, EventKind, MAX_JOINTS, Process, Request};
 
 impl GateNode {
-    /// What can be done while nobody waits for it: loans, meeting those who have joined, what was not read because somebody
-    /// waited, changes of the operator.
+    /// Does the idle-time work: loans, new connections, postponed reads, changes of the operator.
     pub(super) fn idle_work(&mut self) -> Result<(), IpcError> {
-        // Parameters first: whoever joins and has a command has them, too.
+        // Parameters first: a new process with a command then has them, too.
         self.operator.preloan();
         self.command.preloan();
         self.event.preloan();
@@ -22,26 +21,26 @@ impl GateNode {
         Ok(())
     }
 
-    /// Compares what the two controllers have asked for: they compute the same function of the same inputs.
+    /// Compares the requests of the two controllers, which compute the same function of the same inputs.
     fn compare(&mut self) -> Result<(), IpcError> {
         let last = self.gate.last().tick;
         for tick in (self.compared.0 + 1).max(last - 1)..=last {
-            let (Some(a), Some(b)) = (self.inbox[0].at(tick), self.inbox[1].at(tick)) else { continue };
+            let (Some(a), Some(b)) = (self.requests[0].at(tick), self.requests[1].at(tick)) else { continue };
             let (a, b) = (*a, *b);
-            // One that is no good is reported of as such.
-            let differs = a.check().is_ok() && b.check().is_ok() && made(&a) != made(&b);
+            // Invalid requests have an event of their own.
+            let differs = a.check().is_ok() && b.check().is_ok() && content(&a) != content(&b);
             let reported = std::mem::replace(&mut self.compared, (tick, differs)).1;
             if differs && !reported {
                 self.report(Process::Standby, EventKind::Differs, Detector::Check, |text| {
                     let worst = (0..MAX_JOINTS).map(|i| (a.torque[i] - b.torque[i]).abs()).fold(0.0, f64::max);
-                    write!(text, "controller and standby asked for different things at tick {tick}: torque by {worst:e} N m")
+                    write!(text, "requests of controller and standby differ at tick {tick}: torque by {worst:e} N m")
                 })?;
             }
         }
         Ok(())
     }
 
-    /// Takes a change that the operator requests, at most one a call: no lock, no waiting, no allocation.
+    /// Takes a change of the operator, at most one for each call: no lock, no wait, no allocation.
     fn take_change(&mut self) {
         let Some(request) = self.start.change_server.take() else { return };
         let tick = self.gate.tick();
@@ -60,7 +59,7 @@ impl GateNode {
     }
 }
 
-/// What has to be the same in the requests of both controllers: all but who made them, and when.
-fn made(request: &Request) -> Request {
+/// Content that has to be equal in the requests of both controllers: all but the sender and the time stamp.
+fn content(request: &Request) -> Request {
     Request { stamp_ns: 0, controller: 0, ..*request }
 }

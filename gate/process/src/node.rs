@@ -1,69 +1,58 @@
-//! The gate's thread.
+//! Thread of the gate.
 
-use crate::arrival_wait::{ArrivalWait, TIMEOUT};
+use crate::arrival_wait::TIMEOUT;
 use crate::change_exchange::ChangeServer;
 use crate::shared_status::SharedStatus;
-use crate::spare::SpareGate;
-use crate::turn::TickAccount;
+use crate::tick_account::TickAccount;
 use hapfic_gate::parameter_schedule::ParameterSchedule;
 use hapfic_gate::protocol::{Choice, ControllerSlot, GateInputs, WaitPolicy};
 use hapfic_gate::torque_check::TorqueCheck;
 use hapfic_gate::{Gate, Limits};
-use hapfic_ipc::realtime::{self, SchedGrants, SchedRequest};
-use hapfic_ipc::{
-    ArrivalPredictor, Bus, DeadlineTimer, Domain, Doorbell, Input, IpcError, Output, Wait, allocations, clock, topic, wait,
-};
-use hapfic_messages::{
-    Clock, Command, Event, Operator, PERIOD_NS, Phase, Process, Request, State, TickBuffer, Timing, ValidationError,
-};
+use hapfic_ipc::realtime::{SchedGrants, SchedRequest};
+use hapfic_ipc::{ArrivalPredictor, Bus, Domain, Doorbell, Input, IpcError, Output, Wait, allocations, clock, topic};
+use hapfic_messages::{Clock, Command, Event, Operator, Phase, Process, Request, State, TickBuffer, Timing, ValidationError};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-/// How often it looks for the word to go.
-const GO_EVERY: Duration = Duration::from_millis(1);
-/// How often page faults are counted, in ticks: a system call.
-const FAULTS_EVERY: i64 = 1000;
 /// Controllers: the primary and its standby.
 pub(super) const CONTROLLERS: usize = 2;
-/// In lockstep: how long one controller's request waits for the other's, which lives and should answer.
-const LOCKSTEP_TIMEOUT_NS: u64 = 2_000_000_000;
-/// Ticks in a row without a request that are reported of one by one.
+/// Ticks in a row without a request that get an event each.
 pub(super) const REPORTED_ONE_BY_ONE: u64 = 2;
 
-/// What the gate starts with.
+/// Arguments of the gate.
 #[derive(Debug)]
 pub struct GateStart {
     /// The run's domain.
     pub domain: Domain,
     /// How time passes.
     pub clock: Clock,
-    /// What is enforced.
+    /// Limits that it enforces.
     pub limits: Limits,
-    /// What torques have to agree with.
+    /// Check of the requested torques.
     pub torque: TorqueCheck,
-    /// The operator's script.
+    /// Parameters and the operator's script.
     pub schedule: ParameterSchedule,
-    /// Ticks of the run.
+    /// Number of ticks of the run.
     pub ticks: i64,
-    /// How long after the state a request may come.
+    /// Deadline of a request, from the state's publication.
     pub deadline: Duration,
     /// Priority and core; `None`: no real time.
     pub wish: Option<SchedRequest>,
-    /// The same for its deadline_timer.
+    /// Priority and core of its deadline timer; `None`: no real time.
     pub deadline_timer: Option<SchedRequest>,
-    /// How long before a state is due it begins to look out for it and the request, us; 0: it sleeps until they come. For a real-time
-    /// thread on a core where neither plant nor controllers are.
+    /// Busy-poll window before a state is due [us]; 0: the gate sleeps until state and request arrive. For a real-time
+    /// thread on a core without plant and controllers.
     pub busy_poll_lead_us: u32,
-    /// Priority and core of who stands in if the gate looks out and does not come; `None`: nobody.
+    /// Priority and core of the spare gate thread, which takes over from a polling gate that does not answer.
     pub spare: Option<SchedRequest>,
-    /// Where changes of the operator come in while the stack runs.
+    /// Source of the operator's changes while the stack runs.
     pub change_server: ChangeServer,
-    /// Shared with the rest of the supervisor.
+    /// Status shared with the rest of the supervisor.
     pub shared: Arc<SharedStatus>,
 }
 
-/// The gate with its ports.
+/// Gate with its ports.
 pub struct GateNode {
     pub(super) start: GateStart,
     pub(super) gate: Gate,
@@ -73,59 +62,59 @@ pub struct GateNode {
     pub(super) operator: Output<Operator>,
     pub(super) event: Output<Event>,
     pub(super) timing: Output<Timing>,
-    /// What each controller has asked for lately: primary first.
-    pub(super) inbox: [TickBuffer<Request>; CONTROLLERS],
-    /// The states they answer.
+    /// Recent requests of each controller, by slot.
+    pub(super) requests: [TickBuffer<Request>; CONTROLLERS],
+    /// Recent states, which the requests answer.
     pub(super) states: TickBuffer<State>,
-    /// What was rejected lately, to be reported of in the slack.
+    /// Defects of rejected messages, to be reported in idle time.
     pub(super) state_defect: Option<ValidationError>,
     pub(super) stray_defect: Option<ValidationError>,
     pub(super) defects: [Option<ValidationError>; CONTROLLERS],
-    /// Who has just become the primary.
+    /// Slot that the last tick promoted to primary.
     pub(super) promoted: Option<ControllerSlot>,
-    /// When the gate began to wait for the tick that is due, ns; 0: not yet.
-    waiting_ns: u64,
+    /// When the gate began to wait for the tick that is due [ns]; 0: not yet.
+    pub(super) waiting_ns: u64,
     /// Ticks in a row without a request.
     pub(super) missed: u64,
     /// Last tick at which the controllers' requests were compared, and whether they differed.
     pub(super) compared: (i64, bool),
-    /// Stops and re-armings that have been taken in.
+    /// Stops and re-armings that the gate has processed.
     stops: u64,
     rearms: u64,
-    /// Newest state's tick and time of publication.
+    /// Tick and publication time of the newest state.
     pub(super) newest: Option<(i64, u64)>,
     pub(super) rejected: u32,
-    /// Periods slipped so far, and joints limited in the last tick.
+    /// Periods slipped so far as reported, and joints limited in the last tick.
     pub(super) slipped: u64,
     pub(super) limited: u32,
-    /// Periods slipped by the newest state that reported of more, and how late its timer was, ns.
+    /// Most slipped periods of any state, and the lateness of that state's timer [ns].
     pub(super) slip: (u64, u64),
     /// Time of the last heartbeat sent while waiting.
     heartbeat_ns: u64,
-    /// When the next request can be looked out for, if it is.
+    /// Arrival predictor, if busy-poll is enabled.
     pub(super) predictor: Option<ArrivalPredictor>,
-    /// Wakes those who need a state, but not at once.
-    pub(super) answered: Doorbell,
-    /// Last tick for which they were woken before it was answered.
+    /// Wakes planner and standby, which need a state, but not immediately.
+    pub(super) command_sent: Doorbell,
+    /// Last tick for which the gate called them before its command.
     pub(super) called: i64,
-    granted: SchedGrants,
-    faults: u32,
-    /// What went wrong while the spare stood in.
+    pub(super) granted: SchedGrants,
+    pub(super) faults: u32,
+    /// Error of a tick on the spare gate thread.
     pub(super) failed: Option<IpcError>,
 }
 
 impl GateNode {
-    fn open(start: GateStart, bus: &Bus) -> Result<Self, IpcError> {
-        let in_step = if start.clock == Clock::Lockstep { Wait::Yes } else { Wait::No };
+    pub(super) fn open(start: GateStart, bus: &Bus) -> Result<Self, IpcError> {
+        let wait = if start.clock == Clock::Lockstep { Wait::Yes } else { Wait::No };
         Ok(Self {
             gate: Gate::new(start.limits, start.torque.clone()),
             state: bus.input(&topic::STATE, Wait::No)?,
-            request: bus.input(&topic::REQUEST, in_step)?,
+            request: bus.input(&topic::REQUEST, wait)?,
             command: bus.output(&topic::COMMAND)?,
             operator: bus.output(&topic::OPERATOR)?,
             event: bus.output(&topic::EVENT)?,
             timing: bus.output(&topic::TIMING)?,
-            inbox: [TickBuffer::default(); CONTROLLERS],
+            requests: [TickBuffer::default(); CONTROLLERS],
             states: TickBuffer::default(),
             state_defect: None,
             stray_defect: None,
@@ -143,7 +132,7 @@ impl GateNode {
             slip: (0, 0),
             heartbeat_ns: 0,
             predictor: None,
-            answered: bus.doorbell(topic::COMMAND_SENT),
+            command_sent: bus.doorbell(topic::COMMAND_SENT),
             called: -1,
             granted: SchedGrants::default(),
             faults: 0,
@@ -152,125 +141,31 @@ impl GateNode {
         })
     }
 
-    /// Waits for the word to go, then gates every tick of the run. To be called on the gate's own thread.
-    ///
-    /// # Errors
-    /// [`IpcError`] if the ports cannot be had, or messaging fails.
-    pub fn run(start: GateStart) -> Result<(), IpcError> {
-        let bus = Bus::open(&start.domain, "gate")?;
-        let deadline_timer = match start.clock {
-            Clock::Realtime if start.busy_poll_lead_us == 0 => Some(
-                DeadlineTimer::start(
-                    "hapfic-deadline_timer",
-                    bus.doorbell(topic::REQUEST_DOORBELL),
-                    PERIOD_NS,
-                    start.deadline_timer,
-                )
-                .map_err(|cause| IpcError::System { action: "start the gate's deadline_timer", cause })?,
-            ),
-            // A time-out is only set once it is late.
-            _ => None,
-        };
-        let arrival_wait =
-            ArrivalWait::new(bus.listener(topic::STATE_DOORBELL), bus.listener(topic::REQUEST_DOORBELL), deadline_timer);
-        let spare = match start.spare {
-            Some(wish) => Some(SpareGate::start(bus.doorbell(topic::SPARE_GATE), bus.listener(topic::SPARE_GATE), wish)?),
-            None => None,
-        };
-        Box::new(Self::open(start, &bus)?).run_loop(arrival_wait, spare)
-    }
-
-    fn run_loop(mut self: Box<Self>, arrival_wait: ArrivalWait, spare: Option<SpareGate>) -> Result<(), IpcError> {
-        if let Some(wish) = self.start.wish {
-            self.granted = realtime::apply_to_current_thread(wish);
-            if self.granted.has(SchedGrants::FIFO) && self.granted.has(SchedGrants::PINNED) {
-                self.predictor = ArrivalPredictor::new(self.start.busy_poll_lead_us);
-            }
-        }
-        self.heartbeat(Phase::Ready)?;
-        let mut last_heartbeat = clock::now_ns();
-        while !self.start.shared.go.load(Ordering::Acquire) {
-            if self.stopped() {
-                return Ok(());
-            }
-            if clock::now_ns() - last_heartbeat > TIMEOUT.as_nanos() as u64 {
-                self.heartbeat(Phase::Ready)?;
-                last_heartbeat = clock::now_ns();
-            }
-            wait(&[], GO_EVERY)?;
-        }
-        let mut account = TickAccount::new(FAULTS_EVERY);
-        self.operator.send(self.start.schedule.operator())?;
-        self.start.shared.announced.store(self.start.schedule.operator().next.version, Ordering::Relaxed);
-        let announced = self.announce(-1)?;
-        self.command.send(self.gate.last())?;
-        if let Some((version, from)) = announced {
-            self.report_parameters(version, from)?;
-        }
-        self.idle_work()?;
-        let lockstep = self.start.clock == Clock::Lockstep;
-        while lockstep && self.gate.tick() < self.start.ticks && !self.stopped() {
-            self.lockstep_tick(&mut account)?;
-        }
-        if !lockstep {
-            self = self.realtime(arrival_wait, spare, &mut account)?;
-        }
-        self.faults += account.new_faults(i64::MAX);
-        self.heartbeat(Phase::Finished)?;
-        // Its ports stay until all others have done their last tick: who meets a change is held up.
-        while !self.stopped() {
-            wait(&[], GO_EVERY)?;
-        }
-        Ok(())
-    }
-
     pub(super) fn stopped(&self) -> bool {
         self.start.shared.stop.load(Ordering::Acquire)
     }
 
-    /// Waits for a request of every controller that is there, and of one in any case, however long it takes.
-    fn lockstep_tick(&mut self, account: &mut TickAccount) -> Result<(), IpcError> {
-        loop {
-            self.receive()?;
-            let now = clock::now_ns();
-            if self.waiting_ns == 0 {
-                self.waiting_ns = now;
-            }
-            let overdue = now - self.waiting_ns > LOCKSTEP_TIMEOUT_NS;
-            if let Some(command) = self.decide(overdue, WaitPolicy::Lockstep) {
-                return self.publish(&command, now, now, account);
-            }
-            self.idle_work()?;
-            if self.stopped() {
-                return Ok(());
-            }
-            wait(&[&self.request], TIMEOUT)?;
-            // Also when it is woken again and again by what is of no use.
-            self.heartbeat(Phase::Waiting)?;
-        }
-    }
-
-    /// The command of the tick that is due, if it can be reported by now.
-    pub(super) fn decide(&mut self, overdue: bool, patience: WaitPolicy) -> Option<Command> {
+    /// Decides the command of the tick that is due; `None`: the gate has to wait.
+    pub(super) fn decide(&mut self, overdue: bool, policy: WaitPolicy) -> Option<Command> {
         let (seen, requests) = self.observe(overdue);
-        let choice = self.gate.choose(&seen, patience);
+        let choice = self.gate.choose(&seen, policy);
         if choice == Choice::Wait {
             return None;
         }
-        for place in ControllerSlot::BOTH {
-            let bad = &self.start.shared.bad_requests[place as usize];
-            if seen.rejected[place as usize] {
+        for slot in ControllerSlot::BOTH {
+            let bad = &self.start.shared.bad_requests[slot as usize];
+            if seen.rejected[slot as usize] {
                 bad.fetch_add(1, Ordering::Relaxed);
-            } else if seen.valid[place as usize] {
+            } else if seen.valid[slot as usize] {
                 bad.store(0, Ordering::Relaxed);
             }
         }
         let inputs = self.gate_inputs();
         let primary = self.gate.primary();
         let command = match choice {
-            Choice::Take(place) => {
-                let request = requests[place as usize]?;
-                self.gate.accept(place, &request, &seen, &inputs)
+            Choice::Take(slot) => {
+                let request = requests[slot as usize]?;
+                self.gate.accept(slot, &request, &seen, &inputs)
             }
             _ => self.gate.miss(&seen, &inputs),
         };
@@ -279,14 +174,14 @@ impl GateNode {
         Some(command)
     }
 
-    /// What has been asked for since the last tick.
+    /// Inputs of the gate since the last tick.
     fn gate_inputs(&mut self) -> GateInputs {
         let shared = &self.start.shared;
         let (stops, rearms) = (shared.stops.load(Ordering::Acquire), shared.rearms.load(Ordering::Acquire));
         let inputs = GateInputs {
             stop: stops != self.stops,
             rearm: rearms != self.rearms,
-            // In lockstep the clock waits for whoever is missing.
+            // In lockstep the clock waits for a missing process.
             missing: self.start.clock == Clock::Realtime && shared.missing.load(Ordering::Acquire) != 0,
         };
         (self.stops, self.rearms) = (stops, rearms);
@@ -295,7 +190,7 @@ impl GateNode {
 
     pub(super) fn any_controller(&self) -> bool {
         let present = self.start.shared.present.load(Ordering::Acquire);
-        ControllerSlot::BOTH.iter().any(|place| present & (1 << place.process().code()) != 0)
+        ControllerSlot::BOTH.iter().any(|slot| present & (1 << slot.process().code()) != 0)
     }
 
     pub(super) fn publish(
@@ -311,11 +206,11 @@ impl GateNode {
         let stamp = if self.start.clock == Clock::Realtime { clock::now_ns() } else { 0 };
         let published = self.command.send(&Command { stamp_ns: stamp, ..*command })?;
         let allocated = if self.start.clock == Clock::Realtime { allocations::count() - before } else { 0 };
-        // From here on it is slack.
+        // From here on it is idle time.
         self.start.shared.severity.store(command.severity, Ordering::Relaxed);
         self.start.shared.primary.store(self.gate.primary().process().code(), Ordering::Relaxed);
         self.start.shared.gated.store(tick, Ordering::Release);
-        self.answered.notify();
+        self.command_sent.notify();
         self.report_all(command, severity_before, announced)?;
         let latency_ns = match self.newest {
             Some((newest, stamp)) if newest == tick && stamp > 0 => published.saturating_sub(stamp),
@@ -336,8 +231,8 @@ impl GateNode {
         self.idle_work()
     }
 
-    /// Publishes parameters whose time is near. Returns their version and first tick.
-    fn announce(&mut self, tick: i64) -> Result<Option<(u64, i64)>, IpcError> {
+    /// Announces parameters that are due. Returns their version and first tick.
+    pub(super) fn announce(&mut self, tick: i64) -> Result<Option<(u64, i64)>, IpcError> {
         let Some(operator) = self.start.schedule.announce(tick) else { return Ok(None) };
         let operator = *operator;
         self.operator.send(&operator)?;
@@ -347,7 +242,7 @@ impl GateNode {
 
     pub(super) fn heartbeat(&mut self, phase: Phase) -> Result<(), IpcError> {
         let now = clock::now_ns();
-        // Often enough to be heard, and not more.
+        // At most one heartbeat for each time-out while waiting.
         if phase == Phase::Waiting && now - self.heartbeat_ns < TIMEOUT.as_nanos() as u64 {
             return Ok(());
         }

@@ -1,4 +1,4 @@
-//! What the gate takes in: states for their time and for the check of torques, requests of both controllers.
+//! Inputs of the gate: states, for their time and for the torque check, and requests of both controllers.
 
 use crate::node::{CONTROLLERS, GateNode};
 use hapfic_gate::protocol::{ControllerSlot, Observation};
@@ -6,11 +6,11 @@ use hapfic_ipc::{IpcError, clock};
 use hapfic_messages::{Check, Clock, PERIOD_NS, Process, Request, State, ValidationError};
 use std::sync::atomic::Ordering;
 
-/// How far from the tick that is due a request's tick may be.
+/// Largest distance of a request's tick from the tick that is due.
 const NEAR: i64 = 8;
 
 impl GateNode {
-    /// Takes in what has come.
+    /// Receives all states and requests.
     pub(super) fn receive(&mut self) -> Result<(), IpcError> {
         while let Some(state) = self.state.next()? {
             self.take_state(state);
@@ -21,7 +21,7 @@ impl GateNode {
         Ok(())
     }
 
-    /// Takes in what has come up to the state of a tick and the primary's request; the rest can wait for the slack.
+    /// Receives up to the state of a tick and the primary's request; the rest can wait for idle time.
     pub(super) fn receive_until_answered(&mut self, tick: i64) -> Result<(), IpcError> {
         while self.newest.is_none_or(|(newest, _)| newest < tick)
             && let Some(state) = self.state.next()?
@@ -29,7 +29,7 @@ impl GateNode {
             self.take_state(state);
         }
         let primary = self.gate.primary() as usize;
-        while self.inbox[primary].at(tick).is_none()
+        while self.requests[primary].at(tick).is_none()
             && let Some(request) = self.request.next()?
         {
             self.take_request(request);
@@ -39,13 +39,13 @@ impl GateNode {
 
     fn take_state(&mut self, state: State) {
         if self.newest.is_some_and(|(tick, _)| state.tick == tick) && state.check().is_ok() {
-            // A successor of the plant says once more what its forerunner said last.
+            // A successor of the plant republishes the last state of its predecessor.
             return;
         }
         match self.validate_state(&state) {
             Ok(()) => {
                 let now = clock::now_ns();
-                // A stamp that cannot be right must not move the deadline.
+                // An implausible stamp must not move the deadline.
                 let stamp = state.stamp_ns.clamp(now.saturating_sub(PERIOD_NS), now);
                 self.newest = Some((state.tick, stamp));
                 if let Some(predictor) = &mut self.predictor {
@@ -62,7 +62,7 @@ impl GateNode {
     }
 
     fn take_request(&mut self, request: Request) {
-        let place = match Process::from_code(request.controller) {
+        let slot = match Process::from_code(request.controller) {
             Some(Process::Controller) => 0,
             Some(Process::Standby) => 1,
             _ => {
@@ -72,21 +72,21 @@ impl GateNode {
             }
         };
         let due = self.gate.tick();
-        let newest = self.inbox[place].newest().map_or(i64::MIN, |r| r.tick);
+        let newest = self.requests[slot].newest().map_or(i64::MIN, |r| r.tick);
         let again = request.tick < due && request.tick <= newest;
         if again || request.tick.abs_diff(due) > NEAR as u64 {
             self.rejected += 1;
-            self.defects[place] =
+            self.defects[slot] =
                 Some(ValidationError::Tick { field: "tick", found: request.tick, expected: due.max(newest + 1) });
             return;
         }
-        self.inbox[place].insert(request);
+        self.requests[slot].insert(request);
     }
 
     fn validate_state(&self, state: &State) -> Result<(), ValidationError> {
         state.check()?;
         let expected = self.newest.map_or(0, |(tick, _)| tick + 1);
-        // The plant does one tick after the other; a gate that was held up may have missed as many as there has been time for.
+        // The plant does tick after tick; a delayed gate may have missed as many as there has been time for.
         let missed = match (self.start.clock, self.newest) {
             (Clock::Realtime, Some((_, stamp))) => (clock::now_ns().saturating_sub(stamp) / PERIOD_NS) as i64 + NEAR,
             _ => 0,
@@ -97,17 +97,17 @@ impl GateNode {
         Err(ValidationError::Tick { field: "tick", found: state.tick, expected })
     }
 
-    /// Who has answered the tick that is due, and with what. A request whose state is not here yet has not come either.
+    /// Observes which controllers have answered the tick that is due. A request without its state does not count yet.
     pub(super) fn observe(&mut self, overdue: bool) -> (Observation, [Option<Request>; CONTROLLERS]) {
         let tick = self.gate.tick();
         let present = self.start.shared.present.load(Ordering::Acquire);
         let mut seen = Observation { overdue, ..Observation::default() };
         let mut requests = [None; CONTROLLERS];
         let state = self.states.at(tick);
-        for place in ControllerSlot::BOTH {
-            let i = place as usize;
-            seen.present[i] = present & (1 << place.process().code()) != 0;
-            let (Some(state), Some(request)) = (state, self.inbox[i].at(tick)) else { continue };
+        for slot in ControllerSlot::BOTH {
+            let i = slot as usize;
+            seen.present[i] = present & (1 << slot.process().code()) != 0;
+            let (Some(state), Some(request)) = (state, self.requests[i].at(tick)) else { continue };
             match self.gate.validate(request, state, self.start.schedule.operator().at(tick)) {
                 Ok(()) => {
                     seen.valid[i] = true;
@@ -115,7 +115,7 @@ impl GateNode {
                 }
                 Err(defect) => {
                     seen.rejected[i] = true;
-                    // Asked again at every wake-up of this tick, reported once.
+                    // Validated again at every wake-up of this tick, reported once.
                     if self.defects[i].is_none() {
                         self.rejected += 1;
                         self.defects[i] = Some(defect);

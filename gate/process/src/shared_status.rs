@@ -2,72 +2,90 @@
 
 use hapfic_ipc::clock;
 use hapfic_messages::{Detector, Phase, Process, Timing};
+use hapfic_sync::GenerationCell;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU32, AtomicU64, Ordering};
 
 /// The recorder listens every ten milliseconds; a gap longer than this, ns, counts as no more than it.
 const ATTENTION_NS: u64 = 20_000_000;
 
-/// Signs of life of one process.
-#[derive(Debug, Default)]
+/// Words of a heartbeat: its generation's tag, and what [`Heartbeat`] holds.
+const WORDS: usize = 6;
+
+/// Last heartbeat of the present generation of a process; the default stands for none.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Heartbeat {
-    /// When it was last heard of; zero: never.
-    last_ns: AtomicU64,
-    /// How long the recorder had listened by then.
-    last_at: AtomicU64,
-    /// Which start of the process it is (upper half), and code of its phase plus one (lower half; zero: never heard of). One word:
-    /// what a dead process said last must not be taken for its successor's.
-    phase: AtomicU64,
-    /// Real-time privileges it has.
-    realtime: AtomicU32,
-    /// Messages it has rejected.
-    rejected: AtomicU32,
-    /// Its last tick.
-    tick: AtomicI64,
-    /// How often it could not meet somebody.
-    failed_connections: AtomicU32,
+    /// When it was recorded [ns]; `None`: there was none.
+    last_ns: Option<u64>,
+    /// How long the recorder had listened by then [ns].
+    listened_ns: u64,
+    phase: Option<Phase>,
+    tick: i64,
+    realtime: u32,
+    rejected: u32,
+    failed_connections: u32,
+}
+
+impl Default for Heartbeat {
+    fn default() -> Self {
+        Self { last_ns: None, listened_ns: 0, phase: None, tick: -1, realtime: 0, rejected: 0, failed_connections: 0 }
+    }
 }
 
 impl Heartbeat {
-    /// Its phase, once heard of.
+    fn from_words([_, last_ns, listened_ns, phase, tick, counts]: [u64; WORDS]) -> Self {
+        Self {
+            last_ns: Some(last_ns),
+            listened_ns,
+            phase: Phase::from_code(phase as u32),
+            tick: tick as i64,
+            realtime: (phase >> 32) as u32,
+            rejected: counts as u32,
+            failed_connections: (counts >> 32) as u32,
+        }
+    }
+
+    /// Words of a timing message that was recorded at `now_ns`, when the recorder had listened for `listened_ns`.
+    fn words(timing: &Timing, now_ns: u64, listened_ns: u64) -> [u64; WORDS] {
+        let pair = |low: u32, high: u32| u64::from(low) | u64::from(high) << 32;
+        let counts = pair(timing.rejected, timing.failed_connections);
+        [0, now_ns, listened_ns, pair(timing.phase, timing.realtime), timing.tick as u64, counts]
+    }
+
+    /// Phase of the process; `None` before its first heartbeat.
     #[must_use]
     pub fn phase(&self) -> Option<Phase> {
-        (self.phase.load(Ordering::Acquire) as u32).checked_sub(1).and_then(Phase::from_code)
+        self.phase
     }
 
-    /// When it was last heard of.
-    fn last_ns(&self) -> Option<u64> {
-        Some(self.last_ns.load(Ordering::Relaxed)).filter(|heard| *heard > 0)
-    }
-
-    /// The tick it reported of last.
+    /// Last tick that the process reported; -1 before the first.
     #[must_use]
     pub fn tick(&self) -> i64 {
-        self.tick.load(Ordering::Relaxed)
+        self.tick
     }
 
-    /// How long ago it was heard of, ns.
+    /// Age of the heartbeat [ns]; `None` without one.
     #[must_use]
     pub fn age_ns(&self) -> Option<u64> {
-        self.last_ns().map(|heard| clock::now_ns().saturating_sub(heard))
+        self.last_ns.map(|last| clock::now_ns().saturating_sub(last))
     }
 
-    /// Messages it has rejected since it started.
+    /// Messages that the process has rejected since it started.
     #[must_use]
     pub fn rejected(&self) -> u32 {
-        self.rejected.load(Ordering::Relaxed)
+        self.rejected
     }
 
-    /// How often it could not meet somebody who had joined, since it started.
+    /// Connections that the process could not make since it started.
     #[must_use]
     pub fn failed_connections(&self) -> u32 {
-        self.failed_connections.load(Ordering::Relaxed)
+        self.failed_connections
     }
 
-    /// Real-time privileges it has, bits of [`hapfic_ipc::realtime::SchedGrants`].
+    /// Real-time privileges of the process, bits of [`hapfic_ipc::realtime::SchedGrants`].
     #[must_use]
     pub fn realtime(&self) -> u32 {
-        self.realtime.load(Ordering::Relaxed)
+        self.realtime
     }
 }
 
@@ -181,7 +199,7 @@ pub struct SharedStatus {
     pub snapshot: Mutex<StatusSnapshot>,
     /// From state to command.
     pub latencies: Latencies,
-    heartbeats: [Heartbeat; Process::ALL.len()],
+    heartbeats: [GenerationCell<WORDS>; Process::ALL.len()],
 }
 
 impl SharedStatus {
@@ -191,19 +209,19 @@ impl SharedStatus {
         Self { primary: AtomicU32::new(Process::Controller.code()), gated: AtomicI64::new(-1), ..Self::default() }
     }
 
-    /// Signs of life of a process.
+    /// Last heartbeat of the present generation of a process.
     #[must_use]
-    pub fn heartbeat(&self, process: Process) -> &Heartbeat {
-        &self.heartbeats[process as usize]
+    pub fn heartbeat(&self, process: Process) -> Heartbeat {
+        self.heartbeats[process as usize].read().map_or_else(Heartbeat::default, Heartbeat::from_words)
     }
 
-    /// For how long the recorder has listened without hearing of a process, ns. Time in which it did not listen does not count:
-    /// a recorder that was held up has heard of nobody, and when the host takes the machine away everybody is held up.
+    /// How long the recorder has listened since a process's last heartbeat [ns]; `None` without one. Time in which it did not listen does
+    /// not count: a recorder that was held up has recorded nothing, and when the host takes the machine away all processes are held up.
     #[must_use]
     pub fn silence_ns(&self, process: Process) -> Option<u64> {
         let heartbeat = self.heartbeat(process);
-        heartbeat.last_ns()?;
-        Some(self.listening_ns.load(Ordering::Acquire).saturating_sub(heartbeat.last_at.load(Ordering::Relaxed)))
+        heartbeat.last_ns?;
+        Some(self.listening_ns.load(Ordering::Acquire).saturating_sub(heartbeat.listened_ns))
     }
 
     /// To be called, by one thread, when everything that had been sent has been taken in.
@@ -220,14 +238,9 @@ impl SharedStatus {
         self.rounds.load(Ordering::Acquire)
     }
 
-    /// A process is started anew: it has not been heard of yet.
+    /// Expects heartbeats of another generation of a process: those of the one before do not count any more.
     pub fn reset(&self, process: Process, generation: u32) {
-        let heartbeat = self.heartbeat(process);
-        heartbeat.phase.store(u64::from(generation) << 32, Ordering::Release);
-        heartbeat.last_ns.store(0, Ordering::Relaxed);
-        heartbeat.rejected.store(0, Ordering::Relaxed);
-        heartbeat.failed_connections.store(0, Ordering::Relaxed);
-        heartbeat.tick.store(-1, Ordering::Relaxed);
+        self.heartbeats[process as usize].expect(generation);
     }
 
     /// Asks the gate for a latched stop.
@@ -236,26 +249,14 @@ impl SharedStatus {
         self.stops.fetch_add(1, Ordering::AcqRel);
     }
 
-    /// Takes note of a timing message.
+    /// Records a timing message. By one thread only: the recorder's.
     pub fn record_heartbeat(&self, timing: &Timing) {
-        let Some(heartbeat) = self.heartbeats.get(timing.process as usize) else { return };
-        let generation = u64::from(timing.generation);
-        if heartbeat.phase.load(Ordering::Acquire) >> 32 != generation {
-            return;
-        }
-        heartbeat.last_ns.store(clock::now_ns(), Ordering::Relaxed);
-        heartbeat.last_at.store(self.listening_ns.load(Ordering::Relaxed), Ordering::Relaxed);
-        heartbeat.realtime.store(timing.realtime, Ordering::Relaxed);
-        heartbeat.rejected.store(timing.rejected, Ordering::Relaxed);
-        heartbeat.failed_connections.store(timing.failed_connections, Ordering::Relaxed);
-        heartbeat.tick.store(timing.tick, Ordering::Relaxed);
+        let Some(cell) = self.heartbeats.get(timing.process as usize) else { return };
+        let words = Heartbeat::words(timing, clock::now_ns(), self.listening_ns.load(Ordering::Relaxed));
+        cell.write(timing.generation, words);
         if timing.process == Process::Supervisor.code() && timing.latency_ns > 0 {
             self.latencies.push(timing.latency_ns);
         }
-        let heard = generation << 32 | u64::from(timing.phase + 1);
-        // Last, and only if it is still the same process's.
-        let _ =
-            heartbeat.phase.fetch_update(Ordering::AcqRel, Ordering::Acquire, |now| (now >> 32 == generation).then_some(heard));
     }
 }
 
@@ -281,5 +282,24 @@ mod tests {
         assert!(shared.silence_ns(Process::Plant).unwrap() >= 1_000_000_000, "a real silence is heard");
         shared.record_heartbeat(&Timing { process: Process::Plant.code(), ..Timing::default() });
         assert_eq!(shared.silence_ns(Process::Plant), Some(0));
+    }
+
+    #[test]
+    fn heartbeat_of_a_predecessor_does_not_count() {
+        let shared = SharedStatus::new();
+        let timing =
+            Timing { process: Process::Planner.code(), phase: Phase::Running.code(), tick: 7, rejected: 3, ..Timing::default() };
+        shared.record_heartbeat(&timing);
+        let heartbeat = shared.heartbeat(Process::Planner);
+        assert_eq!((heartbeat.phase(), heartbeat.tick(), heartbeat.rejected()), (Some(Phase::Running), 7, 3));
+        shared.reset(Process::Planner, 1);
+        assert_eq!(shared.heartbeat(Process::Planner), Heartbeat::default());
+        assert_eq!(shared.silence_ns(Process::Planner), None);
+        shared.record_heartbeat(&timing);
+        assert_eq!(shared.heartbeat(Process::Planner), Heartbeat::default(), "a late message of the predecessor");
+        let own = Timing { generation: 1, tick: 8, failed_connections: 2, realtime: 5, ..timing };
+        shared.record_heartbeat(&own);
+        let heartbeat = shared.heartbeat(Process::Planner);
+        assert_eq!((heartbeat.tick(), heartbeat.failed_connections(), heartbeat.realtime()), (8, 2, 5));
     }
 }

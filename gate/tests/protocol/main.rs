@@ -1,14 +1,14 @@
-//! The protocol of gate, controllers and restarts, explored exhaustively: every action of faults, restarts, ticks and operator's
-//! inputs within the bounds that `docs/protocol.md` gives.
+//! Exhaustive exploration of the protocol of gate, controllers and restarts: every order of faults, restarts, ticks and
+//! operator inputs, within the bounds that `docs/protocol.md` gives.
 //!
-//! The functions explored are those that run. Each rule is shown to be able to fail by a mutation that breaks it. The numbers of
-//! states are printed: see them with `--nocapture`.
+//! The explored functions are those that run. For each rule a mutation that breaks it shows that the rule can fail. The
+//! tests print the numbers of states: see them with `--nocapture`.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stdout, missing_docs)]
 
 mod mutants;
 mod mutation;
 mod recovery;
 mod rules;
-mod seat;
+mod slot;
 mod stack;
 mod whole;

@@ -1,45 +1,45 @@
-//! The pure functions, and what they would be if one rule were broken.
+//! The pure functions under test, and their mutants that each break a rule.
 
-use crate::seat::{NOW_MS, POLICY};
+use crate::slot::{NOW_MS, POLICY};
 use hapfic_gate::protocol::{Choice, GateInputs, Observation, Protocol, TickAction, WaitPolicy};
 use hapfic_gate::restart::{RestartAction, RestartSignal, RestartStage, RestartState};
 use hapfic_messages::Severity;
 
-/// What is wrong with a mutant.
+/// Defect of a mutant.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mutation {
-    /// Takes the primary's request although only the other one has answered.
-    TakesUnasked,
-    /// Does not look at the other one's request when the primary is late.
+    /// Takes the primary's request although only the other controller has answered.
+    TakesUnanswered,
+    /// Ignores the other controller's request when the primary is late.
     IgnoresStandby,
     /// Has a deadline in lockstep.
     LockstepWithDeadline,
     /// Brakes at the first missed tick.
-    BrakesAtOnce,
-    /// Repeats for ever.
+    BrakesAtFirstMiss,
+    /// Repeats without end.
     NeverBrakes,
     /// Leaves a stop by itself.
     Unlatched,
-    /// Does not hear a stop.
-    DeafToStop,
-    /// Does not hear the operator re-arm.
-    DeafToRearm,
+    /// Ignores a stop.
+    IgnoresStop,
+    /// Ignores a re-arm.
+    IgnoresRearm,
     /// Keeps the primary.
     NeverPromotes,
-    /// Makes everyone primary who is taken once.
-    PromotesAtOnce,
+    /// Promotes the other controller at its first answer.
+    PromotesAtFirstMiss,
     /// Clears a brake at the first good tick.
-    ClearsAtOnce,
+    ClearsAtFirstGoodTick,
     /// Clears no brake.
     NeverClears,
     /// Restarts without end.
     NoBudget,
-    /// Starts a process again whose budget is spent.
-    RisesAgain,
-    /// Does not tell that a budget is spent.
-    SpentInSilence,
-    /// A restart that forgets nothing when the operator re-arms.
-    LifeDeafToRearm,
+    /// Restarts a process whose budget is spent.
+    RestartsWhenSpent,
+    /// Spends a budget without a stop.
+    SpentWithoutStop,
+    /// Keeps the restarts of a slot when the operator re-arms.
+    RestartIgnoresRearm,
 }
 
 /// [`Protocol::choose`].
@@ -49,8 +49,8 @@ pub fn choose(mutation: Option<Mutation>, protocol: &Protocol, seen: &Observatio
         _ => policy,
     };
     match (mutation, protocol.choose(seen, policy)) {
-        (Some(Mutation::TakesUnasked), Choice::Take(place)) if place != protocol.primary => Choice::Take(protocol.primary),
-        (Some(Mutation::IgnoresStandby), Choice::Take(place)) if place != protocol.primary && seen.overdue => Choice::Miss,
+        (Some(Mutation::TakesUnanswered), Choice::Take(slot)) if slot != protocol.primary => Choice::Take(protocol.primary),
+        (Some(Mutation::IgnoresStandby), Choice::Take(slot)) if slot != protocol.primary && seen.overdue => Choice::Miss,
         (_, choice) => choice,
     }
 }
@@ -65,13 +65,13 @@ pub fn step(
 ) -> (Protocol, Option<TickAction>) {
     let mut inputs = *inputs;
     match mutation {
-        Some(Mutation::DeafToStop) => inputs.stop = false,
-        Some(Mutation::DeafToRearm) => inputs.rearm = false,
+        Some(Mutation::IgnoresStop) => inputs.stop = false,
+        Some(Mutation::IgnoresRearm) => inputs.rearm = false,
         _ => {}
     }
     let (mut next, mut action) = protocol.step(choice, seen, &inputs);
     match mutation {
-        Some(Mutation::BrakesAtOnce) if choice == Choice::Miss && next.severity == Severity::Degraded => {
+        Some(Mutation::BrakesAtFirstMiss) if choice == Choice::Miss && next.severity == Severity::Degraded => {
             next.severity = Severity::Brake;
             action = Some(TickAction::Brake);
         }
@@ -81,21 +81,21 @@ pub fn step(
         }
         Some(Mutation::Unlatched) if protocol.severity == Severity::Stopped && !inputs.stop => next.severity = Severity::Brake,
         Some(Mutation::NeverPromotes) => next.primary = protocol.primary,
-        Some(Mutation::PromotesAtOnce) => {
-            if let Choice::Take(place) = choice {
-                next.primary = place;
+        Some(Mutation::PromotesAtFirstMiss) => {
+            if let Choice::Take(slot) = choice {
+                next.primary = slot;
             }
         }
-        Some(Mutation::ClearsAtOnce) => {
-            if let (Severity::Brake, Choice::Take(place)) = (next.severity, choice) {
+        Some(Mutation::ClearsAtFirstGoodTick) => {
+            if let (Severity::Brake, Choice::Take(slot)) = (next.severity, choice) {
                 next.severity = Severity::Nominal;
-                action = Some(TickAction::Pass(place));
+                action = Some(TickAction::Pass(slot));
             }
         }
         Some(Mutation::NeverClears) if protocol.severity == Severity::Brake && next.severity < Severity::Brake => {
             next.severity = Severity::Brake;
-            if let Choice::Take(place) = choice {
-                action = Some(TickAction::Withhold(place));
+            if let Choice::Take(slot) = choice {
+                action = Some(TickAction::Suppress(slot));
             }
         }
         _ => {}
@@ -103,9 +103,13 @@ pub fn step(
     (next, action)
 }
 
-/// [`RestartState::after`], now.
-pub fn live(mutation: Option<Mutation>, restart: RestartState, signal: RestartSignal) -> (RestartState, Option<RestartAction>) {
-    if mutation == Some(Mutation::LifeDeafToRearm) && signal == RestartSignal::Rearmed {
+/// [`RestartState::after`] at [`NOW_MS`].
+pub fn restart_after(
+    mutation: Option<Mutation>,
+    restart: RestartState,
+    signal: RestartSignal,
+) -> (RestartState, Option<RestartAction>) {
+    if mutation == Some(Mutation::RestartIgnoresRearm) && signal == RestartSignal::Rearmed {
         return (restart, None);
     }
     let before = restart.stage;
@@ -115,11 +119,11 @@ pub fn live(mutation: Option<Mutation>, restart: RestartState, signal: RestartSi
             after.stage = RestartStage::BackOff(NOW_MS);
             action = None;
         }
-        Some(Mutation::RisesAgain) if before == RestartStage::GivenUp && signal == RestartSignal::Time => {
+        Some(Mutation::RestartsWhenSpent) if before == RestartStage::GivenUp && signal == RestartSignal::Time => {
             after.stage = RestartStage::Starting;
             action = Some(RestartAction::Start);
         }
-        Some(Mutation::SpentInSilence) if action == Some(RestartAction::Stop) => action = None,
+        Some(Mutation::SpentWithoutStop) if action == Some(RestartAction::Stop) => action = None,
         _ => {}
     }
     (after, action)

@@ -1,4 +1,4 @@
-//! After the operator has re-armed, torque comes back for certain: a model without cycles, in which every path ends.
+//! Recovery after a re-arm, which is certain: a model without cycles, in which every path ends.
 
 use crate::mutation::{self, Mutation};
 use hapfic_gate::protocol::{Choice, ControllerSlot, GateInputs, Observation, Protocol, WaitPolicy};
@@ -6,15 +6,15 @@ use hapfic_gate::severity::Conditions;
 use hapfic_messages::Severity;
 use stateright::{Checker, Model, Property};
 
-/// Ticks within which all is well again.
+/// Ticks within which the severity is nominal again.
 const WITHIN: u8 = 20;
 const NOMINAL: &str = "re-armed, it becomes nominal";
-/// How often each may have come about before: more is the same.
-const ABSENT: u32 = 2;
+/// Upper bounds of the initial counts: larger counts behave the same.
+const PRIMARY_MISSES: u32 = 2;
 const MISSED: u32 = 2;
 const GOOD: u32 = 20;
 
-/// The gate from where it was re-armed on. At each tick at least one controller answers.
+/// Model of the gate after a re-arm. At each tick at least one controller answers.
 #[derive(Clone, Copy, Debug)]
 struct Recovery {
     mutation: Option<Mutation>,
@@ -39,7 +39,7 @@ impl Model for Recovery {
     type State = State;
     type Action = [bool; 2];
 
-    /// Whatever it was stopped in, re-armed at a tick that nobody may have answered.
+    /// Every stopped state, re-armed at a tick with or without an answer.
     fn init_states(&self) -> Vec<State> {
         let rearm = GateInputs { rearm: true, ..GateInputs::default() };
         let mut states = Vec::new();
@@ -76,11 +76,12 @@ impl Model for Recovery {
 }
 
 fn counts() -> impl Iterator<Item = (u32, u32, u32)> {
-    (0..=ABSENT).flat_map(|misses| (0..=MISSED).flat_map(move |missed| (0..=GOOD).map(move |good| (misses, missed, good))))
+    (0..=PRIMARY_MISSES)
+        .flat_map(|misses| (0..=MISSED).flat_map(move |missed| (0..=GOOD).map(move |good| (misses, missed, good))))
 }
 
 #[test]
-fn after_a_rearm_it_becomes_nominal_if_controllers_answer() {
+fn rearm_with_answers_becomes_nominal() {
     let checker = Recovery { mutation: None }.checker().spawn_bfs().join();
     println!("recovery: {} states", checker.unique_state_count());
     assert!(checker.unique_state_count() > usize::from(WITHIN));
@@ -88,7 +89,7 @@ fn after_a_rearm_it_becomes_nominal_if_controllers_answer() {
 }
 
 #[test]
-fn a_brake_that_never_clears_is_found_after_a_rearm() {
+fn mutant_rearm_without_clear_is_found() {
     let checker = Recovery { mutation: Some(Mutation::NeverClears) }.checker().spawn_bfs().join();
     assert!(checker.discovery(NOMINAL).is_some());
 }

@@ -1,5 +1,5 @@
-//! What has to hold at every step, told from what is seen from outside: the rules count for themselves and take no constant
-//! from the code that they judge.
+//! Rules that hold at every step, from what is visible outside: they keep their own counts, and share no constant with
+//! the code under test.
 
 use crate::stack::{Stack, State};
 use hapfic_gate::protocol::{Choice, GateInputs, Observation, Protocol, TickAction, WaitPolicy};
@@ -7,29 +7,29 @@ use hapfic_messages::Severity;
 use stateright::Property;
 
 /// Missed ticks in a row at which the drive brakes.
-const MISSES: u8 = 2;
+const BRAKE_MISSES: u8 = 2;
 /// Good ticks in a row after which degraded and brake clear.
 const GOOD: u8 = 20;
-/// Ticks in a row in which only the other controller answered, after which it is the primary.
-const ABSENT: u8 = 3;
+/// Ticks in a row answered by the other controller only, after which it is the primary.
+const PRIMARY_MISSES: u8 = 3;
 
 macro_rules! rules {
     ($($(#[$doc:meta])* $rule:ident = $name:literal;)+) => {
-        /// A rule, by the bit that tells that it was broken.
+        /// Rule; its number is its bit in [`Broken`].
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         pub enum Rule {
             $($(#[$doc])* $rule,)+
         }
 
         impl Rule {
-            /// The property's name.
+            /// Name of the property.
             pub const fn name(self) -> &'static str {
                 match self {
                     $(Self::$rule => $name,)+
                 }
             }
 
-            /// All rules as properties: none is ever broken.
+            /// All rules as properties: no step breaks them.
             pub fn properties() -> Vec<Property<Stack>> {
                 vec![$(Property::always($name, |_: &Stack, state: &State| state.broken.held(Rule::$rule)),)+]
             }
@@ -38,37 +38,37 @@ macro_rules! rules {
 }
 
 rules! {
-    /// Each tick has one action, and torque only from a place whose request for that tick was valid.
+    /// Each tick has one action, and torque only from a slot whose request for that tick was valid.
     OneSource = "one source for a tick";
-    /// While one controller's request is valid, and nothing brakes already, the tick gets torque.
+    /// A tick gets torque if at least one request is valid, unless the drive already brakes.
     Torque = "torque while one answers";
     /// In lockstep no tick goes without a request.
     NeverWithout = "lockstep never goes without";
-    /// Brake or worse is entered by two missed ticks in a row, or by a stop; the first missed tick repeats.
+    /// Only two missed ticks in a row, or a stop, lead to brake or worse; the first missed tick repeats.
     BrakeCause = "a brake has its cause";
     /// At the second missed tick in a row the drive brakes.
     BrakeAtSecond = "the second miss brakes";
-    /// Restarts of a place within the window stay within the budget.
+    /// Restarts of a slot within the window stay within the budget.
     Budget = "no restart storm";
-    /// Once the budget is spent nothing is started until the operator re-arms.
+    /// After the budget is spent, no process starts in the slot until the operator re-arms.
     Spent = "a spent budget starts nothing";
-    /// Whoever has spent his budget is followed by a stop at the next tick.
+    /// A spent budget leads to a stop at the next tick.
     SpentStops = "a spent budget stops";
-    /// A stop is taken in at once, has its cause, and is left only by the operator, for brake.
+    /// A stop takes effect immediately and has its cause; only the operator leaves it, for brake.
     Latch = "a stop is latched";
-    /// If the primary is gone, or missed three ticks, the other one is primary from the next tick that it answers.
+    /// If the primary is gone, or missed three ticks, the other slot is primary from the next tick that it answers.
     HandOver = "hand-over when the primary is gone";
     /// The primary changes only then.
     PromotionCause = "no hand-over without cause";
-    /// Degraded and brake get better only after twenty good ticks in a row.
+    /// Degraded and brake clear only after twenty good ticks in a row.
     ClearCause = "nothing clears early";
-    /// After twenty good ticks in a row they are cleared, down to what is still amiss.
+    /// Twenty good ticks in a row clear them, down to the remaining cause.
     Clears = "twenty good ticks clear";
-    /// The model, which keeps no time, only ages, has kept each restart as the code has.
+    /// The model, which keeps ages instead of times, has the same restarts as the code.
     Ages = "ages stand for times";
 }
 
-/// Which rules the last step broke.
+/// Rules that the last step broke, a bit for each.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Broken(u16);
 
@@ -84,16 +84,16 @@ impl Broken {
     }
 }
 
-/// The rules' own account of the ticks so far.
+/// The rules' own counts of the ticks so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Account {
-    /// Whether any request was ever used.
+    /// Whether any request has been used.
     opened: bool,
-    /// Ticks missed in a row since then, up to [`MISSES`].
+    /// Ticks missed in a row since then, up to [`BRAKE_MISSES`].
     misses: u8,
-    /// Good ticks in a row, up to [`GOOD`]; anew from where a stop was left.
+    /// Good ticks in a row, up to [`GOOD`]; restarts at the end of a stop.
     good: u8,
-    /// Ticks of the other controller since the primary's last one, up to [`ABSENT`].
+    /// Ticks of the other controller since the primary's last answer, up to [`PRIMARY_MISSES`].
     primary_misses: u8,
 }
 
@@ -101,7 +101,7 @@ const fn implies(cause: bool, effect: bool) -> bool {
     !cause || effect
 }
 
-/// A tick that was gated.
+/// Gated tick.
 #[derive(Clone, Copy, Debug)]
 pub struct Gated {
     pub policy: WaitPolicy,
@@ -114,18 +114,18 @@ pub struct Gated {
 }
 
 impl Account {
-    /// The account after a tick, and into `broken` what was wrong with the tick.
+    /// Counts after a tick; writes the broken rules into `broken`.
     pub fn after(self, tick: &Gated, broken: &mut Broken) -> Self {
         let mut now = self;
         match tick.choice {
-            Choice::Take(place) => {
+            Choice::Take(slot) => {
                 now.opened = true;
                 now.misses = 0;
                 now.good = (self.good + 1).min(GOOD);
-                now.primary_misses = if place == tick.before.primary { 0 } else { (self.primary_misses + 1).min(ABSENT) };
+                now.primary_misses = if slot == tick.before.primary { 0 } else { (self.primary_misses + 1).min(PRIMARY_MISSES) };
             }
             _ => {
-                now.misses = if self.opened { (self.misses + 1).min(MISSES) } else { 0 };
+                now.misses = if self.opened { (self.misses + 1).min(BRAKE_MISSES) } else { 0 };
                 now.good = 0;
             }
         }
@@ -146,8 +146,8 @@ impl Account {
         broken.expect(
             Rule::OneSource,
             match action {
-                Some(TickAction::Pass(place) | TickAction::Withhold(place)) => {
-                    choice == Choice::Take(place) && seen.valid[place as usize]
+                Some(TickAction::Pass(slot) | TickAction::Suppress(slot)) => {
+                    choice == Choice::Take(slot) && seen.valid[slot as usize]
                 }
                 Some(TickAction::Repeat | TickAction::Brake | TickAction::Hold) => choice == Choice::Miss,
                 None => false,
@@ -155,13 +155,13 @@ impl Account {
         );
         let passed = matches!(action, Some(TickAction::Pass(_)));
         broken.expect(Rule::Torque, implies(answered && !braked && !inputs.stop, passed));
-        let used = matches!(action, Some(TickAction::Pass(_) | TickAction::Withhold(_)));
+        let used = matches!(action, Some(TickAction::Pass(_) | TickAction::Suppress(_)));
         broken.expect(Rule::NeverWithout, implies(tick.policy == WaitPolicy::Lockstep, used));
 
         let brakes = after.severity >= Severity::Brake;
-        let second = self.misses >= MISSES;
+        let second = self.misses >= BRAKE_MISSES;
         let first = self.misses == 1 && !braked && !inputs.stop;
-        let off = matches!(action, Some(TickAction::Brake | TickAction::Withhold(_)));
+        let off = matches!(action, Some(TickAction::Brake | TickAction::Suppress(_)));
         broken.expect(Rule::BrakeCause, implies(!braked && brakes, second || inputs.stop));
         broken.expect(Rule::BrakeCause, implies(first, action == Some(TickAction::Repeat)));
         broken.expect(Rule::BrakeCause, implies(off, brakes));
@@ -172,7 +172,7 @@ impl Account {
         broken.expect(Rule::Latch, implies(stopped && !was_stopped, inputs.stop));
         let to_brake = inputs.rearm && after.severity == Severity::Brake;
         broken.expect(Rule::Latch, implies(was_stopped && !stopped, to_brake));
-        self.judge_primary(tick, broken);
+        self.validate_primary(tick, broken);
 
         let clearable = matches!(before.severity, Severity::Degraded | Severity::Brake);
         let good = self.good >= GOOD;
@@ -181,10 +181,10 @@ impl Account {
         broken.expect(Rule::Clears, implies(clearable && good && !inputs.stop, after.severity == left));
     }
 
-    fn judge_primary(&self, tick: &Gated, broken: &mut Broken) {
+    fn validate_primary(&self, tick: &Gated, broken: &mut Broken) {
         let (old, new) = (tick.before.primary, tick.after.primary);
         let other_taken = tick.choice == Choice::Take(old.other());
-        let due = other_taken && (!tick.seen.present[old as usize] || self.primary_misses >= ABSENT);
+        let due = other_taken && (!tick.seen.present[old as usize] || self.primary_misses >= PRIMARY_MISSES);
         broken.expect(Rule::HandOver, implies(due, new == old.other()));
         broken.expect(Rule::PromotionCause, implies(new != old, due));
     }

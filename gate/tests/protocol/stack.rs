@@ -1,36 +1,36 @@
-//! The gate, both places of controllers and the operator, as a model: what there is, and what may happen next.
+//! Model of the gate, both controller slots and the operator: its state, and its next moves.
 
 use crate::mutation::{self, Mutation};
 use crate::rules::{Account, Broken, Gated, Rule};
-use crate::seat::{Process, Seat};
+use crate::slot::{Process, SlotModel};
 use hapfic_gate::protocol::{Choice, ControllerSlot, GateInputs, Observation, Protocol, TickAction, WaitPolicy};
 use hapfic_gate::restart::{RestartAction, RestartSignal, RestartStage};
 use hapfic_messages::Severity;
 use stateright::{Model, Property};
 
-/// The model.
+/// Model of the stack.
 #[derive(Clone, Copy, Debug)]
 pub struct Stack {
     pub policy: WaitPolicy,
-    /// The places whose processes may fail.
+    /// Slots whose processes may fail.
     pub failing: [bool; 2],
-    /// What is wrong with the code; `None`: as it runs.
+    /// Defect of the code; `None`: the code as it runs.
     pub mutation: Option<Mutation>,
-    /// The one property that is asked for; `None`: all.
+    /// The only property to check; `None`: all.
     pub only: Option<&'static str>,
 }
 
-/// All there is at a moment.
+/// State of the model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct State {
     pub protocol: Protocol,
-    pub seats: [Seat; 2],
-    /// What the gate will find asked for at its next tick.
+    pub slots: [SlotModel; 2],
+    /// Inputs of the gate's next tick.
     pending: Pending,
     account: Account,
-    /// What the last step broke.
+    /// Rules that the last step broke.
     pub broken: Broken,
-    news: News,
+    milestones: Milestones,
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -39,55 +39,55 @@ struct Pending {
     rearm: bool,
 }
 
-/// What the last step brought that should be possible.
+/// Events of the last step that should be possible.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-struct News {
-    /// Torque, after a brake.
+struct Milestones {
+    /// Torque after a brake.
     back: bool,
-    /// A stop was left.
+    /// End of a stop.
     left: bool,
-    /// The primary changed.
+    /// Change of the primary.
     promoted: bool,
 }
 
-/// When a request comes.
+/// Arrival of a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Arrival {
-    /// Before the gate's first look.
+    /// Before the gate's first check.
     Early,
-    /// After it, and before the deadline.
+    /// After the first check, and before the deadline.
     InTime,
-    /// Too late.
+    /// After the deadline.
     Late,
 }
 
-/// What the operator asks for.
+/// Input of the operator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum SchedRequest {
+pub enum OperatorInput {
     Nothing,
     Stop,
     Rearm,
 }
 
-/// What may happen.
+/// Move of the model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Move {
     /// A process is killed, or hangs.
     Silence(ControllerSlot),
-    /// A process begins to send garbage.
-    Garble(ControllerSlot),
+    /// A process begins to send invalid requests.
+    Corrupt(ControllerSlot),
     /// A process does its first tick.
     Join(ControllerSlot),
-    /// The supervisor sees that it does.
-    Notice(ControllerSlot),
-    /// A detector speaks; what is left of the process is killed. It may be wrong about a process that is well.
-    Lose(ControllerSlot),
-    /// The supervisor looks whether a restart is due.
-    Look(ControllerSlot),
-    /// A millisecond passes for the restarts, however many ticks there are in it.
+    /// The supervisor sees the first tick of a process.
+    ObserveTick(ControllerSlot),
+    /// A detector reports a process, which is killed. It may be wrong about a healthy process.
+    Detect(ControllerSlot),
+    /// The supervisor checks whether a restart is due.
+    CheckRestart(ControllerSlot),
+    /// A millisecond passes for the restarts, with any number of ticks in it.
     Clock,
     /// The gate's tick.
-    Tick { arrivals: [Arrival; 2], wish: SchedRequest },
+    Tick { arrivals: [Arrival; 2], input: OperatorInput },
 }
 
 pub const STOPPED: &str = "a stop is reached";
@@ -103,59 +103,59 @@ impl Model for Stack {
     fn init_states(&self) -> Vec<State> {
         vec![State {
             protocol: Protocol::default(),
-            seats: [Seat::default(); 2],
+            slots: [SlotModel::default(); 2],
             pending: Pending::default(),
             account: Account::default(),
             broken: Broken::default(),
-            news: News::default(),
+            milestones: Milestones::default(),
         }]
     }
 
     fn actions(&self, state: &State, actions: &mut Vec<Move>) {
-        for place in ControllerSlot::BOTH {
-            let seat = &state.seats[place as usize];
-            if self.failing[place as usize] {
-                if matches!(seat.process, Process::Joining | Process::Present | Process::Garbage) {
-                    actions.push(Move::Silence(place));
+        for slot in ControllerSlot::BOTH {
+            let model = &state.slots[slot as usize];
+            if self.failing[slot as usize] {
+                if matches!(model.process, Process::Joining | Process::Present | Process::Garbage) {
+                    actions.push(Move::Silence(slot));
                 }
-                if seat.process == Process::Present {
-                    actions.push(Move::Garble(place));
+                if model.process == Process::Present {
+                    actions.push(Move::Corrupt(slot));
                 }
-                if seat.process != Process::Absent {
-                    actions.push(Move::Lose(place));
+                if model.process != Process::Missing {
+                    actions.push(Move::Detect(slot));
                 }
             }
-            if seat.process == Process::Joining {
-                actions.push(Move::Join(place));
+            if model.process == Process::Joining {
+                actions.push(Move::Join(slot));
             }
-            if seat.stage == RestartStage::Starting && matches!(seat.process, Process::Present | Process::Garbage) {
-                actions.push(Move::Notice(place));
+            if model.stage == RestartStage::Starting && matches!(model.process, Process::Present | Process::Garbage) {
+                actions.push(Move::ObserveTick(slot));
             }
-            if matches!(seat.stage, RestartStage::BackOff(_) | RestartStage::GivenUp) {
-                actions.push(Move::Look(place));
+            if matches!(model.stage, RestartStage::BackOff(_) | RestartStage::GivenUp) {
+                actions.push(Move::CheckRestart(slot));
             }
         }
         actions.push(Move::Clock);
-        for first in arrivals(&state.seats[0]) {
-            for second in arrivals(&state.seats[1]) {
-                for wish in [SchedRequest::Nothing, SchedRequest::Stop, SchedRequest::Rearm] {
-                    actions.push(Move::Tick { arrivals: [*first, *second], wish });
+        for first in arrivals(&state.slots[0]) {
+            for second in arrivals(&state.slots[1]) {
+                for input in [OperatorInput::Nothing, OperatorInput::Stop, OperatorInput::Rearm] {
+                    actions.push(Move::Tick { arrivals: [*first, *second], input });
                 }
             }
         }
     }
 
     fn next_state(&self, state: &State, action: Move) -> Option<State> {
-        let mut next = State { broken: Broken::default(), news: News::default(), ..*state };
+        let mut next = State { broken: Broken::default(), milestones: Milestones::default(), ..*state };
         match action {
-            Move::Silence(place) => next.seats[place as usize].process = Process::Silent,
-            Move::Garble(place) => next.seats[place as usize].process = Process::Garbage,
-            Move::Join(place) => next.seats[place as usize].process = Process::Present,
-            Move::Notice(place) => self.take_note(&mut next, place, RestartSignal::Ticked),
-            Move::Lose(place) => self.take_note(&mut next, place, RestartSignal::Lost),
-            Move::Look(place) => self.take_note(&mut next, place, RestartSignal::Time),
-            Move::Clock => next.seats.iter_mut().for_each(Seat::grow_older),
-            Move::Tick { arrivals, wish } => self.tick(&mut next, arrivals, wish),
+            Move::Silence(slot) => next.slots[slot as usize].process = Process::Silent,
+            Move::Corrupt(slot) => next.slots[slot as usize].process = Process::Garbage,
+            Move::Join(slot) => next.slots[slot as usize].process = Process::Present,
+            Move::ObserveTick(slot) => self.on_signal(&mut next, slot, RestartSignal::Ticked),
+            Move::Detect(slot) => self.on_signal(&mut next, slot, RestartSignal::Lost),
+            Move::CheckRestart(slot) => self.on_signal(&mut next, slot, RestartSignal::Time),
+            Move::Clock => next.slots.iter_mut().for_each(SlotModel::advance_ms),
+            Move::Tick { arrivals, input } => self.tick(&mut next, arrivals, input),
         }
         (next != *state).then_some(next)
     }
@@ -164,11 +164,11 @@ impl Model for Stack {
         let mut properties = Rule::properties();
         properties.extend([
             Property::sometimes(STOPPED, |_: &Self, state: &State| state.protocol.severity == Severity::Stopped),
-            Property::sometimes(LEFT, |_: &Self, state: &State| state.news.left),
-            Property::sometimes(BACK, |_: &Self, state: &State| state.news.back),
-            Property::sometimes(PROMOTED, |_: &Self, state: &State| state.news.promoted),
+            Property::sometimes(LEFT, |_: &Self, state: &State| state.milestones.left),
+            Property::sometimes(BACK, |_: &Self, state: &State| state.milestones.back),
+            Property::sometimes(PROMOTED, |_: &Self, state: &State| state.milestones.promoted),
             Property::sometimes(SPENT, |_: &Self, state: &State| {
-                state.seats.iter().any(|seat| seat.stage == RestartStage::GivenUp)
+                state.slots.iter().any(|model| model.stage == RestartStage::GivenUp)
             }),
         ]);
         properties.retain(|property| self.only.is_none_or(|only| only == property.name));
@@ -177,20 +177,20 @@ impl Model for Stack {
 }
 
 impl Stack {
-    fn take_note(&self, next: &mut State, place: ControllerSlot, signal: RestartSignal) {
-        let action = next.seats[place as usize].take_note(signal, self.mutation, &mut next.broken);
+    fn on_signal(&self, next: &mut State, slot: ControllerSlot, signal: RestartSignal) {
+        let action = next.slots[slot as usize].on_signal(signal, self.mutation, &mut next.broken);
         next.pending.stop |= action == Some(RestartAction::Stop);
     }
 
-    /// Two looks: one before the deadline, with what is early, and one at it. In lockstep, where nothing may come of either, the
-    /// second is the one at which the gate has lost its policy with the controller that does not answer.
-    fn tick(&self, next: &mut State, arrivals: [Arrival; 2], wish: SchedRequest) {
-        match wish {
-            SchedRequest::Nothing => {}
-            SchedRequest::Stop => next.pending.stop = true,
-            SchedRequest::Rearm => {
+    /// Two checks of the gate: before the deadline, with the early requests, and at the deadline. In lockstep, where
+    /// neither may lead to a tick, the second is the check after the time-out of the missing answer.
+    fn tick(&self, next: &mut State, arrivals: [Arrival; 2], input: OperatorInput) {
+        match input {
+            OperatorInput::Nothing => {}
+            OperatorInput::Stop => next.pending.stop = true,
+            OperatorInput::Rearm => {
                 next.pending.rearm = true;
-                ControllerSlot::BOTH.iter().for_each(|place| self.take_note(next, *place, RestartSignal::Rearmed));
+                ControllerSlot::BOTH.iter().for_each(|slot| self.on_signal(next, *slot, RestartSignal::Rearmed));
             }
         }
         for overdue in [false, true] {
@@ -204,22 +204,22 @@ impl Stack {
     }
 
     fn gate(&self, next: &mut State, seen: &Observation, choice: Choice) {
-        let missing = next.seats.iter().any(|seat| seat.stage != RestartStage::Working);
+        let missing = next.slots.iter().any(|model| model.stage != RestartStage::Working);
         let inputs = GateInputs {
             stop: next.pending.stop,
             rearm: next.pending.rearm,
-            // In lockstep the clock waits for whoever is missing.
+            // In lockstep the clock waits for a missing process.
             missing: missing && self.policy == WaitPolicy::Deadline,
         };
         let before = next.protocol;
         let (mut after, action) = mutation::step(self.mutation, before, choice, seen, &inputs);
-        // They are told anew at every tick; kept, they would only make more states of the same.
+        // Inputs are new at every tick; kept, they would only multiply equal states.
         (after.conditions.stop, after.conditions.rearm, after.conditions.missing) = (false, false, false);
         let tick = Gated { policy: self.policy, before, after, seen: *seen, inputs, choice, action };
         next.account = next.account.after(&tick, &mut next.broken);
-        let spent = next.seats.iter().any(|seat| seat.spent);
+        let spent = next.slots.iter().any(|model| model.spent);
         next.broken.expect(Rule::SpentStops, !spent || after.severity == Severity::Stopped);
-        next.news = News {
+        next.milestones = Milestones {
             back: before.severity >= Severity::Brake && matches!(action, Some(TickAction::Pass(_))),
             left: before.severity == Severity::Stopped && after.severity < Severity::Stopped,
             promoted: before.primary != after.primary,
@@ -229,27 +229,27 @@ impl Stack {
     }
 }
 
-/// When a place's request may come. Whoever answers may be late any number of times: more than a real one would.
-fn arrivals(seat: &Seat) -> &'static [Arrival] {
-    match seat.process {
+/// Possible arrivals of a slot's request. An answering process may be late without bound, unlike a real process.
+fn arrivals(model: &SlotModel) -> &'static [Arrival] {
+    match model.process {
         Process::Present | Process::Garbage => &[Arrival::Early, Arrival::InTime, Arrival::Late],
-        Process::Absent | Process::Joining | Process::Silent => &[Arrival::Late],
+        Process::Missing | Process::Joining | Process::Silent => &[Arrival::Late],
     }
 }
 
 fn observe(state: &State, arrivals: [Arrival; 2], overdue: bool) -> Observation {
     let mut seen = Observation { overdue, ..Observation::default() };
-    for place in ControllerSlot::BOTH {
-        let i = place as usize;
+    for slot in ControllerSlot::BOTH {
+        let i = slot as usize;
         let come = match arrivals[i] {
             Arrival::Early => true,
             Arrival::InTime => overdue,
             Arrival::Late => false,
         };
-        seen.valid[i] = come && state.seats[i].process == Process::Present;
-        seen.rejected[i] = come && state.seats[i].process == Process::Garbage;
-        // As far as the supervisor knows: a process may be silent already, or answer before it is expected to.
-        seen.present[i] = state.seats[i].stage == RestartStage::Working;
+        seen.valid[i] = come && state.slots[i].process == Process::Present;
+        seen.rejected[i] = come && state.slots[i].process == Process::Garbage;
+        // As the supervisor sees it: the process may already be silent, or answer before its first tick is seen.
+        seen.present[i] = state.slots[i].stage == RestartStage::Working;
     }
     seen
 }

@@ -1,11 +1,11 @@
-//! The code as it runs: all rules hold in all states, and what should be possible is.
+//! The code without mutation: all rules hold in all states, and what should be possible is.
 
 use crate::stack::Stack;
 use hapfic_gate::protocol::WaitPolicy;
 use stateright::{Checker, Model};
 use std::time::Instant;
 
-/// Fewer states than this would mean that the model does not get anywhere.
+/// Lower bound of the number of states: fewer would mean that the model is stuck.
 const MANY: usize = 100_000;
 
 fn explore(policy: WaitPolicy) {
@@ -19,11 +19,11 @@ fn explore(policy: WaitPolicy) {
 }
 
 #[test]
-fn with_a_deadline_every_rule_holds() {
+fn deadline_all_states_keep_rules() {
     explore(WaitPolicy::Deadline);
 }
 
 #[test]
-fn in_lockstep_every_rule_holds() {
+fn lockstep_all_states_keep_rules() {
     explore(WaitPolicy::Lockstep);
 }

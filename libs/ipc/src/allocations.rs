@@ -1,7 +1,7 @@
 //! Counts heap allocations of the current thread.
 //!
-//! A real-time loop must not allocate between receiving and sending. The binary installs [`Counting`] as its global allocator;
-//! each loop compares [`count`] before and after and reports the difference in [`hapfic_messages::Timing`].
+//! A real-time loop must not allocate between receiving and sending. The binary installs [`Counting`] as its global
+//! allocator; each loop compares [`count`] before and after and reports the difference in [`hapfic_messages::Timing`].
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
@@ -16,20 +16,20 @@ pub fn count() -> u64 {
     COUNT.with(Cell::get)
 }
 
-/// The system's allocator, counting.
+/// System allocator that counts allocations.
 #[derive(Debug)]
 pub struct Counting;
 
-fn tick() {
-    // A thread that is being torn down has no counter any more, and nobody who reads it.
+fn count_one() {
+    // A thread in tear-down has no counter and no reader any more.
     let _ = COUNT.try_with(|c| c.set(c.get() + 1));
 }
 
-// SAFETY: every call is passed on unchanged to the system's allocator; counting touches a plain thread-local cell only.
+// SAFETY: every call goes unchanged to the system allocator; counting touches a plain thread-local cell only.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        tick();
-        // SAFETY: the caller's promises are those `System` asks for.
+        count_one();
+        // SAFETY: the caller upholds what `System` requires.
         unsafe { System.alloc(layout) }
     }
     unsafe fn dealloc(&self, ptr: *mut u8, layout: Layout) {
@@ -37,12 +37,12 @@ unsafe impl GlobalAlloc for Counting {
         unsafe { System.dealloc(ptr, layout) }
     }
     unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
-        tick();
+        count_one();
         // SAFETY: as above.
         unsafe { System.alloc_zeroed(layout) }
     }
     unsafe fn realloc(&self, ptr: *mut u8, layout: Layout, new_size: usize) -> *mut u8 {
-        tick();
+        count_one();
         // SAFETY: as above.
         unsafe { System.realloc(ptr, layout, new_size) }
     }

@@ -1,7 +1,8 @@
 //! Ports over iceoryx2.
 //!
-//! Each topic is a publish-subscribe service and, where someone waits for it, a doorbell ([`crate::doorbell`]). Sending makes no system call
-//! but the ring and no heap allocation: the sample is loaned beforehand, in the slack ([`Output::prepare`]).
+//! Each topic is a publish-subscribe service and, where a thread waits for it, a doorbell ([`crate::doorbell`]).
+//! Sending makes no heap allocation, since a port loans the sample beforehand, in idle time ([`Output::preloan`]). Its
+//! only system call is the doorbell's.
 
 use crate::clock;
 use crate::doorbell::{Doorbell, DoorbellId, DoorbellPage, Listener, Wakes};
@@ -24,11 +25,11 @@ use std::sync::Arc;
 
 type Service = ipc::Service;
 
-/// Most that may take part in a topic at a time.
+/// Most nodes on a topic at a time.
 const MAX_NODES: usize = 32;
 const MAX_SUBSCRIBERS: usize = 12;
 
-/// A run's own corner of the machine: nothing in it is seen by another run.
+/// Namespace of a run: no other run on the machine sees anything in it.
 #[derive(Clone, Debug)]
 pub struct Domain {
     config: Config,
@@ -36,11 +37,11 @@ pub struct Domain {
 }
 
 impl Domain {
-    /// `prefix` starts the name of every shared memory segment (short, unique, letters, digits and `_`); `root` is a folder of
-    /// the run's own on tmpfs. Keep it short: a Unix socket's path has 108 bytes.
+    /// Creates the namespace. `prefix` starts the name of every shared memory segment (short, unique, letters, digits
+    /// and `_`). `root` is the run's own folder on tmpfs. Keep it short: a Unix socket's path has 108 bytes.
     ///
     /// # Errors
-    /// [`IpcError::Name`] if iceoryx2 cannot use one of them.
+    /// [`IpcError::Name`] if iceoryx2 cannot use `prefix` or `root`.
     pub fn new(prefix: &str, root: &str) -> Result<Self, IpcError> {
         let mut config = Config::default();
         config.global.prefix = FileName::new(prefix.as_bytes()).map_err(|e| IpcError::Name {
@@ -54,16 +55,18 @@ impl Domain {
             cause: format!("{e:?}"),
         })?;
         config.global.set_root_path(&path);
-        // Sweeping after a dead process costs milliseconds: the supervisor does it, when it knows of a death.
+        // Clean-up after a dead process takes milliseconds: the supervisor does it, when it knows of a death.
         config.global.node.cleanup_dead_nodes_on_creation = false;
         config.global.node.cleanup_dead_nodes_on_destruction = false;
         config.global.service.cleanup_dead_nodes_on_open = false;
         Ok(Self { config, folder: root.to_owned() })
     }
 
-    /// The same corner for those who live on while others die: they wait only so long for a connection that another has begun to make.
-    /// One who was killed in the middle never finishes it, and iceoryx2 would wait for him for a second, in the middle of a tick.
-    /// What could not be met counts as [failed_connections](Output::failed_connections) and is tried again when somebody joins or leaves.
+    /// The same namespace with short time-outs, for processes that keep running while others die.
+    ///
+    /// A process that is killed while it connects never completes the connection. By default iceoryx2 would wait a
+    /// second for it, in the middle of a tick. Such a connection counts as [failed](Output::failed_connections); every
+    /// join or leave of a process retries it.
     #[must_use]
     pub fn with_short_timeouts(&self, clock: Clock) -> Self {
         let mut config = self.config.clone();
@@ -75,16 +78,16 @@ impl Domain {
     }
 }
 
-/// Whether an input can be waited for.
+/// Whether a thread can wait for an input.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Wait {
     /// It takes part in [`wait`](crate::wait).
     Yes,
-    /// It is only looked at.
+    /// It is only polled.
     No,
 }
 
-/// A process's, or a thread's, access to the topics. Not shared between threads: each opens its own.
+/// Access of a process, or of a thread, to the topics. Threads do not share it: each opens its own.
 #[derive(Debug)]
 pub struct Bus {
     pub(crate) node: Node<Service>,
@@ -92,10 +95,10 @@ pub struct Bus {
 }
 
 impl Bus {
-    /// Joins the run's domain under a name.
+    /// Joins the run's domain under a node name.
     ///
     /// # Errors
-    /// [`IpcError`] if the name is no good or shared memory cannot be had.
+    /// [`IpcError`] if the name is invalid or shared memory is not available.
     pub fn open(domain: &Domain, name: &str) -> Result<Self, IpcError> {
         let node_name = name.try_into().map_err(|e| IpcError::Name {
             what: "a node's name",
@@ -111,9 +114,9 @@ impl Bus {
         Ok(Self { node, page: DoorbellPage::open(&domain.folder)? })
     }
 
-    /// Removes what killed processes have left in the domain: milliseconds, and not for real-time threads.
+    /// Removes what killed processes have left in the domain. Takes milliseconds: not for real-time threads.
     pub fn clean_up_dead_nodes(&self) {
-        // What cannot be removed now is removed with the whole domain at the end of the run.
+        // What cannot be removed now goes with the whole domain at the end of the run.
         let _ = self.node.try_cleanup_dead_nodes();
     }
 
@@ -135,19 +138,21 @@ impl Bus {
             .map_err(|e| IpcError::messaging("open topic", topic.name, e))
     }
 
-    /// Creates a topic and keeps it in being as long as the returned guard lives. Who creates first must outlive the others:
-    /// a process killed while it creates a service can leave it unusable.
+    /// Creates a topic and keeps it alive as long as the returned guard lives.
+    ///
+    /// The process that creates topics must outlive the others: a process killed while it creates a service can leave
+    /// it unusable.
     ///
     /// # Errors
-    /// [`IpcError::Messaging`] with what iceoryx2 said.
+    /// [`IpcError::Messaging`] with the cause from iceoryx2.
     pub fn keep_alive<T: Message>(&self, topic: &Topic<T>) -> Result<Box<dyn core::any::Any>, IpcError> {
         Ok(Box::new(self.service(topic)?))
     }
 
-    /// A sender.
+    /// Opens a sender.
     ///
     /// # Errors
-    /// [`IpcError::Messaging`], also when the topic has all the publishers it takes.
+    /// [`IpcError::Messaging`], also when the topic has its full number of publishers.
     pub fn output<T: Message>(&self, topic: &Topic<T>) -> Result<Output<T>, IpcError> {
         let output = self.bare_output(topic)?;
         if let Some(first) = &output.loan {
@@ -164,14 +169,14 @@ impl Bus {
             .backpressure_strategy(BackpressureStrategy::DiscardData)
             .create()
             .map_err(|e| IpcError::messaging("publish on", topic.name, e))?;
-        let doorbell = topic.doorbell.map(|place| self.doorbell(place));
+        let doorbell = topic.doorbell.map(|id| self.doorbell(id));
         let mut output = Output { publisher, doorbell, loan: None, topic: topic.name, failed_connections: 0 };
         output.preloan();
         Ok(output)
     }
 
     fn input_of<T: Message>(&self, topic: &Topic<T>, wait: Wait, depth: usize) -> Result<Input<T>, IpcError> {
-        let listener = if wait == Wait::Yes { topic.doorbell.map(|place| self.listener(place)) } else { None };
+        let listener = if wait == Wait::Yes { topic.doorbell.map(|id| self.listener(id)) } else { None };
         let subscriber = self
             .service(topic)?
             .subscriber_builder()
@@ -182,40 +187,40 @@ impl Bus {
         Ok(Input { subscriber, listener, topic: topic.name, failed_connections: 0, senders: Senders::default() })
     }
 
-    /// A receiver for control: a short buffer of which the newest counts.
+    /// Opens a receiver for control: a short buffer, of which the newest message counts.
     ///
     /// # Errors
-    /// [`IpcError::Messaging`] with what iceoryx2 said.
+    /// [`IpcError::Messaging`] with the cause from iceoryx2.
     pub fn input<T: Message>(&self, topic: &Topic<T>, wait: Wait) -> Result<Input<T>, IpcError> {
         self.input_of(topic, wait, CONTROL_DEPTH)
     }
 
-    /// Joins a topic and leaves it again: so that all that are in it look round once more for those they could not meet.
+    /// Joins a topic and leaves it again, so that all its ports retry their failed connections.
     ///
     /// # Errors
-    /// [`IpcError::Messaging`] with what iceoryx2 said.
+    /// [`IpcError::Messaging`] with the cause from iceoryx2.
     pub fn force_reconnect<T: Message>(&self, topic: &Topic<T>) -> Result<(), IpcError> {
         drop(self.input(topic, Wait::No)?);
         drop(self.bare_output(topic)?);
         Ok(())
     }
 
-    /// Wakes those who wait for a topic without sending anything: they look around and find what has changed.
+    /// Doorbell that wakes the waiting threads without a message: they check what has changed.
     #[must_use]
-    pub fn doorbell(&self, place: DoorbellId) -> Doorbell {
-        Doorbell::new(&self.page, place)
+    pub fn doorbell(&self, id: DoorbellId) -> Doorbell {
+        Doorbell::new(&self.page, id)
     }
 
-    /// Hears a doorbell with which no message comes.
+    /// Listener for a doorbell without messages.
     #[must_use]
-    pub fn listener(&self, place: DoorbellId) -> Listener {
-        Listener::new(&self.page, place)
+    pub fn listener(&self, id: DoorbellId) -> Listener {
+        Listener::new(&self.page, id)
     }
 
-    /// A receiver for the recorder: a deep buffer that must not overflow.
+    /// Opens a receiver for the recorder: a deep buffer that must not overflow.
     ///
     /// # Errors
-    /// [`IpcError::Messaging`] with what iceoryx2 said.
+    /// [`IpcError::Messaging`] with the cause from iceoryx2.
     pub fn recorder_input<T: Message>(&self, topic: &Topic<T>) -> Result<Input<T>, IpcError> {
         self.input_of(topic, Wait::No, RECORDER_DEPTH)
     }
@@ -225,7 +230,7 @@ pub(crate) fn service_name(name: &str) -> Result<ServiceName, IpcError> {
     name.try_into().map_err(|e| IpcError::Name { what: "a topic's name", value: name.to_owned(), cause: format!("{e:?}") })
 }
 
-/// A sender of one topic.
+/// Sender of a topic.
 pub struct Output<T: Message> {
     publisher: Publisher<Service, Wire<T>, ()>,
     doorbell: Option<Doorbell>,
@@ -234,9 +239,10 @@ pub struct Output<T: Message> {
     failed_connections: u32,
 }
 
-// SAFETY: what keeps a port of `ipc::Service` on one thread is a reference count that is not atomic (iceoryx2 0.10, to which this
-// workspace is pinned: `arc_sync_policy::SingleThreaded`, an `Rc` of a state that may itself be sent; nodes and services are counted by
-// `Arc`; no handler of ours is in it). All that count are the publisher and the loan in here, so they go from thread to thread together.
+// SAFETY: only a reference count that is not atomic keeps a port of `ipc::Service` on one thread (iceoryx2 0.10, to
+// which this workspace is pinned: `arc_sync_policy::SingleThreaded`, an `Rc` of a state that is itself `Send`; nodes
+// and services are counted by `Arc`; no handler of this workspace is in it). Only the publisher and the loan in here
+// count, and they move between threads together.
 unsafe impl<T: Message> Send for Output<T> {}
 
 impl<T: Message> core::fmt::Debug for Output<T> {
@@ -246,8 +252,8 @@ impl<T: Message> core::fmt::Debug for Output<T> {
 }
 
 impl<T: Message> Output<T> {
-    /// Work for the slack: loans the sample that the next [`send`](Self::send) will fill (one heap allocation), and lets those
-    /// in who have joined since (history is handed over here).
+    /// Loans the sample that the next [`send`](Self::send) fills (one heap allocation), and connects to new receivers,
+    /// which get the history. Idle-time work.
     pub fn preloan(&mut self) {
         self.update_connections();
         // A failure shows at the next send, which then has no loan.
@@ -256,14 +262,14 @@ impl<T: Message> Output<T> {
         }
     }
 
-    /// Writes a message where the next one will be written, and sends nothing: so that it is in the caches then. Work for the slack, as
-    /// [`prepare`](Self::prepare): it allocates.
+    /// Warms up the caches: writes a message where the next one will be written, and sends nothing. Idle-time work,
+    /// since it allocates as [`preloan`](Self::preloan) does.
     pub fn warm_up(&mut self, message: &T) {
         self.preloan();
         if let Some(loan) = &mut self.loan {
             loan.payload_mut().write(Wire(*message));
         }
-        // Another loan looks for what the receivers have given back, as sending will.
+        // A second loan reclaims what receivers have returned, as sending does.
         drop(self.publisher.loan_uninit());
     }
 
@@ -271,23 +277,25 @@ impl<T: Message> Output<T> {
         self.failed_connections += u32::from(self.publisher.update_connections().is_err());
     }
 
-    /// How often somebody who had joined could not be met.
+    /// Number of failed connections to receivers.
     #[must_use]
     pub fn failed_connections(&self) -> u32 {
         self.failed_connections
     }
 
-    /// Sends a message and wakes whoever waits for it. Returns when it was there to be read, by the monotonic clock: before the
-    /// waking, since whoever wakes may take the processor at once.
+    /// Sends a message and wakes the threads waiting for it.
+    ///
+    /// Returns the monotonic time at which the message was readable [ns]. The clock is read before the wake-up, since a
+    /// woken thread may take the processor immediately.
     ///
     /// # Errors
-    /// [`IpcError::NoLoan`] if all memory is lent out; [`IpcError::Messaging`] if iceoryx2 fails.
+    /// [`IpcError::NoLoan`] if all memory is on loan; [`IpcError::Messaging`] if iceoryx2 fails.
     pub fn send(&mut self, message: &T) -> Result<u64, IpcError> {
         let loan = match self.loan.take() {
             Some(loan) => loan,
             None => self.publisher.loan_uninit().map_err(|_| IpcError::NoLoan { topic: self.topic })?,
         };
-        // A joiner that died half-way cannot be met: that must not cost this message, and is over once it has been tried.
+        // A connection to a receiver that died half-way fails. That must not cost this message; one attempt settles it.
         self.update_connections();
         loan.write_payload(Wire(*message)).send().map_err(|e| IpcError::messaging("send on", self.topic, e))?;
         let published = clock::now_ns();
@@ -298,7 +306,7 @@ impl<T: Message> Output<T> {
     }
 }
 
-/// A receiver of one topic.
+/// Receiver of a topic.
 #[derive(Debug)]
 pub struct Input<T: Message> {
     subscriber: Subscriber<Service, Wire<T>, ()>,
@@ -312,14 +320,14 @@ pub struct Input<T: Message> {
 unsafe impl<T: Message> Send for Input<T> {}
 
 impl<T: Message> Input<T> {
-    /// The oldest message not taken yet, copied out of shared memory so that no sender can change it afterwards.
+    /// Takes the oldest message, copied out of shared memory so that no sender can change it afterwards.
     ///
     /// # Errors
     /// [`IpcError::Messaging`] if a connection is damaged.
     #[allow(clippy::should_implement_trait)]
     pub fn next(&mut self) -> Result<Option<T>, IpcError> {
         let received = match self.subscriber.receive() {
-            // As in sending: one that cannot be met costs nobody else's messages.
+            // As in sending: a failed connection must not cost the messages of other senders.
             Err(ReceiveError::ConnectionFailure(_)) => {
                 self.failed_connections += 1;
                 self.subscriber.receive()
@@ -329,34 +337,34 @@ impl<T: Message> Input<T> {
         match received {
             Ok(None) => Ok(None),
             Ok(Some(sample)) => {
-                self.senders.look_at(sample.payload(), sample.origin());
+                self.senders.observe(sample.payload(), sample.origin());
                 Ok(Some(sample.0))
             }
             Err(e) => Err(IpcError::messaging("receive on", self.topic, e)),
         }
     }
 
-    /// Work for the slack: meets those who have joined since, so that the next [`next`](Self::next) need not, and brings in the memory
-    /// through which the messages of those who have begun to send will come.
+    /// Connects to new senders, so that [`next`](Self::next) need not, and prefaults the memory of their messages.
+    /// Idle-time work.
     pub fn preloan(&mut self) {
         self.senders.prefault::<T>();
         self.failed_connections += u32::from(self.subscriber.update_connections().is_err());
     }
 
-    /// Has the next wait not end by what was sent before now.
+    /// Discards earlier notifications: they do not end the next wait.
     pub fn forget(&self) {
         if let Some(listener) = &self.listener {
             listener.forget();
         }
     }
 
-    /// How often somebody who had joined could not be met.
+    /// Number of failed connections to senders.
     #[must_use]
     pub fn failed_connections(&self) -> u32 {
         self.failed_connections
     }
 
-    /// The newest message, if any came since the last call.
+    /// Takes the newest message, if any came since the last call.
     ///
     /// # Errors
     /// As [`next`](Self::next).

@@ -1,20 +1,20 @@
-//! How a process is tied to its supervisor.
+//! Tie of a process to its supervisor.
 
 use rustix::process::{Signal, getppid, set_parent_process_death_signal};
 
-/// How a process ends when its supervisor does.
+/// How a process ends when its supervisor ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ending {
-    /// At once, whatever it is doing, be it halted or in an endless loop: a process of this program.
+    /// Immediately, by SIGKILL, even if it is halted or in an endless loop: a process of this program.
     Killed,
-    /// By SIGTERM: a program that knows nothing of us, and may have a drive to brake.
+    /// By SIGTERM: an external program, which may have a drive to brake.
     Asked,
 }
 
-/// Lets this process end when the thread that started it does. Outlives a change to another program.
+/// Ends this process when the thread that started it ends. The tie survives an `exec`.
 ///
 /// # Errors
-/// If the system refuses, or the supervisor has ended already: the signal is only sent for a death after it was asked for.
+/// If the system rejects the call, or the supervisor has already ended: the kernel signals later deaths only.
 pub fn tie_to_supervisor(pid: i32, ending: Ending) -> std::io::Result<()> {
     set_parent_process_death_signal(Some(match ending {
         Ending::Killed => Signal::KILL,
@@ -23,7 +23,7 @@ pub fn tie_to_supervisor(pid: i32, ending: Ending) -> std::io::Result<()> {
     if supervisor_gone(pid) { Err(std::io::Error::other("the supervisor has ended")) } else { Ok(()) }
 }
 
-/// Whether the supervisor is not this process's parent any more.
+/// Whether the supervisor is no longer the parent of this process.
 pub(crate) fn supervisor_gone(pid: i32) -> bool {
     getppid().is_none_or(|parent| parent.as_raw_nonzero().get() != pid)
 }

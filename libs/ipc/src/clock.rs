@@ -24,6 +24,6 @@ pub fn timespec(ns: u64) -> Timespec {
 
 /// Sleeps until the monotonic clock reads `deadline_ns`. Returns early if a signal comes.
 pub fn sleep_until(deadline_ns: u64) {
-    // Interrupted or not: the caller looks at the clock and at its stop flag.
+    // Interrupted or not: the caller checks the clock and its stop flag.
     let _ = rustix::thread::clock_nanosleep_absolute(rustix::thread::ClockId::Monotonic, &timespec(deadline_ns));
 }

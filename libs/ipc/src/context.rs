@@ -1,4 +1,4 @@
-//! A child process of the stack: its bus, its clock, its end.
+//! Context of a child process of the stack: its bus, its clock, its end.
 
 mod states;
 
@@ -18,12 +18,12 @@ use hapfic_messages::{Check, Clock, Message, Phase, Process, RealtimeMode, State
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// How long a process waits for input before it looks around.
+/// Longest wait for input before a heartbeat.
 const TIMEOUT: Duration = Duration::from_millis(50);
 /// How often page faults are counted, in ticks: a system call.
 const FAULTS_EVERY: i64 = 1000;
 
-/// When a tick's work was done, by the monotonic clock.
+/// Times of a tick's work, by the monotonic clock.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TickTimes {
     /// Which tick.
@@ -34,7 +34,7 @@ pub struct TickTimes {
     pub wake_ns: u64,
     /// When it had published; zero if it did not.
     pub publish_ns: u64,
-    /// From its own publication to the answer's arrival (plant only); zero if there was none in time.
+    /// From its own publication to the answer's arrival (plant only); zero if no answer came in time.
     pub latency_ns: u64,
 }
 
@@ -43,12 +43,12 @@ pub struct TickTimes {
 pub struct ProcessStart {
     /// 0 for the first start in a run.
     pub generation: u32,
-    /// TickTimes of its forerunner's last message, from which it goes on.
+    /// Tick of its predecessor's last message, from which it continues.
     pub resume: Option<i64>,
 }
 
 impl ProcessStart {
-    /// As the supervisor has put it into the environment.
+    /// Reads the start that the supervisor put into the environment.
     ///
     /// # Errors
     /// [`IpcError::System`] if a variable holds no number.
@@ -66,7 +66,7 @@ fn number<T: core::str::FromStr>(variable: &'static str) -> Result<Option<T>, Ip
     })
 }
 
-/// What every process loop has at hand.
+/// What every process loop needs.
 #[derive(Debug)]
 pub struct Context {
     /// Which process this is.
@@ -86,24 +86,24 @@ pub struct Context {
     timing: Output<Timing>,
     rejected: u32,
     failed_connections: u32,
-    /// When it was last heard of.
+    /// Time of the last heartbeat.
     heartbeat_ns: u64,
     faults_at_start: u64,
     faults: u32,
-    /// First tick at which they are counted again.
+    /// Tick of the next count of page faults.
     faults_due: i64,
     allocations_at_wake: u64,
-    /// In lockstep: states that have come.
+    /// In lockstep: received states.
     states: TickBuffer<State>,
-    /// In realtime: when the next is due, if that is looked out for.
+    /// In realtime: predictor of the next state, if busy-poll is enabled.
     predictor: Option<ArrivalPredictor>,
 }
 
 impl Context {
-    /// Joins a run: is killed with its supervisor, ends on SIGTERM, leaves SIGINT to the supervisor.
+    /// Joins a run: the process is killed with its supervisor, and its loop ends on SIGTERM or SIGINT.
     ///
     /// # Errors
-    /// [`IpcError`] if the supervisor is gone already or its topics cannot be opened.
+    /// [`IpcError`] if the supervisor is already gone or its topics cannot be opened.
     pub fn join(run: &RunFile, process: Process, start: ProcessStart) -> Result<Self, IpcError> {
         let system = |action| move |e: rustix::io::Errno| IpcError::System { action, cause: e.into() };
         let stop = Arc::new(AtomicBool::new(false));
@@ -113,13 +113,13 @@ impl Context {
         }
         let name = std::ffi::CString::new(format!("hapfic-{}", process.name())).unwrap_or_default();
         rustix::thread::set_name(&name).map_err(system("set the process's name"))?;
-        // Before anything in shared memory is touched: an orphan must not.
+        // Before any access to shared memory: an orphan must not touch it.
         tie_to_supervisor(run.supervisor_pid, Ending::Killed)
             .map_err(|cause| IpcError::System { action: "join the run", cause })?;
         if run.clock == Clock::Realtime && run.realtime != RealtimeMode::Off {
             realtime::lock_memory(Prefault::Used);
         }
-        // What cannot be met is counted and told of by the supervisor.
+        // Failed connections are counted, and the supervisor reports them.
         crate::service::quiet();
         let domain = Domain::new(&run.prefix, &run.root)?.with_short_timeouts(run.clock);
         let bus = Bus::open(&domain, process.name())?;
@@ -148,10 +148,10 @@ impl Context {
         })
     }
 
-    /// An [`DeadlineTimer`] for this process, at a priority of its own, on the core where the controller in reserve is.
+    /// Starts a [`DeadlineTimer`] for this process, at its own priority, on the core of the standby controller.
     ///
     /// # Errors
-    /// [`IpcError::System`] if there is no thread to be had.
+    /// [`IpcError::System`] if the thread cannot be started.
     pub fn deadline_timer(
         &self,
         name: &str,
@@ -159,49 +159,49 @@ impl Context {
         period_ns: u64,
         priority: u32,
     ) -> Result<DeadlineTimer, IpcError> {
-        let wish = SchedRequest { core: self.reserve_core, ..SchedRequest::new(priority, None) };
-        let wish = (self.realtime != RealtimeMode::Off).then_some(wish);
-        DeadlineTimer::start(name, doorbell, period_ns, wish)
-            .map_err(|cause| IpcError::System { action: "start an deadline_timer", cause })
+        let request = SchedRequest { core: self.reserve_core, ..SchedRequest::new(priority, None) };
+        let request = (self.realtime != RealtimeMode::Off).then_some(request);
+        DeadlineTimer::start(name, doorbell, period_ns, request)
+            .map_err(|cause| IpcError::System { action: "start a deadline timer", cause })
     }
 
     fn supervisor_gone(&self) -> bool {
         supervisor_gone(self.supervisor_pid)
     }
 
-    /// Takes real-time privileges, as far as the run asks for them, and says that the process is ready.
+    /// Takes real-time privileges, if the run requests them, and reports that the process is ready.
     ///
     /// # Errors
     /// [`IpcError`] if the message cannot be sent.
-    pub fn ready(&mut self, wish: SchedRequest) -> Result<(), IpcError> {
+    pub fn ready(&mut self, request: SchedRequest) -> Result<(), IpcError> {
         if self.realtime != RealtimeMode::Off {
-            let core = wish.core.or(self.core);
-            self.granted = realtime::apply_to_current_thread(SchedRequest { core, ..wish });
+            let core = request.core.or(self.core);
+            self.granted = realtime::apply_to_current_thread(SchedRequest { core, ..request });
         }
         self.faults_at_start = realtime::page_faults();
         self.heartbeat(Phase::Ready, -1)
     }
 
-    /// Whether the loop should go on. Asks the system for the parent only in the slack, see [`idle`](Self::idle).
+    /// Whether the loop should go on. [`idle`](Self::idle) checks for the parent process, in idle time only.
     #[must_use]
     pub fn running(&self) -> bool {
         !self.stop.load(Ordering::Relaxed)
     }
 
-    /// Waits for something on one of the inputs, a signal or 50 ms; in the latter case does what [`idle`](Self::idle)
-    /// does. Says whether to go on.
+    /// Waits for a message on an input, a signal or 50 ms; in the last case does what [`idle`](Self::idle) does.
+    /// Returns whether to go on.
     ///
     /// # Errors
     /// [`IpcError`] if waiting fails or the heartbeat cannot be sent.
     pub fn wait(&mut self, inputs: &[&dyn Wakes], tick: i64) -> Result<bool, IpcError> {
-        // Also when it is woken again and again by what it cannot use.
+        // Also under repeated wake-ups without usable input.
         if !wait(inputs, TIMEOUT)? || crate::clock::now_ns() - self.heartbeat_ns > TIMEOUT.as_nanos() as u64 {
             self.idle(tick)?;
         }
         Ok(self.running())
     }
 
-    /// Takes everything that has come in; what does not pass its check is counted and left out.
+    /// Takes all received messages; counts those that fail their check, and leaves them out.
     ///
     /// # Errors
     /// [`IpcError`] if a connection is damaged.
@@ -215,7 +215,7 @@ impl Context {
         })
     }
 
-    /// Takes what has come in up to a message that is `enough`, for when somebody waits and a look for more would cost; checks as
+    /// Takes received messages up to one that is `enough`, where a further read would delay an answer; checks as
     /// [`drain`](Self::drain) does.
     ///
     /// # Errors
@@ -234,7 +234,7 @@ impl Context {
         Ok(())
     }
 
-    /// Waits for the message that the supervisor hands over from a forerunner. `None` when the process should end.
+    /// Waits for the message that the supervisor hands over from a predecessor. `None` when the process should end.
     ///
     /// # Errors
     /// [`IpcError`] if waiting or receiving fails.
@@ -254,7 +254,7 @@ impl Context {
         }
     }
 
-    /// Waits until the supervisor ends the process: what it has sent stays in being as long as it does.
+    /// Waits until the supervisor ends the process, whose messages exist only as long as it lives.
     ///
     /// # Errors
     /// [`IpcError`] if the heartbeat cannot be sent.
@@ -269,7 +269,7 @@ impl Context {
         Ok(())
     }
 
-    /// To be called when a wait timed out: sends a heartbeat, and ends the loop if the supervisor is gone.
+    /// Sends a heartbeat, and ends the loop if the supervisor is gone. To be called when a wait timed out.
     ///
     /// # Errors
     /// [`IpcError`] if the heartbeat cannot be sent.
@@ -280,22 +280,22 @@ impl Context {
         self.heartbeat(if tick < 0 { Phase::Ready } else { Phase::Waiting }, tick)
     }
 
-    /// Counts a message that was not used.
+    /// Counts a rejected message.
     pub fn reject(&mut self) {
         self.rejected = self.rejected.saturating_add(1);
     }
 
-    /// How often the process's ports could not meet somebody: the supervisor then lets all look round once more.
+    /// Reports the failed connections of the process's ports: the supervisor then forces a reconnect.
     pub fn report_failed_connections(&mut self, failed_connections: u32) {
         self.failed_connections = failed_connections;
     }
 
-    /// To be called on waking up with work to do: starts counting allocations.
+    /// Starts counting allocations. To be called on waking up with work to do.
     pub fn begin(&mut self) {
         self.allocations_at_wake = allocations::count();
     }
 
-    /// Time of the monotonic clock for messages: zero in lockstep.
+    /// Time stamp for messages, by the monotonic clock [ns]: zero in lockstep.
     #[must_use]
     pub fn stamp(&self) -> u64 {
         match self.clock {
@@ -310,12 +310,12 @@ impl Context {
     /// [`IpcError`] if the message cannot be sent.
     pub fn account(&mut self, done: TickTimes) -> Result<(), IpcError> {
         let TickTimes { tick, due_ns, wake_ns, publish_ns, latency_ns } = done;
-        // A system call: in the slack, and not at every tick.
+        // A system call: in idle time, and not at every tick.
         if tick >= self.faults_due {
             self.faults_due = tick - tick % FAULTS_EVERY + FAULTS_EVERY;
             self.count_faults();
         }
-        // The first tick meets its peers, and in lockstep nobody waits in real time.
+        // The first tick connects to its peers, and lockstep has no real-time bound.
         let counts = tick > 0 && self.clock == Clock::Realtime;
         let allocations = if counts { (allocations::count() - self.allocations_at_wake) as u32 } else { 0 };
         self.send(&Timing {
@@ -330,7 +330,7 @@ impl Context {
         })
     }
 
-    /// A heartbeat without a tick's work.
+    /// Sends a heartbeat without a tick's work.
     ///
     /// # Errors
     /// [`IpcError`] if the message cannot be sent.

@@ -1,16 +1,15 @@
-//! Waking each other: a page of words that all processes of a run share, and futexes on them.
+//! Doorbells: futex notifiers on a page of counters that all processes of a run share.
 //!
-//! iceoryx2 carries the messages; its own events would do the waking, through Unix datagram sockets: two to three system calls a
-//! hop, and a socket for each pair of processes. Here whoever has sent something adds one to the topic's word and wakes all who
-//! sleep on it (one system call; none if nobody does); whoever waits sleeps as long as the word is what it was when he last looked
-//! (one system call, none if it is not), or [looks at it](watch) for some microseconds. A process that dies leaves no lock behind, only
-//! numbers: if it slept, the count of waiters stays too high, and each ring makes its system call.
+//! iceoryx2 carries the messages. Its own events would do the waking, through Unix datagram sockets: two to three system calls a hop, and
+//! a socket for each pair of processes. A sender increments the doorbell's sequence and wakes its waiters: one system call, none without
+//! waiters. A receiver sleeps while the sequence is the one it has seen last (one system call, none if it is not), or
+//! [polls](poll) it for some microseconds. A process that dies leaves no lock behind, only numbers ([`DoorbellWord`]).
 
 use crate::clock;
 use crate::error::IpcError;
 use core::cell::Cell;
-use core::sync::atomic::{AtomicU32, Ordering};
 use core::time::Duration;
+use hapfic_sync::{DoorbellWord, WaiterGuard};
 use rustix::fs::{Mode, OFlags};
 use rustix::io::Errno;
 use rustix::mm::{MapFlags, ProtFlags};
@@ -20,37 +19,24 @@ use std::sync::Arc;
 
 /// Name of the page in the run's folder.
 const FILE: &str = "doorbells";
-/// DoorbellWords, each on a cache line of its own.
+/// Doorbells in the page.
 const DOORBELLS: usize = 16;
-/// Most that one may wait for at once.
+/// Most doorbells that a thread can wait for at once.
 const MAX_WAITS: usize = 4;
-/// How often it is looked round where the kernel cannot wait for several words at once (before Linux 5.16).
+/// Interval of polling where the kernel cannot wait for several futexes (before Linux 5.16).
 const POLL_INTERVAL: Duration = Duration::from_micros(500);
-
-/// Some time after all runs.
+/// A time after all runs.
 const FAR: Timespec = Timespec { tv_sec: i64::MAX, tv_nsec: 0 };
 
-/// Which doorbell; the same in every process.
+/// Index of a doorbell; the same in every process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct DoorbellId(pub(crate) usize);
 
-/// A doorbell's place in the page.
-#[derive(Debug)]
-#[repr(C, align(64))]
-struct DoorbellWord {
-    /// How often it was sequence.
-    sequence: AtomicU32,
-    /// Threads that sleep on it, or are about to; more than that once one was killed while it slept.
-    waiters: AtomicU32,
-    /// Whether somebody looks at it all the time.
-    polled: AtomicU32,
-}
-
-type DoorbellWords = [DoorbellWord; DOORBELLS];
+type Words = [DoorbellWord; DOORBELLS];
 
 /// The page, mapped.
 #[derive(Debug)]
-pub(crate) struct DoorbellPage(*mut DoorbellWords);
+pub(crate) struct DoorbellPage(*mut Words);
 
 // SAFETY: the page holds atomics only, and stays mapped until the last owner is gone.
 unsafe impl Send for DoorbellPage {}
@@ -58,77 +44,76 @@ unsafe impl Send for DoorbellPage {}
 unsafe impl Sync for DoorbellPage {}
 
 impl DoorbellPage {
-    /// Maps the page in a run's folder; makes it if it is not there.
+    /// Maps the page in a run's folder; makes it if it is missing.
     pub(crate) fn open(folder: &str) -> Result<Arc<Self>, IpcError> {
         let path = Path::new(folder).join(FILE);
         let system = |e: Errno| IpcError::System { action: "share the doorbells of the run", cause: e.into() };
         let file =
             rustix::fs::open(&path, OFlags::RDWR | OFlags::CREATE | OFlags::CLOEXEC, Mode::RUSR | Mode::WUSR).map_err(system)?;
-        let size = size_of::<DoorbellWords>();
-        // Never makes it smaller: that would pull the page from under those who have it.
+        let size = size_of::<Words>();
+        // Never makes it smaller: that would pull the page from under its other users.
         if rustix::fs::fstat(&file).map_err(system)?.st_size < size as i64 {
             rustix::fs::ftruncate(&file, size as u64).map_err(system)?;
         }
-        // SAFETY: a new mapping at a place of the kernel's choice, of a file that is as long.
+        // SAFETY: a new mapping at an address of the kernel's choice, of a file that is as long.
         let page = unsafe {
             rustix::mm::mmap(core::ptr::null_mut(), size, ProtFlags::READ | ProtFlags::WRITE, MapFlags::SHARED, &file, 0)
         };
         Ok(Arc::new(Self(page.map_err(system)?.cast())))
     }
 
-    fn word(&self, place: DoorbellId) -> &DoorbellWord {
-        // SAFETY: the page is mapped as long as `self` lives, is as long as `DoorbellWords`, page-aligned, and holds atomics only, for
-        // which every bit pattern is good.
+    fn word(&self, id: DoorbellId) -> &DoorbellWord {
+        // SAFETY: the page is mapped as long as `self` lives, is as long as `Words`, page-aligned, and holds atomics only, for which
+        // every bit pattern is valid.
         let words = unsafe { &*self.0 };
-        &words[place.0]
+        &words[id.0]
     }
 }
 
 impl Drop for DoorbellPage {
     fn drop(&mut self) {
-        // SAFETY: mapped in `open` with this size, and nobody has a reference any more. What cannot be unmapped stays.
-        let _ = unsafe { rustix::mm::munmap(self.0.cast(), size_of::<DoorbellWords>()) };
+        // SAFETY: mapped in `open` with this size; no reference is left. What cannot be unmapped stays.
+        let _ = unsafe { rustix::mm::munmap(self.0.cast(), size_of::<Words>()) };
     }
 }
 
-/// Wakes those who wait at a place.
+/// Notifies the waiters of one doorbell.
 #[derive(Clone, Debug)]
 pub struct Doorbell {
-    doorbells: Arc<DoorbellPage>,
-    place: DoorbellId,
+    page: Arc<DoorbellPage>,
+    id: DoorbellId,
 }
 
 impl Doorbell {
-    pub(crate) fn new(doorbells: &Arc<DoorbellPage>, place: DoorbellId) -> Self {
-        Self { doorbells: Arc::clone(doorbells), place }
+    pub(crate) fn new(page: &Arc<DoorbellPage>, id: DoorbellId) -> Self {
+        Self { page: Arc::clone(page), id }
     }
 
-    /// Wakes them all. They look around, and find what has changed.
+    fn word(&self) -> &DoorbellWord {
+        self.page.word(self.id)
+    }
+
+    /// Wakes all waiters; they look for what has changed.
     pub fn notify(&self) {
-        let word = self.doorbells.word(self.place);
-        // What was sent before is seen by whoever sees this. One order for all of this and for falling asleep: either the sleeper is
-        // seen here, or the ring there.
-        word.sequence.fetch_add(1, Ordering::SeqCst);
-        if word.waiters.load(Ordering::SeqCst) != 0 {
-            // Nothing can go wrong with a mapped word.
-            let _ = futex::wake(&word.sequence, futex::Flags::empty(), i32::MAX as u32);
-        }
+        self.word().notify(|sequence| {
+            // Waking cannot fail on a mapped word.
+            let _ = futex::wake(sequence, futex::Flags::empty(), i32::MAX as u32);
+        });
     }
 
-    /// How often it has been sequence.
+    /// Notifications so far, modulo 2^32.
     #[must_use]
     pub fn count(&self) -> u32 {
-        self.doorbells.word(self.place).sequence.load(Ordering::SeqCst)
+        self.word().sequence()
     }
 
-    /// Whether somebody sleeps on it, whom a ring would wake.
+    /// Whether a notification would wake a sleeping thread.
     #[must_use]
     pub fn has_waiters(&self) -> bool {
-        self.doorbells.word(self.place).waiters.load(Ordering::SeqCst) != 0
+        self.word().has_waiters()
     }
 
-    /// Looks, without sleeping, until it has been sequence more often than `count` times or the monotonic clock reads `until_ns`. Says
-    /// whether it was.
+    /// Polls until the count differs from `count` or the monotonic clock reads `until_ns`. Returns whether the count differs.
     #[must_use]
     pub fn spin_until_changed(&self, count: u32, until_ns: u64) -> bool {
         loop {
@@ -142,14 +127,14 @@ impl Doorbell {
         }
     }
 
-    /// Whether somebody [watches](watch) it: he need not be woken.
+    /// Whether a thread [polls](poll) it and need not be woken.
     #[must_use]
     pub fn is_polled(&self) -> bool {
-        self.doorbells.word(self.place).polled.load(Ordering::Relaxed) != 0
+        self.word().is_polled()
     }
 }
 
-/// Hears a doorbell.
+/// Waits for one doorbell.
 #[derive(Debug)]
 pub struct Listener {
     doorbell: Doorbell,
@@ -157,31 +142,31 @@ pub struct Listener {
 }
 
 impl Listener {
-    pub(crate) fn new(doorbells: &Arc<DoorbellPage>, place: DoorbellId) -> Self {
-        let doorbell = Doorbell::new(doorbells, place);
-        let last_seen = Cell::new(doorbell.doorbells.word(place).sequence.load(Ordering::Acquire));
+    pub(crate) fn new(page: &Arc<DoorbellPage>, id: DoorbellId) -> Self {
+        let doorbell = Doorbell::new(page, id);
+        let last_seen = Cell::new(doorbell.count());
         Self { doorbell, last_seen }
     }
 
-    fn place(&self) -> &DoorbellWord {
-        self.doorbell.doorbells.word(self.doorbell.place)
+    fn word(&self) -> &DoorbellWord {
+        self.doorbell.word()
     }
 
-    /// Has the next wait not end by what was sent before now.
+    /// Discards the notifications so far: the next wait does not end by them.
     pub fn forget(&self) {
-        let _ = self.sequence();
+        let _ = self.is_notified();
     }
 
-    /// Whether it was sequence since this was last asked.
-    fn sequence(&self) -> bool {
-        let now = self.place().sequence.load(Ordering::SeqCst);
+    /// Whether a notification came since the last call.
+    fn is_notified(&self) -> bool {
+        let now = self.word().sequence();
         self.last_seen.replace(now) != now
     }
 }
 
-/// Something to wait for. Implemented by [`crate::Input`].
+/// A source of wake-ups. Implemented by [`crate::Input`].
 pub trait Wakes {
-    /// The listener, if there is one.
+    /// Its listener, if it has one.
     #[doc(hidden)]
     fn listener(&self) -> Option<&Listener>;
 }
@@ -192,95 +177,77 @@ impl Wakes for Listener {
     }
 }
 
-/// Waits until something was sent to one of the inputs, a signal came, or the time is up; at once if something was sent since
+/// Waits until something was sent to one of the inputs, a signal came, or the time is up; returns immediately if something was sent since
 /// the last wait. Wake-ups coalesce, so take everything there is afterwards; and they may be spurious.
 ///
-/// [`Duration::MAX`] is for ever, and cheaper than any time-out (see [`crate::deadline_timer`]). Inputs opened with [`crate::Wait::No`] are passed
-/// over. At most four can be waited for. Says whether anything woke it.
+/// [`Duration::MAX`] is for ever, and cheaper than any time-out (see [`crate::deadline_timer`]). Inputs opened with [`crate::Wait::No`]
+/// are passed over. At most four can be waited for. Returns whether a notification ended the wait.
 ///
 /// # Errors
 /// [`IpcError::System`] if the system cannot wait.
 pub fn wait(inputs: &[&dyn Wakes], timeout: Duration) -> Result<bool, IpcError> {
-    let mut places: [Option<&Listener>; MAX_WAITS] = [None; MAX_WAITS];
+    let mut slots: [Option<&Listener>; MAX_WAITS] = [None; MAX_WAITS];
     let mut count = 0;
     for listener in inputs.iter().filter_map(|i| i.listener()).take(MAX_WAITS) {
-        places[count] = Some(listener);
+        slots[count] = Some(listener);
         count += 1;
     }
-    let listeners = || places[..count].iter().flatten();
-    // Each is asked: what one has last_seen must not wake it again.
-    let sequence = || listeners().fold(false, |any, l| l.sequence() | any);
-    if sequence() {
+    let listeners = || slots[..count].iter().flatten();
+    // Each is asked: a notification that was seen must not end the next wait.
+    let notified = || listeners().fold(false, |any, l| l.is_notified() | any);
+    if notified() {
         return Ok(true);
     }
     let until = if timeout == Duration::MAX { None } else { Some(clock::timespec(clock::now_ns() + timeout.as_nanos() as u64)) };
     let until = until.as_ref();
-    let slept = match (places[0], count) {
+    let slept = match (slots[0], count) {
         (None, _) => rustix::thread::clock_nanosleep_absolute(ClockId::Monotonic, until.unwrap_or(&FAR)),
         (Some(listener), 1) => sleep_on(listener, until),
-        _ => sleep_on_any(&places[..count], until),
+        _ => sleep_on_any(&slots[..count], until),
     };
     match slept {
-        Ok(()) | Err(Errno::INTR | Errno::AGAIN | Errno::TIMEDOUT) => Ok(sequence()),
+        Ok(()) | Err(Errno::INTR | Errno::AGAIN | Errno::TIMEDOUT) => Ok(notified()),
         Err(e) => Err(IpcError::System { action: "wait for a message", cause: e.into() }),
     }
 }
 
-/// Waits for some microseconds without sleeping, until something was sent to one of the inputs or the monotonic clock reads `until_ns`;
-/// at once if something was sent since the last wait. For a thread that keeps nobody from the processor who is waited for. Says whether
-/// anything was sent.
-pub fn watch(inputs: &[&dyn Wakes], until_ns: u64) -> bool {
+/// Polls the inputs until something was sent to one of them or the monotonic clock reads `until_ns`; returns immediately if something was
+/// sent since the last wait. For a thread that keeps no awaited thread from the processor. Returns whether anything was sent.
+pub fn poll(inputs: &[&dyn Wakes], until_ns: u64) -> bool {
     let listeners = || inputs.iter().filter_map(|i| i.listener());
-    let mark = |polled| listeners().for_each(|l| l.place().polled.store(polled, Ordering::Relaxed));
-    let sequence = || listeners().fold(false, |any, l| l.sequence() | any);
-    mark(1);
-    let mut last_seen = sequence();
-    while !last_seen && clock::now_ns() < until_ns {
+    let notified = || listeners().fold(false, |any, l| l.is_notified() | any);
+    listeners().for_each(|l| l.word().set_polled(true));
+    let mut found = notified();
+    while !found && clock::now_ns() < until_ns {
         core::hint::spin_loop();
-        last_seen = sequence();
+        found = notified();
     }
-    mark(0);
-    last_seen
-}
-
-/// One who sleeps, or is about to.
-struct WaiterGuard<'a>(&'a DoorbellWord);
-
-impl<'a> WaiterGuard<'a> {
-    fn on(word: &'a DoorbellWord) -> Self {
-        word.waiters.fetch_add(1, Ordering::SeqCst);
-        Self(word)
-    }
-}
-
-impl Drop for WaiterGuard<'_> {
-    fn drop(&mut self) {
-        self.0.waiters.fetch_sub(1, Ordering::SeqCst);
-    }
+    listeners().for_each(|l| l.word().set_polled(false));
+    found
 }
 
 fn sleep_on(listener: &Listener, until: Option<&Timespec>) -> Result<(), Errno> {
     let all = core::num::NonZeroU32::MAX;
-    let word = listener.place();
-    let _asleep = WaiterGuard::on(word);
-    futex::wait_bitset(&word.sequence, futex::Flags::empty(), listener.last_seen.get(), until, all)
+    let word = listener.word();
+    let _waiter = word.register();
+    futex::wait_bitset(word.futex(), futex::Flags::empty(), listener.last_seen.get(), until, all)
 }
 
-fn sleep_on_any(places: &[Option<&Listener>], until: Option<&Timespec>) -> Result<(), Errno> {
-    let asleep = |i: usize| places.get(i).copied().flatten().map(|listener| WaiterGuard::on(listener.place()));
-    let _asleep: [Option<WaiterGuard<'_>>; MAX_WAITS] = core::array::from_fn(asleep);
+fn sleep_on_any(slots: &[Option<&Listener>], until: Option<&Timespec>) -> Result<(), Errno> {
+    let register = |i: usize| slots.get(i).copied().flatten().map(|listener| listener.word().register());
+    let _waiters: [Option<WaiterGuard<'_>>; MAX_WAITS] = core::array::from_fn(register);
     let mut waits = [futex::Wait::new(); MAX_WAITS];
     let mut count = 0;
-    for (wait, listener) in waits.iter_mut().zip(places.iter().flatten()) {
+    for (wait, listener) in waits.iter_mut().zip(slots.iter().flatten()) {
         wait.val = listener.last_seen.get().into();
-        wait.uaddr = futex::WaitPtr::new(listener.place().sequence.as_ptr().cast());
+        wait.uaddr = futex::WaitPtr::new(listener.word().futex().as_ptr().cast());
         wait.flags = futex::WaitFlags::SIZE_U32;
         count += 1;
     }
     match futex::waitv(&waits[..count], futex::WaitvFlags::empty(), until, ClockId::Monotonic) {
         Ok(_) => Ok(()),
         Err(Errno::NOSYS) => {
-            let Some(first) = places.iter().flatten().next() else { return Ok(()) };
+            let Some(first) = slots.iter().flatten().next() else { return Ok(()) };
             sleep_on(first, Some(&clock::timespec(clock::now_ns() + POLL_INTERVAL.as_nanos() as u64)))
         }
         Err(e) => Err(e),
@@ -291,40 +258,41 @@ fn sleep_on_any(places: &[Option<&Listener>], until: Option<&Timespec>) -> Resul
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+    use core::sync::atomic::{AtomicU32, Ordering};
     use std::time::Instant;
 
     const LONG: Duration = Duration::from_secs(60);
 
-    fn doorbells() -> (tempfile::TempDir, Arc<DoorbellPage>) {
+    fn page() -> (tempfile::TempDir, Arc<DoorbellPage>) {
         let folder = tempfile::tempdir().unwrap();
-        let doorbells = DoorbellPage::open(folder.path().to_str().unwrap()).unwrap();
-        (folder, doorbells)
+        let page = DoorbellPage::open(folder.path().to_str().unwrap()).unwrap();
+        (folder, page)
     }
 
     #[test]
-    fn what_was_rung_before_the_wait_is_heard_once() {
-        let (folder, doorbells) = doorbells();
-        let listener = Listener::new(&doorbells, DoorbellId(3));
+    fn wait_earlier_notifications_end_one_wait() {
+        let (folder, page) = page();
+        let listener = Listener::new(&page, DoorbellId(3));
         // Another mapping of the same page.
         let other = DoorbellPage::open(folder.path().to_str().unwrap()).unwrap();
         let doorbell = Doorbell::new(&other, DoorbellId(3));
         doorbell.notify();
         doorbell.notify();
         assert!(wait(&[&listener], LONG).unwrap());
-        assert!(!wait(&[&listener], Duration::from_millis(1)).unwrap(), "both rings were one wake-up");
+        assert!(!wait(&[&listener], Duration::from_millis(1)).unwrap(), "both notifications were one wake-up");
         Doorbell::new(&other, DoorbellId(4)).notify();
-        assert!(!wait(&[&listener], Duration::from_millis(1)).unwrap(), "that was another place");
+        assert!(!wait(&[&listener], Duration::from_millis(1)).unwrap(), "that was another doorbell");
     }
 
     #[test]
-    fn rings_are_counted_and_sleepers_seen() {
-        let (_folder, doorbells) = doorbells();
-        let doorbell = Doorbell::new(&doorbells, DoorbellId(5));
+    fn doorbell_counts_and_sees_waiters() {
+        let (_folder, page) = page();
+        let doorbell = Doorbell::new(&page, DoorbellId(5));
         let before = doorbell.count();
         assert!(!doorbell.has_waiters());
-        assert!(!doorbell.spin_until_changed(before, clock::now_ns()), "not sequence");
+        assert!(!doorbell.spin_until_changed(before, clock::now_ns()), "not notified");
         std::thread::scope(|scope| {
-            scope.spawn(|| wait(&[&Listener::new(&doorbells, DoorbellId(5))], LONG).unwrap());
+            scope.spawn(|| wait(&[&Listener::new(&page, DoorbellId(5))], LONG).unwrap());
             let begun = Instant::now();
             while !doorbell.has_waiters() {
                 assert!(begun.elapsed() < LONG);
@@ -337,11 +305,11 @@ mod tests {
     }
 
     #[test]
-    fn one_who_sleeps_is_woken_by_any_of_several() {
-        let (_folder, doorbells) = doorbells();
-        for sequence in [1, 2] {
-            let (a, b) = (Listener::new(&doorbells, DoorbellId(1)), Listener::new(&doorbells, DoorbellId(2)));
-            let doorbell = Doorbell::new(&doorbells, DoorbellId(sequence));
+    fn wait_several_doorbells_any_wakes() {
+        let (_folder, page) = page();
+        for id in [1, 2] {
+            let (a, b) = (Listener::new(&page, DoorbellId(1)), Listener::new(&page, DoorbellId(2)));
+            let doorbell = Doorbell::new(&page, DoorbellId(id));
             let begun = Instant::now();
             std::thread::scope(|scope| {
                 scope.spawn(|| {
@@ -354,21 +322,20 @@ mod tests {
                     assert!(begun.elapsed() < LONG);
                 }
             });
-            assert!(!wait(&[&a, &b], Duration::ZERO).unwrap(), "place {sequence}: last_seen once");
+            assert!(!wait(&[&a, &b], Duration::ZERO).unwrap(), "doorbell {id}: seen once");
         }
     }
 
     #[test]
-    fn no_ring_is_lost_between_two_who_take_turns() {
+    fn doorbell_ping_pong_loses_nothing() {
         const TURNS: u32 = 20_000;
-        let (_folder, doorbells) = doorbells();
+        let (_folder, page) = page();
         let done = AtomicU32::new(0);
         std::thread::scope(|scope| {
             for who in [0, 1] {
-                let (doorbells, done) = (&doorbells, &done);
+                let (page, done) = (&page, &done);
                 scope.spawn(move || {
-                    let (mine, theirs) =
-                        (Listener::new(doorbells, DoorbellId(who)), Doorbell::new(doorbells, DoorbellId(1 - who)));
+                    let (mine, theirs) = (Listener::new(page, DoorbellId(who)), Doorbell::new(page, DoorbellId(1 - who)));
                     let begun = Instant::now();
                     loop {
                         let turn = done.load(Ordering::Acquire);
@@ -390,14 +357,14 @@ mod tests {
     }
 
     #[test]
-    fn nothing_to_wait_for_is_a_pause() {
+    fn wait_no_inputs_pauses() {
         let begun = Instant::now();
         assert!(!wait(&[], Duration::from_millis(5)).unwrap());
         assert!(begun.elapsed() >= Duration::from_millis(5));
     }
 
     #[test]
-    fn a_folder_that_is_not_there_is_refused() {
+    fn page_missing_folder_is_an_error() {
         let rejected = DoorbellPage::open("/nonexistent/folder").unwrap_err().to_string();
         assert!(rejected.contains("doorbells") && rejected.contains("No such file"), "{rejected}");
     }

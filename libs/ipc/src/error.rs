@@ -1,4 +1,4 @@
-//! What can go wrong between processes.
+//! Errors of messaging and of process set-up.
 
 use hapfic_messages::ValidationError;
 use std::path::PathBuf;
@@ -6,14 +6,14 @@ use std::path::PathBuf;
 /// An error of messaging or of a process's set-up.
 #[derive(Debug, thiserror::Error)]
 pub enum IpcError {
-    /// iceoryx2 rejected.
+    /// A call of iceoryx2 failed.
     #[error("cannot {action} '{topic}': {cause}")]
     Messaging {
         /// What was tried.
         action: &'static str,
         /// The topic or node.
         topic: String,
-        /// What iceoryx2 said.
+        /// Cause from iceoryx2.
         cause: String,
     },
     /// A name or path that iceoryx2 cannot use.
@@ -23,26 +23,26 @@ pub enum IpcError {
         what: &'static str,
         /// What was given.
         value: String,
-        /// Why not.
+        /// Cause from iceoryx2.
         cause: String,
     },
     /// The run file that a process gets from its supervisor.
     #[error("run file {path}: {cause}; it is written by the supervisor, start the stack with `hapfic run`")]
     RunFile {
-        /// Where.
+        /// Path of the file.
         path: PathBuf,
         /// What is wrong.
         cause: String,
     },
-    /// The operating system rejected.
+    /// A system call failed.
     #[error("cannot {action}: {cause}")]
     System {
         /// What was tried.
         action: &'static str,
-        /// What it said.
+        /// Cause from the system.
         cause: std::io::Error,
     },
-    /// A message that a process must not use.
+    /// A message that failed its check.
     #[error("message on '{topic}' rejected: {defect}")]
     Message {
         /// The topic.

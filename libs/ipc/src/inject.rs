@@ -1,4 +1,4 @@
-//! Faults made on purpose in what a process sends.
+//! Fault injection into the messages that a process sends.
 
 use crate::bus::{Input, Output, Wait};
 use crate::context::Context;
@@ -6,16 +6,16 @@ use crate::error::IpcError;
 use crate::{clock, topic};
 use hapfic_messages::{Injection, MAX_JOINTS, Message, Process, Reference, Request, State, Tampering};
 
-/// Faults that may be waiting for their tick.
+/// Most faults that wait for their tick.
 const WAITING: usize = 32;
-/// By how much a stale message is behind.
+/// Delay of a stale message [ticks].
 const STALE: i64 = 100;
 
-/// A message that can be made bad.
+/// Message that fault injection can corrupt.
 pub trait Corruptible: Copy {
-    /// A number that is none.
+    /// Writes a NaN.
     fn nan(&mut self);
-    /// Codes and counts that mean nothing.
+    /// Writes invalid codes and counts.
     fn corrupt(&mut self);
     /// Its tick.
     fn tick_mut(&mut self) -> &mut i64;
@@ -39,7 +39,7 @@ impl Corruptible for Reference {
         self.position[0] = f64::NAN;
     }
     fn corrupt(&mut self) {
-        // Has no codes: numbers no robot can follow.
+        // No codes to corrupt: numbers that no robot can follow.
         self.velocity = [f64::INFINITY; 3];
         self.planner.axes[0].rate = f64::NEG_INFINITY;
     }
@@ -61,7 +61,7 @@ impl Corruptible for Request {
     }
 }
 
-/// A process's sender with the faults it is told to make.
+/// Sender of a process with fault injection.
 #[derive(Debug)]
 pub struct Injector<T> {
     input: Input<Injection>,
@@ -72,7 +72,7 @@ pub struct Injector<T> {
 }
 
 impl<T: Corruptible + Message> Injector<T> {
-    /// For the messages of a process.
+    /// Opens fault injection for the messages of a process.
     ///
     /// # Errors
     /// [`IpcError`] if the topic cannot be opened.
@@ -86,7 +86,7 @@ impl<T: Corruptible + Message> Injector<T> {
         })
     }
 
-    /// Takes in what has been asked for. To be called in the slack.
+    /// Takes the requested faults. Idle-time work.
     ///
     /// # Errors
     /// [`IpcError`] if a connection is damaged.
@@ -103,13 +103,13 @@ impl<T: Corruptible + Message> Injector<T> {
             return;
         }
         self.taken = new.number;
-        // One too many is not made; who counts what was rejected sees it.
+        // A fault beyond the capacity is dropped; the count of rejected messages shows it.
         if let Some(place) = self.waiting.iter_mut().find(|w| w.is_none()) {
             *place = Some(new);
         }
     }
 
-    /// What is to be done wrong at a tick, if anything. A fault that came too late starts now.
+    /// Fault that is due at a tick, and its delay [us]. A fault that came too late starts now.
     fn due(&mut self, tick: i64) -> Option<(Tampering, u32)> {
         for place in &mut self.waiting {
             let Some(fault) = place else { continue };
@@ -118,7 +118,7 @@ impl<T: Corruptible + Message> Injector<T> {
             }
             let found = Tampering::from_code(fault.tampering).map(|t| (t, fault.by_us));
             fault.ticks -= 1;
-            // The next one is due when the next message is.
+            // At most one fault for each message.
             if fault.ticks == 0 {
                 *place = None;
             }
@@ -127,10 +127,10 @@ impl<T: Corruptible + Message> Injector<T> {
         None
     }
 
-    /// Sends a message as it should be, or as it was asked to be corrupted. Returns when it was sent, ns; 0 if it was not.
+    /// Sends a message, with the fault that is due, if any. Returns the time of sending [ns]; 0 if dropped.
     ///
     /// # Errors
-    /// [`IpcError`] if it cannot be sent.
+    /// [`IpcError`] if the message cannot be sent.
     pub fn send(&mut self, output: &mut Output<T>, message: &T, tick: i64) -> Result<u64, IpcError> {
         let fault = self.due(tick);
         let last = self.last.replace(*message);

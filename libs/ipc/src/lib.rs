@@ -1,8 +1,7 @@
-//! What the processes of the stack say to each other, and how: message types, topics, ports over iceoryx2, and the real-time
-//! set-up of a process.
+//! Communication between the processes of the stack: topics and ports over iceoryx2, and real-time set-up.
 //!
-//! A process opens a [`Bus`] on the run's domain, takes [`Input`]s and [`Output`]s of the [`topic`]s it needs, and loops:
-//! wait, read, check, step, publish, account.
+//! A process opens a [`Bus`] on the run's domain, takes [`Input`]s and [`Output`]s of the [`topic`]s it needs, and
+//! loops: wait, read, check, step, publish, account.
 //!
 //! ```no_run
 //! use hapfic_ipc::{Bus, Domain, Wait, topic};
@@ -18,7 +17,7 @@
 //! # }
 //! ```
 //!
-//! This is the stack's only crate with `unsafe` code (`latency`, which measures beside it, has some of its own).
+//! No other crate of the stack has `unsafe` code; the `diagnostics` crate, which measures the machine, has its own.
 #![allow(unsafe_code)]
 
 pub mod allocations;
@@ -43,6 +42,6 @@ pub use bus::{Bus, Domain, Input, Output, Wait};
 pub use child::{Ending, tie_to_supervisor};
 pub use context::{Context, Gaps, ProcessStart, TickTimes};
 pub use deadline_timer::DeadlineTimer;
-pub use doorbell::{Doorbell, Listener, Wakes, wait, watch};
+pub use doorbell::{Doorbell, Listener, Wakes, poll, wait};
 pub use error::IpcError;
 pub use run::RunFile;

@@ -1,8 +1,8 @@
-//! Bringing memory in before it is used: the program's code, the heap, and what messages pass through.
+//! Prefaulting: loads memory before its first use, for the program's code, the heap, and messages.
 //!
-//! Locked memory stays once it was used (see [`crate::realtime::lock_memory`]); the first use is a page fault, about a microsecond. So
-//! a real-time process brings in beforehand all that it may come to use, and no more: its code and its libraries, a reserve of heap,
-//! and of each topic as many messages as can be on their way at once. Without real time nothing is brought in.
+//! Locked memory stays once it is used (see [`crate::realtime::lock_memory`]); the first use is a page fault, about a
+//! microsecond. So a real-time process prefaults all that it may use, and no more: its code and libraries, a heap
+//! reserve, and as many messages of each topic as can be in flight. Without real time nothing is prefaulted.
 
 use crate::topic::RECORDER_DEPTH;
 use core::ffi::{c_int, c_void};
@@ -11,22 +11,22 @@ use iceoryx2::identifiers::UniquePublisherId;
 use iceoryx2::service::header::publish_subscribe::Header;
 use rustix::mm::{Advice, madvise};
 
-/// Heap brought in for each real-time thread, bytes: a loan at a time, and what meeting others takes (some 50 kB each).
+/// Heap reserve of each real-time thread [bytes]: a loan at a time, and new connections (some 50 kB each).
 const HEAP: usize = 512 << 10;
-/// In pieces that the allocator takes from its heap instead of mapping them.
+/// Size of the pieces that fill the reserve [bytes]: the allocator takes these from its heap instead of mapping them.
 const PIECE: usize = 64 << 10;
-/// Messages of one sender that can be on their way at once: all that the recorder may be behind, and what short queues, histories and
-/// loans hold. A sender takes the one given back last, so it never uses more than that many.
+/// Messages of a sender that can be in flight: the recorder's backlog, and the contents of short queues, histories and
+/// loans. A sender reuses the sample returned last, so it never uses more.
 const IN_FLIGHT: usize = RECORDER_DEPTH + 128;
-/// Senders of a topic whose memory is known to be in.
+/// Senders of a topic that a receiver remembers as prefaulted.
 const SENDERS: usize = 4;
-/// Bytes of a page. Larger ones do no harm.
+/// Size of a page [bytes]. Larger pages do no harm.
 const PAGE: usize = 4096;
 
-/// Whether memory is brought in beforehand.
+/// Whether prefaulting is on.
 static ENABLED: AtomicBool = AtomicBool::new(false);
 
-/// From here on memory is brought in beforehand.
+/// Turns prefaulting on.
 pub(crate) fn enable() {
     ENABLED.store(true, Ordering::Relaxed);
 }
@@ -35,32 +35,33 @@ fn enabled() -> bool {
     ENABLED.load(Ordering::Relaxed)
 }
 
-/// Brings in what is there to read, or to write, at these addresses. Before Linux 5.14 nothing is: pages then come in as they are used.
+/// Prefaults a range of addresses for reading or writing. Before Linux 5.14 it does nothing: pages then fault in at
+/// first use.
 fn prefault(from: usize, bytes: usize, advice: Advice) {
     let start = from - from % PAGE;
     let ptr = core::ptr::without_provenance_mut::<c_void>(start);
-    // SAFETY: the advices passed here change no contents and take no mapping away; an address that is not mapped is an error.
+    // SAFETY: the advices passed here change no contents and remove no mapping; an unmapped address is an error.
     let _ = unsafe { madvise(ptr, (from + bytes - start).next_multiple_of(PAGE), advice) };
 }
 
-/// Brings in the program's code, and the libraries as a whole.
+/// Prefaults the program's code, and the libraries as a whole.
 ///
-/// The program's constants come in as they are used: most of them are what reports are made of.
+/// The program's constants fault in at first use: most of them belong to reports.
 pub(crate) fn prefault_code() {
     let mut first = true;
-    // SAFETY: the callback is of the type that is asked for, and `first` lives through the call.
+    // SAFETY: the callback has the required type, and `first` lives through the call.
     unsafe { libc::dl_iterate_phdr(Some(prefault_object), (&raw mut first).cast()) };
 }
 
 unsafe extern "C" fn prefault_object(info: *mut libc::dl_phdr_info, _size: usize, first: *mut c_void) -> c_int {
-    // SAFETY: the loader passes a description that is valid during the call, and the pointer that it was given.
+    // SAFETY: the loader passes a description that is valid during the call, and the pointer given to it.
     let (info, first) = unsafe { (&*info, &mut *first.cast::<bool>()) };
     // The program itself comes first.
     let whole = !core::mem::replace(first, false);
     if info.dlpi_phdr.is_null() {
         return 0;
     }
-    // SAFETY: there are as many headers, which stay as long as the object is loaded.
+    // SAFETY: there are `dlpi_phnum` headers, which stay as long as the object is loaded.
     let headers = unsafe { core::slice::from_raw_parts(info.dlpi_phdr, usize::from(info.dlpi_phnum)) };
     for header in headers.iter().filter(|h| h.p_type == libc::PT_LOAD && (whole || h.p_flags & libc::PF_X != 0)) {
         prefault(info.dlpi_addr as usize + header.p_vaddr as usize, header.p_memsz as usize, Advice::LinuxPopulateRead);
@@ -68,13 +69,13 @@ unsafe extern "C" fn prefault_object(info: *mut libc::dl_phdr_info, _size: usize
     0
 }
 
-/// Has the calling thread's heap keep a reserve that is in memory. Where the allocator is another one than glibc's, it decides itself.
+/// Gives the calling thread's heap a prefaulted reserve. An allocator other than glibc's may release it.
 pub(crate) fn prefault_heap() {
     if !enabled() {
         return;
     }
     #[cfg(target_env = "gnu")]
-    // SAFETY: sets a number of the allocator: the size from which free memory at the end of the heap is given back.
+    // SAFETY: sets a number of the allocator: the size from which it releases free memory at the end of the heap.
     unsafe {
         libc::mallopt(libc::M_TRIM_THRESHOLD, 16 * HEAP as c_int);
     }
@@ -90,26 +91,26 @@ fn bytes_in_flight<T>() -> usize {
     chunk * IN_FLIGHT
 }
 
-/// Brings in what a sender's messages will be written to, from its first one on.
+/// Prefaults the memory that a sender's messages will be written to, from its first message on.
 pub(crate) fn prefault_writes<T>(first: *const T) {
     if enabled() {
         prefault(first.addr(), bytes_in_flight::<T>(), Advice::LinuxPopulateWrite);
     }
 }
 
-/// The senders whose messages a receiver has memory in for.
+/// Senders whose message memory a receiver has prefaulted.
 #[derive(Debug, Default)]
 pub(crate) struct Senders {
     known: [Option<UniquePublisherId>; SENDERS],
-    /// Where the next new one goes: in place of the oldest.
+    /// Index of the oldest, which the next new sender replaces.
     next: usize,
-    /// A message of a new one.
+    /// Address of a message of a new sender.
     found: Option<usize>,
 }
 
 impl Senders {
-    /// Looks at a message and who sent it.
-    pub(crate) fn look_at<T>(&mut self, message: *const T, sender: UniquePublisherId) {
+    /// Notes the sender of a message, if it is new.
+    pub(crate) fn observe<T>(&mut self, message: *const T, sender: UniquePublisherId) {
         if enabled() && !self.known.contains(&Some(sender)) {
             self.known[self.next] = Some(sender);
             self.next = (self.next + 1) % SENDERS;
@@ -117,7 +118,7 @@ impl Senders {
         }
     }
 
-    /// Work for the slack: brings in where the messages of a new sender will be read.
+    /// Prefaults the memory that a new sender's messages will be read from. Idle-time work.
     pub(crate) fn prefault<T>(&mut self) {
         if let Some(first) = self.found.take() {
             prefault(first, bytes_in_flight::<T>(), Advice::LinuxPopulateRead);
@@ -134,12 +135,12 @@ mod tests {
 
     const PAGES: usize = 256;
 
-    /// Faults while each page is written to once, after `bring` was called with the memory.
-    fn faults_after(bring: impl FnOnce(usize)) -> u64 {
+    /// Faults of one write to each page, after `prepare` was called with the memory.
+    fn faults_after(prepare: impl FnOnce(usize)) -> u64 {
         let protection = ProtFlags::READ | ProtFlags::WRITE;
         // SAFETY: new memory at a place of the kernel's choice.
         let memory = unsafe { mmap_anonymous(core::ptr::null_mut(), PAGES * PAGE, protection, MapFlags::SHARED) }.unwrap();
-        bring(memory.addr());
+        prepare(memory.addr());
         let before = page_faults();
         for page in 0..PAGES {
             // SAFETY: within the mapping.
@@ -152,13 +153,13 @@ mod tests {
     }
 
     #[test]
-    fn what_was_brought_in_costs_no_fault_and_what_was_not_one_a_page() {
+    fn prefault_range_avoids_later_faults() {
         assert!(faults_after(|_| {}) >= PAGES as u64 / 16, "the counter counts");
         assert!(faults_after(|at| prefault(at + 100, (PAGES - 1) * PAGE, Advice::LinuxPopulateWrite)) <= 1);
     }
 
     #[test]
-    fn the_whole_window_of_a_topic_is_brought_in() {
+    fn prefault_writes_covers_messages_in_flight() {
         type Message = [u64; 16];
         enable();
         let bytes = bytes_in_flight::<Message>();
@@ -168,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn code_and_heap_can_be_brought_in() {
+    fn prefault_heap_avoids_faults_of_allocation() {
         enable();
         prefault_code();
         prefault_heap();

@@ -1,4 +1,4 @@
-//! The real-time set-up of a thread and of the machine: takes what it can get and says what it lacks.
+//! Real-time set-up of a thread and of the machine: takes what is granted and reports what is not.
 
 use crate::memory;
 use rustix::mm::{MlockAllFlags, mlockall};
@@ -8,16 +8,16 @@ use std::fs::{File, OpenOptions};
 use std::io::Write;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// What a thread got; a set of bits that travels in [`hapfic_messages::Timing`].
+/// Real-time privileges of a thread: a bit set that travels in [`hapfic_messages::Timing`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SchedGrants(pub u32);
 
 impl SchedGrants {
-    /// The scheduler `SCHED_FIFO` at the priority asked for.
+    /// The scheduler `SCHED_FIFO` at the requested priority.
     pub const FIFO: u32 = 1;
     /// All memory of the process is locked.
     pub const LOCKED: u32 = 2;
-    /// The thread stays on the core asked for.
+    /// The thread stays on the requested core.
     pub const PINNED: u32 = 4;
 
     /// Whether a bit is set.
@@ -27,7 +27,7 @@ impl SchedGrants {
     }
 }
 
-/// What a thread asks for.
+/// Real-time privileges that a thread requests.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SchedRequest {
     /// Priority of `SCHED_FIFO`, 1 to 98.
@@ -37,15 +37,15 @@ pub struct SchedRequest {
 }
 
 impl SchedRequest {
-    /// A priority, and a core or none.
+    /// Request of a priority, and of a core or any.
     #[must_use]
     pub fn new(priority: u32, core: Option<u32>) -> Self {
         Self { priority: priority as i32, core: core.map(|c| c as usize) }
     }
 }
 
-/// A core for the real-time threads of a run: the last one this process may use, for the next `index` the one before it, and so on, round
-/// and round.
+/// Core for the real-time threads of a run: the last core that this process may use for `index` 0, the core before it
+/// for the next `index`, and so on, cyclically.
 #[must_use]
 pub fn shared_core(index: usize) -> Option<u32> {
     let allowed = usable_cores();
@@ -53,48 +53,51 @@ pub fn shared_core(index: usize) -> Option<u32> {
     allowed.get(place).map(|core| *core as u32)
 }
 
-/// Cores that this process may use, ascending; none if the system does not tell.
+/// Cores that this process may use, ascending; empty if the system does not report them.
 #[must_use]
 pub fn usable_cores() -> Vec<usize> {
     let Ok(set) = rustix::thread::sched_getaffinity(None) else { return Vec::new() };
     (0..CpuSet::MAX_CPU).filter(|core| set.is_set(*core)).collect()
 }
 
-/// Bytes of stack touched beforehand, so that a deep call does not fault.
+/// Stack that is prefaulted, so that a deep call does not fault [bytes].
 const STACK: usize = 256 * 1024;
 
-/// Stack for a small real-time thread, bytes: more than what is touched beforehand.
+/// Stack for a small real-time thread [bytes]: more than what is prefaulted.
 pub const SMALL_STACK: usize = 2 * STACK;
 
-/// A core for the controller in reserve: another one than the run's shared core, if there is one. A process that dies gives its memory
-/// back at its own priority, on its own core: whoever is to take over at once had better not be behind it.
+/// Core for the standby controller: another than the run's shared core, if there is one.
+///
+/// A dying process frees its memory at its own priority, on its own core. A controller that takes over immediately must
+/// not queue behind it.
 #[must_use]
 pub fn reserve_core(index: usize) -> Option<u32> {
     shared_core(index + 1)
 }
 
-/// Makes the calling thread a real-time one as far as it may; memory is locked beforehand, by [`lock_memory`]. Nothing fails: what is
-/// missing is missing in the result.
+/// Applies a request to the calling thread, as far as the system grants it; [`lock_memory`] locks memory beforehand.
+///
+/// Does not fail: a privilege that is not granted is not in the result.
 #[must_use]
-pub fn apply_to_current_thread(wish: SchedRequest) -> SchedGrants {
+pub fn apply_to_current_thread(request: SchedRequest) -> SchedGrants {
     memory::prefault_heap();
-    apply_without_heap(wish)
+    apply_without_heap(request)
 }
 
-/// The same for a thread that allocates nothing.
+/// Applies a request to the calling thread, which does not allocate.
 #[must_use]
-pub(crate) fn apply_without_heap(wish: SchedRequest) -> SchedGrants {
+pub(crate) fn apply_without_heap(request: SchedRequest) -> SchedGrants {
     let mut granted = 0;
     if MEMORY_LOCKED.load(Ordering::Relaxed) {
         granted |= SchedGrants::LOCKED;
     }
     touch_stack();
-    if let Some(core) = wish.core
+    if let Some(core) = request.core
         && pin(None, core).is_ok()
     {
         granted |= SchedGrants::PINNED;
     }
-    if try_set_fifo(wish.priority) {
+    if try_set_fifo(request.priority) {
         granted |= SchedGrants::FIFO;
     }
     SchedGrants(granted)
@@ -106,10 +109,10 @@ fn try_set_fifo(priority: i32) -> bool {
     unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO, &raw const parameters) == 0 }
 }
 
-/// Puts the calling thread before all that is not real-time, at a priority of `SCHED_FIFO`, 1 to 98; what it starts is not.
+/// Gives the calling thread a priority of `SCHED_FIFO`, 1 to 98, which its child threads and processes do not inherit.
 ///
 /// # Errors
-/// If the system refuses.
+/// If the system rejects the call.
 pub fn set_fifo(priority: u32) -> std::io::Result<()> {
     let parameters = libc::sched_param { sched_priority: priority as i32 };
     // SAFETY: `parameters` lives through the call; 0 names the calling thread.
@@ -117,10 +120,10 @@ pub fn set_fifo(priority: u32) -> std::io::Result<()> {
     if done == 0 { Ok(()) } else { Err(std::io::Error::last_os_error()) }
 }
 
-/// Keeps a process's main thread, or the calling thread, on a core.
+/// Pins a process's main thread, or the calling thread, to a core.
 ///
 /// # Errors
-/// If there is no such core, or the system refuses.
+/// If there is no such core, or the system rejects the call.
 pub fn pin(pid: Option<rustix::process::Pid>, core: usize) -> std::io::Result<()> {
     if core >= CpuSet::MAX_CPU {
         return Err(std::io::ErrorKind::InvalidInput.into());
@@ -133,7 +136,7 @@ pub fn pin(pid: Option<rustix::process::Pid>, core: usize) -> std::io::Result<()
 /// Gives another process's main thread a priority of `SCHED_FIFO`, 1 to 98.
 ///
 /// # Errors
-/// If the system refuses.
+/// If the system rejects the call.
 pub fn set_priority_of(pid: rustix::process::Pid, priority: u32) -> std::io::Result<()> {
     let parameters = libc::sched_param { sched_priority: priority as i32 };
     // SAFETY: `parameters` lives through the call.
@@ -154,25 +157,25 @@ fn capable(capability: CapabilitySet) -> bool {
     rustix::thread::capabilities(None).is_ok_and(|sets| sets.effective.contains(capability))
 }
 
-/// How much memory is brought in when it is locked.
+/// How much memory [`lock_memory`] prefaults.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Prefault {
-    /// All there is now. For the supervisor: what it holds of the program's file stays in memory for all processes of the stack, so
-    /// that theirs never have to wait for a disk.
+    /// All current memory. For the supervisor: its pages of the program's file stay in memory for all processes of the
+    /// stack, which then never wait for a disk.
     All,
-    /// The code, and what is used. For the other processes.
+    /// The code, and what is in use. For the other processes.
     Used,
 }
 
-/// Locks all memory of the process, now and in future; every page stays once it was used. To be called before topics are opened.
+/// Locks all memory of the process, now and in future: a used page stays. To be called before topics are opened.
 ///
-/// A topic's segment has room for the deepest queue of every subscriber there may ever be, and the program for much that a process
-/// never runs; a part of both is used. Bringing all of it in would hold up whoever maps it, in the middle of a tick, for as
-/// long as a tick; and a process that dies at real-time priority has to give it all back before anyone below it runs again. So what
-/// can be used is brought in beforehand, once this has been called, and nothing else: code, a reserve of heap, the messages that can be
-/// on their way.
+/// A process uses only a part of a topic's segment, which has room for the deepest queue of every possible subscriber,
+/// and of the program's code. Prefaulting all of it would stall a mapping thread, in the middle of a tick, for as long
+/// as a tick. A process that dies at real-time priority would free all of it before any thread of lower priority runs
+/// again. So this call enables prefaulting of what can be in use, and of nothing else: code, a heap reserve, the
+/// messages in flight.
 ///
-/// Only where the limit cannot be reached: with a finite limit a later allocation would fail, and abort the process.
+/// Locks nothing under a finite limit: a later allocation would fail there, and abort the process.
 pub fn lock_memory(prefault: Prefault) {
     let used = MlockAllFlags::CURRENT | MlockAllFlags::FUTURE | MlockAllFlags::ONFAULT;
     let all = || mlockall(MlockAllFlags::CURRENT).and_then(|()| mlockall(MlockAllFlags::FUTURE | MlockAllFlags::ONFAULT));
@@ -182,26 +185,27 @@ pub fn lock_memory(prefault: Prefault) {
             Prefault::Used => mlockall(used).is_ok(),
         };
     MEMORY_LOCKED.store(locked, Ordering::Relaxed);
-    // Without the lock, too: it stays then as long as nobody needs the memory more.
+    // Also without the lock: the pages then stay until memory runs short.
     memory::enable();
     if prefault == Prefault::Used {
         memory::prefault_code();
     }
 }
 
-/// Makes room in the process's table of open files for so many, or as many as it may have. To be called before it has threads.
+/// Reserves `count` entries in the process's table of open files, or as many as its limit allows. To be called before
+/// the process has threads.
 ///
-/// The kernel doubles the table when it is full. Where threads share it, the one who opens the file too many then waits for all
-/// processors to pass a quiet state (`synchronize_rcu`), some 10 ms: the gate did so when it met the first process that was started
-/// again.
+/// The kernel doubles a full table. If threads share the table, the thread that opens a file too many waits until all
+/// processors have passed a quiet state (`synchronize_rcu`), some 10 ms. The gate did so when it connected to the first
+/// restarted process.
 ///
 /// # Errors
-/// If the system refuses; the table then grows when it has to.
+/// If the system rejects the call; the table then grows on demand.
 pub fn reserve_fd_table(count: u64) -> std::io::Result<()> {
     let may_have = getrlimit(Resource::Nofile).current.unwrap_or(u64::MAX);
     let last = count.min(may_have).saturating_sub(1);
     let file = File::open("/dev/null")?;
-    // The table stays as large as this has made it.
+    // The table keeps its size.
     drop(rustix::io::fcntl_dupfd_cloexec(&file, i32::try_from(last).unwrap_or(i32::MAX))?);
     Ok(())
 }
@@ -223,15 +227,15 @@ fn rtprio_limit() -> u64 {
     getrlimit(Resource::Rtprio).current.unwrap_or(u64::MAX)
 }
 
-/// Keeps the processors out of idle states that take long to leave, for as long as it lives.
+/// Guard that keeps the processors out of idle states with a long exit latency.
 #[derive(Debug)]
 pub struct CpuLatencyGuard(#[allow(dead_code)] File);
 
-/// Where the wish for the longest exit latency is written.
+/// File that takes the requested longest exit latency.
 const DMA_LATENCY: &str = "/dev/cpu_dma_latency";
 
 impl CpuLatencyGuard {
-    /// Asks for no exit latency at all; `None` if this user may not.
+    /// Requests zero exit latency; `None` if this user may not.
     #[must_use]
     pub fn take() -> Option<Self> {
         let mut file = OpenOptions::new().write(true).open(DMA_LATENCY).ok()?;
@@ -240,29 +244,29 @@ impl CpuLatencyGuard {
     }
 }
 
-/// One line of what real time needs: whether it can be had, and if not, what would give it.
+/// Privilege that real time needs.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Privilege {
-    /// What it is.
+    /// Its name.
     pub name: &'static str,
-    /// Whether this process may.
+    /// Whether this process may have it.
     pub granted: bool,
-    /// The value found, or what to do.
+    /// The value found, or the remedy.
     pub note: String,
 }
 
-/// What this process may take, for the highest priority it will ask for.
+/// Privileges of this process, for the highest priority that it will request.
 #[must_use]
 pub fn privileges(priority: i32) -> Vec<Privilege> {
     let fifo = may_fifo(priority);
     let lock = may_lock();
     let idle = OpenOptions::new().write(true).open(DMA_LATENCY).is_ok();
-    let say = |ok: bool, yes: String, no: &str| if ok { yes } else { no.to_owned() };
+    let note = |ok: bool, yes: String, no: &str| if ok { yes } else { no.to_owned() };
     vec![
         Privilege {
             name: "SCHED_FIFO",
             granted: fifo,
-            note: say(
+            note: note(
                 fifo,
                 format!("priority up to {priority}"),
                 "needs CAP_SYS_NICE, or `@realtime - rtprio 98` in /etc/security/limits.conf",
@@ -271,7 +275,7 @@ pub fn privileges(priority: i32) -> Vec<Privilege> {
         Privilege {
             name: "memory lock",
             granted: lock,
-            note: say(
+            note: note(
                 lock,
                 "all pages stay in memory".to_owned(),
                 "needs CAP_IPC_LOCK, or `@realtime - memlock unlimited` in /etc/security/limits.conf",
@@ -280,7 +284,7 @@ pub fn privileges(priority: i32) -> Vec<Privilege> {
         Privilege {
             name: "no deep idle",
             granted: idle,
-            note: say(
+            note: note(
                 idle,
                 "/dev/cpu_dma_latency held at 0".to_owned(),
                 "needs write access to /dev/cpu_dma_latency (a udev rule: KERNEL==\"cpu_dma_latency\", GROUP=\"realtime\", MODE=\"0660\")",
@@ -289,7 +293,7 @@ pub fn privileges(priority: i32) -> Vec<Privilege> {
     ]
 }
 
-/// Page faults of the calling thread so far, minor and major together.
+/// Page faults of the calling thread so far, minor and major.
 #[must_use]
 pub fn page_faults() -> u64 {
     // SAFETY: all-zero bytes are a valid `rusage`, which holds numbers only.
@@ -304,14 +308,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_privilege_is_named_and_says_what_it_lacks() {
+    fn privileges_without_grant_name_remedy() {
         let list = privileges(80);
         assert_eq!(list.len(), 3);
         assert!(list.iter().all(|p| !p.note.is_empty() && (p.granted || p.note.contains("needs"))));
     }
 
     #[test]
-    fn runs_beside_each_other_get_cores_of_their_own_as_long_as_there_are_some() {
+    fn shared_core_each_index_gets_own_core() {
         let cores = rustix::thread::sched_getaffinity(None).map(|set| set.count() as usize).unwrap_or(1);
         let given: std::collections::BTreeSet<_> = (0..cores).filter_map(shared_core).collect();
         assert_eq!(given.len(), cores);
@@ -319,7 +323,7 @@ mod tests {
     }
 
     #[test]
-    fn page_faults_count_up() {
+    fn page_faults_new_memory_increases_count() {
         let before = page_faults();
         let memory = vec![1_u8; 64 << 20];
         std::hint::black_box(&memory);

@@ -1,12 +1,12 @@
-//! The run file: what a supervisor tells the processes it starts.
+//! Run file: what the supervisor hands to the processes that it starts.
 
 use crate::error::IpcError;
 use hapfic_messages::{Clock, RealtimeMode};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// Everything a process of the stack needs to take part in a run. JSON; its path is in the environment variable
-/// [`RunFile::VARIABLE`] of every process the supervisor starts.
+/// Everything that a process of the stack needs to take part in a run, as JSON. The environment variable
+/// [`RunFile::VARIABLE`] of every process that the supervisor starts holds its path.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RunFile {
@@ -14,23 +14,23 @@ pub struct RunFile {
     pub prefix: String,
     /// The run's folder.
     pub root: String,
-    /// The process all others end with.
+    /// Process with which all others end.
     pub supervisor_pid: i32,
     /// How time passes.
     pub clock: Clock,
-    /// Whether to ask for real-time privileges.
+    /// Whether to request real-time privileges.
     pub realtime: RealtimeMode,
-    /// Core of the real-time threads that the configuration gives none; none: any.
+    /// Core of the real-time threads without a configured core; `None`: any.
     pub core: Option<u32>,
-    /// Core of the standby, where the configuration gives it none; none: any.
+    /// Core of the standby without a configured core; `None`: any.
     pub reserve_core: Option<u32>,
-    /// Core of the gate, for those who measure; none: any.
+    /// Core of the gate, for measurements; `None`: any.
     pub gate_core: Option<u32>,
     /// The effective configuration, TOML.
     pub settings: String,
-    /// Where the URDF came from.
+    /// Source of the URDF.
     pub urdf_name: String,
-    /// The URDF itself.
+    /// Text of the URDF.
     pub urdf: String,
 }
 
@@ -39,8 +39,8 @@ impl RunFile {
     pub const VARIABLE: &'static str = "HAPFIC_RUN";
     /// Environment variable that holds the number of the start: 0 for the first.
     pub const GENERATION: &'static str = "HAPFIC_GENERATION";
-    /// Environment variable that holds the tick of the message from which a process that is started again goes on; not set where
-    /// its forerunner had sent none.
+    /// Environment variable that holds the tick of the message from which a restarted process continues; not set if its
+    /// predecessor sent none.
     pub const RESUME: &'static str = "HAPFIC_RESUME";
 
     /// Reads a run file.
@@ -53,7 +53,7 @@ impl RunFile {
         serde_json::from_str(&text).map_err(|e| fail(e.to_string()))
     }
 
-    /// Writes it.
+    /// Writes the run file.
     ///
     /// # Errors
     /// [`IpcError::RunFile`] if the file cannot be written.

@@ -1,7 +1,7 @@
-//! Requests to a running stack and their replies: what `hapfic set`, `status` and `stop` ask, and any other program may.
+//! Operator requests to a running stack and their replies: `hapfic set`, `status`, `stop` and other programs send them.
 //!
-//! A request-response service, and a doorbell that wakes the one who answers. The service is made and held by the supervisor
-//! ([`hold`]); callers only open it, so that one killed while it calls cannot damage it.
+//! A request-response service, and a doorbell that wakes the server. The supervisor creates the service and keeps it
+//! alive ([`keep_alive`]). Callers only open it, so a caller killed in a call cannot damage it.
 
 use crate::bus::{Bus, service_name};
 use crate::doorbell::{Doorbell, Listener, Wakes};
@@ -22,23 +22,24 @@ type Factory = request_response::PortFactory<Transport, Wire<OperatorRequest>, (
 
 /// Name of the service.
 const NAME: &str = "operator_request";
-/// Callers at a time; those that were killed count until they are swept.
+/// Most callers at a time; killed callers count until their clean-up.
 const MAX_CALLERS: usize = 16;
-/// Callers above which it is worth looking for dead ones.
-const CROWD: usize = 4;
-/// Nodes that may know the service: callers, the supervisor and its thread.
+/// Number of callers above which a clean-up of dead ones is due.
+const CLEAN_UP_ABOVE: usize = 4;
+/// Most nodes of the service: callers, the supervisor and its thread.
 const MAX_NODES: usize = 32;
-/// How often a caller looks for its reply.
+/// Poll interval of a caller for its reply.
 const POLL_INTERVAL: Duration = Duration::from_millis(1);
-/// Creates the service and keeps it in being as long as the returned guard lives.
+
+/// Creates the service and keeps it alive as long as the returned guard lives.
 ///
 /// # Errors
-/// [`IpcError::Messaging`] with what iceoryx2 said.
+/// [`IpcError::Messaging`] with the cause from iceoryx2.
 pub fn keep_alive(bus: &Bus) -> Result<Box<dyn core::any::Any>, IpcError> {
-    Ok(Box::new(made_service(bus)?))
+    Ok(Box::new(create_service(bus)?))
 }
 
-fn made_service(bus: &Bus) -> Result<Factory, IpcError> {
+fn create_service(bus: &Bus) -> Result<Factory, IpcError> {
     bus.node
         .service_builder(&service_name(NAME)?)
         .request_response::<Wire<OperatorRequest>, Wire<OperatorReply>>()
@@ -47,22 +48,22 @@ fn made_service(bus: &Bus) -> Result<Factory, IpcError> {
         .max_nodes(MAX_NODES)
         .max_active_requests_per_client(2)
         .max_response_buffer_size(2)
-        // Who has given up waiting does not want it done any more.
+        // A request whose caller has timed out must not be executed.
         .enable_fire_and_forget_requests(false)
         .open_or_create()
         .map_err(|e| IpcError::messaging("open service", NAME, e))
 }
 
-/// The side that answers.
+/// Server of the requests.
 pub struct Requests {
     server: Server<Transport, Wire<OperatorRequest>, (), Wire<OperatorReply>, ()>,
     listener: Listener,
     factory: Factory,
 }
 
-/// A request that waits for its reply.
+/// Request that waits for its reply.
 pub struct Asked {
-    /// What was asked, copied out of shared memory; not checked yet.
+    /// The request, copied out of shared memory and not checked yet.
     pub request: OperatorRequest,
     active: ActiveRequest<Transport, Wire<OperatorRequest>, (), Wire<OperatorReply>, ()>,
 }
@@ -71,9 +72,9 @@ impl Requests {
     /// Opens the service.
     ///
     /// # Errors
-    /// [`IpcError::Messaging`], also when somebody else answers already.
+    /// [`IpcError::Messaging`], also when the service already has a server.
     pub fn open(bus: &Bus) -> Result<Self, IpcError> {
-        let factory = made_service(bus)?;
+        let factory = create_service(bus)?;
         let server = factory
             .server_builder()
             .backpressure_strategy(BackpressureStrategy::DiscardData)
@@ -82,7 +83,7 @@ impl Requests {
         Ok(Self { server, listener: bus.listener(topic::OPERATOR_REQUEST), factory })
     }
 
-    /// The oldest request not taken yet.
+    /// Takes the oldest request.
     ///
     /// # Errors
     /// [`IpcError::Messaging`] if a connection is damaged.
@@ -91,10 +92,10 @@ impl Requests {
         Ok(received.map(|active| Asked { request: active.payload().0, active }))
     }
 
-    /// Whether there are so many callers that some are probably dead; [`Bus::clean_up_dead_nodes`] then makes room.
+    /// Whether there are so many callers that some are probably dead; [`Bus::clean_up_dead_nodes`] then removes these.
     #[must_use]
     pub fn crowded(&self) -> bool {
-        self.factory.dynamic_config().number_of_clients() > CROWD
+        self.factory.dynamic_config().number_of_clients() > CLEAN_UP_ABOVE
     }
 }
 
@@ -105,7 +106,7 @@ impl Wakes for Requests {
 }
 
 impl Asked {
-    /// Answers.
+    /// Sends the reply.
     ///
     /// # Errors
     /// [`IpcError::Messaging`] if the caller cannot be reached.
@@ -114,17 +115,17 @@ impl Asked {
     }
 }
 
-/// The side that asks.
+/// Client of the requests.
 pub struct Caller {
     client: Client<Transport, Wire<OperatorRequest>, (), Wire<OperatorReply>, ()>,
     doorbell: Doorbell,
 }
 
 impl Caller {
-    /// Opens the service of a run, which must be there.
+    /// Opens the service of a run, which must exist.
     ///
     /// # Errors
-    /// [`IpcError::Messaging`] if it is not, or has all the callers it takes.
+    /// [`IpcError::Messaging`] if it does not, or has its full number of callers.
     pub fn open(bus: &Bus) -> Result<Self, IpcError> {
         let client = bus
             .node
@@ -139,22 +140,22 @@ impl Caller {
         Ok(Self { client, doorbell: bus.doorbell(topic::OPERATOR_REQUEST) })
     }
 
-    /// Asks and waits for the reply; `None` if none came in time.
+    /// Sends a request and waits for the reply; `None` if none came in time.
     ///
     /// # Errors
     /// [`IpcError::Messaging`] if iceoryx2 fails, [`IpcError::Message`] if the reply cannot be used.
-    pub fn ask(&self, request: &OperatorRequest, patience: Duration) -> Result<Option<OperatorReply>, IpcError> {
+    pub fn ask(&self, request: &OperatorRequest, timeout: Duration) -> Result<Option<OperatorReply>, IpcError> {
         let pending = self.client.send_copy(Wire(*request)).map_err(|e| IpcError::messaging("send on", NAME, e))?;
-        // Whoever answers looks by itself, too; this only makes it sooner.
+        // The server also polls; this only makes it faster.
         self.doorbell.notify();
-        let asked = Instant::now();
+        let sent = Instant::now();
         loop {
             if let Some(response) = pending.receive().map_err(|e| IpcError::messaging("receive on", NAME, e))? {
                 let reply = response.payload().0;
                 reply.check().map_err(|defect| IpcError::Message { topic: NAME, defect })?;
                 return Ok(Some(reply));
             }
-            if asked.elapsed() > patience {
+            if sent.elapsed() > timeout {
                 return Ok(None);
             }
             std::thread::sleep(POLL_INTERVAL);
@@ -162,7 +163,7 @@ impl Caller {
     }
 }
 
-/// For a program that only asks: iceoryx2 shall not tell its user about services that come and go.
+/// Silences iceoryx2's log below fatal errors: a user need not see services that come and go.
 pub fn quiet() {
     set_log_level(LogLevel::Fatal);
 }

@@ -4,22 +4,25 @@ use crate::doorbell::DoorbellId;
 use core::marker::PhantomData;
 use hapfic_messages::{Command, Credit, Event, Injection, Operator, Reference, Request, State, Timing};
 
-/// Ticks handed over to whoever joins late. One would do if nobody ever died: a planner that is started again works from the state
-/// its forerunner saw last, which may be one or two behind the newest.
+/// Samples handed over to a late joiner.
+///
+/// Without restarts a single sample would do. A restarted planner works from the last state of its predecessor, which
+/// may be one or two ticks behind the newest.
 const HISTORY_DEPTH: usize = 4;
-/// Samples a recorder's input keeps: how long it may be away, in ticks.
+/// Samples that a recorder's input keeps: longest absence of the recorder [ticks].
 pub const RECORDER_DEPTH: usize = 512;
 
-/// A topic: its name, its type, and how many may take part.
+/// A topic: its name, its type, and its capacities.
 #[derive(Debug)]
 pub struct Topic<T> {
     /// Name of the service.
     pub name: &'static str,
-    /// Most publishers at a time. More than needed, so that successors can join before their dead forerunners are swept.
+    /// Most publishers at a time. More than needed, so that successors can join before the clean-up of their
+    /// predecessors.
     pub publishers: usize,
-    /// Samples kept for whoever joins late.
+    /// Samples kept for late joiners.
     pub history: usize,
-    /// The doorbell that sending rings, for those who wait.
+    /// Doorbell that sending notifies, if any thread waits for the topic.
     pub doorbell: Option<DoorbellId>,
     pub(crate) kind: PhantomData<fn() -> T>,
 }
@@ -30,20 +33,20 @@ impl<T> Topic<T> {
     }
 }
 
-/// Rung with each [`STATE`].
+/// Notified with each [`STATE`].
 pub const STATE_DOORBELL: DoorbellId = DoorbellId(0);
-/// Rung with each [`REQUEST`].
+/// Notified with each [`REQUEST`].
 pub const REQUEST_DOORBELL: DoorbellId = DoorbellId(2);
-/// Rung with each [`COMMAND`].
+/// Notified with each [`COMMAND`].
 pub const COMMAND_DOORBELL: DoorbellId = DoorbellId(3);
 
-/// plant -> all. The supervisor hands the last ones on when the plant is started again.
+/// plant -> all. The supervisor republishes the last ones when the plant restarts.
 pub const STATE: Topic<State> = Topic::new("state", 4, HISTORY_DEPTH, Some(STATE_DOORBELL));
-/// planner -> controllers. The supervisor hands the last ones on when the planner is started again.
+/// planner -> controllers. The supervisor republishes the last ones when the planner restarts.
 pub const REFERENCE: Topic<Reference> = Topic::new("reference", 4, HISTORY_DEPTH, Some(DoorbellId(1)));
 /// controllers -> gate.
 pub const REQUEST: Topic<Request> = Topic::new("request", 6, 1, Some(REQUEST_DOORBELL));
-/// gate -> plant, and the controllers' memory.
+/// gate -> plant, and controllers, as their memory.
 pub const COMMAND: Topic<Command> = Topic::new("command", 2, HISTORY_DEPTH, Some(COMMAND_DOORBELL));
 /// gate -> all: parameters in force and to come.
 pub const OPERATOR: Topic<Operator> = Topic::new("operator", 2, 1, None);
@@ -53,16 +56,16 @@ pub const EVENT: Topic<Event> = Topic::new("event", 8, 0, None);
 pub const TIMING: Topic<Timing> = Topic::new("timing", 12, 0, None);
 /// recorder -> plant, in lockstep.
 pub const CREDIT: Topic<Credit> = Topic::new("credit", 2, 1, Some(DoorbellId(4)));
-/// gate -> planner and controller in reserve, in realtime: a state has been answered, or should have been. A doorbell alone; nothing is
-/// sent.
+/// gate -> planner and standby controller, in realtime: a state is answered, or its answer is late. A doorbell without
+/// a message.
 ///
-/// Each thread that a state woke would cost those who wait for its answer some microseconds, and tens of them if it sleeps on
-/// another core. So a state wakes the primary only; the others, whom nobody waits for unless the primary fails, are woken when
-/// there is time.
+/// Each thread that a state woke would delay the answer by some microseconds, and by tens of them if it sleeps on
+/// another core. So a state wakes the primary only. The others are not needed unless the primary fails, and wake in
+/// idle time.
 pub const COMMAND_SENT: DoorbellId = DoorbellId(5);
-/// callers -> supervisor: an [operator's request](crate::service) waits.
+/// callers -> supervisor: an [operator request](crate::service) waits.
 pub const OPERATOR_REQUEST: DoorbellId = DoorbellId(6);
-/// controller -> the gate's spare: no command follows the request. A doorbell alone.
+/// controller -> spare gate thread: no command follows the request. A doorbell without a message.
 pub const SPARE_GATE: DoorbellId = DoorbellId(7);
-/// supervisor -> processes: faults to be made on purpose.
+/// supervisor -> processes: faults to inject.
 pub const INJECTION: Topic<Injection> = Topic::new("injection", 2, 0, None);

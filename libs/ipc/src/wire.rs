@@ -8,7 +8,8 @@ use iceoryx2::prelude::ZeroCopySend;
 #[repr(transparent)]
 pub(crate) struct Wire<T>(pub(crate) T);
 
-// SAFETY: a `Message` is plain data without padding or pointers, valid for every bit pattern, and its name stands for its layout.
+// SAFETY: a `Message` is plain data without padding or pointers, valid for every bit pattern, and its name stands for
+// its layout.
 unsafe impl<T: Message> ZeroCopySend for Wire<T> {
     unsafe fn type_name() -> &'static str {
         T::NAME

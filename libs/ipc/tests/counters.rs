@@ -1,6 +1,6 @@
-//! What a process says of its allocations and page faults is what it did: counters that could not count would prove nothing.
+//! Counters of allocations and page faults that a process reports: they count what it did.
 //!
-//! A test of its own, since it installs the counting allocator, as the program does.
+//! A test program of its own, since it installs the counting allocator, as the `hapfic` program does.
 #![allow(clippy::unwrap_used, missing_docs)]
 
 use hapfic_ipc::allocations::{Counting, count};
@@ -12,33 +12,33 @@ use std::hint::black_box;
 static ALLOCATOR: Counting = Counting;
 
 #[test]
-fn every_way_to_get_memory_from_the_heap_is_counted_and_nothing_else() {
+fn allocations_each_heap_request_counts_once() {
     let before = count();
     let mut numbers = black_box(Vec::<u64>::with_capacity(4));
     assert_eq!(count() - before, 1, "new memory");
     numbers.extend([1, 2, 3, 4]);
-    assert_eq!(count() - before, 1, "there was room");
+    assert_eq!(count() - before, 1, "within capacity");
     numbers.reserve_exact(100);
-    assert_eq!(count() - before, 2, "moved to a larger place");
+    assert_eq!(count() - before, 2, "reallocated");
     let zeros = black_box(vec![0_u64; 100]);
     assert_eq!(count() - before, 3, "zeroed memory");
     drop((numbers, zeros));
-    assert_eq!(count() - before, 3, "given back");
-    let mine = count();
-    let theirs = std::thread::spawn(|| {
+    assert_eq!(count() - before, 3, "freed");
+    let own = count();
+    let other = std::thread::spawn(|| {
         (0..100).for_each(|i| drop(black_box(Box::new(i))));
         count()
     });
-    assert!(theirs.join().unwrap() >= 100);
-    assert!(count() - mine < 50, "each thread counts its own; a few are for starting another");
+    assert!(other.join().unwrap() >= 100);
+    assert!(count() - own < 50, "each thread counts its own allocations; the start of a thread takes a few");
 }
 
-fn told(timing: &mut Input<Timing>) -> Timing {
+fn reported(timing: &mut Input<Timing>) -> Timing {
     timing.newest().unwrap().unwrap()
 }
 
 #[test]
-fn a_process_tells_of_what_it_allocated_in_a_tick_and_of_the_pages_it_touched() {
+fn context_account_reports_allocations_and_page_faults() {
     let folder = tempfile::tempdir().unwrap();
     let run = RunFile {
         prefix: format!("ht{}_", std::process::id()),
@@ -54,13 +54,13 @@ fn a_process_tells_of_what_it_allocated_in_a_tick_and_of_the_pages_it_touched() 
         urdf: String::new(),
     };
     let mut context = Context::join(&run, Process::Controller, ProcessStart::default()).unwrap();
-    // Whoever runs the tests may end before them.
+    // The test runner may end before the tests.
     rustix::process::set_parent_process_death_signal(None).unwrap();
     let mut timing = context.bus.input(&topic::TIMING, Wait::No).unwrap();
     let done = |tick| TickTimes { tick, due_ns: 0, wake_ns: 0, publish_ns: 0, latency_ns: 0 };
-    // The first meets the receiver.
+    // The first message connects to the receiver.
     context.account(done(1)).unwrap();
-    let first = told(&mut timing);
+    let first = reported(&mut timing);
 
     for (tick, pieces) in [(2, 0), (3, 3), (4, 0)] {
         context.begin();
@@ -68,18 +68,18 @@ fn a_process_tells_of_what_it_allocated_in_a_tick_and_of_the_pages_it_touched() 
             black_box(vec![1_u8; 100 + size]);
         }
         context.account(done(tick)).unwrap();
-        let told = told(&mut timing);
-        assert_eq!((told.tick, told.allocations), (tick, pieces as u32));
+        let reported = reported(&mut timing);
+        assert_eq!((reported.tick, reported.allocations), (tick, pieces as u32));
     }
 
     let touched = black_box(vec![1_u8; 16 << 20]);
     context.account(done(500)).unwrap();
-    assert_eq!(told(&mut timing).page_faults, first.page_faults, "counted once in a thousand ticks");
+    assert_eq!(reported(&mut timing).page_faults, first.page_faults, "counted once in a thousand ticks");
     context.account(done(1001)).unwrap();
-    assert!(told(&mut timing).page_faults > first.page_faults, "{} bytes", touched.len());
+    assert!(reported(&mut timing).page_faults > first.page_faults, "{} bytes", touched.len());
 
     drop((timing, context));
-    // What iceoryx2 keeps of a domain that nobody is in any more; the supervisor removes a run's.
+    // What iceoryx2 keeps of a domain without nodes; in a run the supervisor removes it.
     for entry in std::fs::read_dir("/dev/shm").unwrap().flatten() {
         if entry.file_name().to_str().is_some_and(|name| name.starts_with(&run.prefix)) {
             std::fs::remove_file(entry.path()).unwrap();

@@ -4,13 +4,13 @@
 use hapfic_ipc::{Bus, Domain, Input, Output, Wait, topic};
 use hapfic_messages::Credit;
 
-/// A corner of this test's own.
-struct Corner {
+/// Namespace of a test.
+struct Namespace {
     prefix: String,
     folder: tempfile::TempDir,
 }
 
-impl Corner {
+impl Namespace {
     fn new(name: &str) -> Self {
         Self { prefix: format!("ht{name}{}_", std::process::id()), folder: tempfile::tempdir().unwrap() }
     }
@@ -21,9 +21,9 @@ impl Corner {
     }
 }
 
-impl Drop for Corner {
+impl Drop for Namespace {
     fn drop(&mut self) {
-        // What iceoryx2 keeps of a domain that nobody is in any more; the supervisor removes a run's.
+        // What iceoryx2 keeps of a domain without nodes; in a run the supervisor removes it.
         for entry in std::fs::read_dir("/dev/shm").unwrap().flatten() {
             if entry.file_name().to_str().is_some_and(|name| name.starts_with(&self.prefix)) {
                 std::fs::remove_file(entry.path()).unwrap();
@@ -33,9 +33,9 @@ impl Drop for Corner {
 }
 
 #[test]
-fn a_rehearsal_sends_nothing_and_the_next_message_is_the_next() {
-    let corner = Corner::new("r");
-    let bus = corner.bus();
+fn output_warm_up_sends_nothing() {
+    let namespace = Namespace::new("r");
+    let bus = namespace.bus();
     let mut output = bus.output(&topic::CREDIT).unwrap();
     let mut input = bus.input(&topic::CREDIT, Wait::No).unwrap();
     for tick in 0..100 {
@@ -49,23 +49,23 @@ fn a_rehearsal_sends_nothing_and_the_next_message_is_the_next() {
 }
 
 #[test]
-fn ports_go_from_thread_to_thread_with_what_they_have_on_loan() {
-    let corner = Corner::new("t");
-    let bus = corner.bus();
+fn ports_with_loan_move_between_threads() {
+    let namespace = Namespace::new("t");
+    let bus = namespace.bus();
     let mut ports: (Output<Credit>, Input<Credit>) =
         (bus.output(&topic::CREDIT).unwrap(), bus.input(&topic::CREDIT, Wait::No).unwrap());
     for tick in 0..50 {
         ports = std::thread::scope(|scope| {
-            let there = scope.spawn(move || {
+            let thread = scope.spawn(move || {
                 let (mut output, mut input) = ports;
                 output.preloan();
                 output.send(&Credit { tick }).unwrap();
-                // On loan when it goes back.
+                // The loan moves back with the port.
                 output.preloan();
                 assert_eq!(input.next().unwrap().unwrap().tick, tick);
                 (output, input)
             });
-            there.join().unwrap()
+            thread.join().unwrap()
         });
     }
 }

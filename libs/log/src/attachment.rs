@@ -1,6 +1,6 @@
-//! A file carried inside a log.
+//! Attachments: files inside a log.
 
-/// A file carried inside a log, such as the scenario it was recorded with.
+/// File inside a log, such as the scenario of the run.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Attachment {
     /// File name, `scenario.toml`.
@@ -12,6 +12,6 @@ pub struct Attachment {
 }
 
 impl Attachment {
-    /// Most bytes of content; more could not be told from a damaged length when the log is read.
+    /// Most bytes of content. The reader takes a longer attachment for a damaged length.
     pub const LARGEST: usize = 32 << 20;
 }

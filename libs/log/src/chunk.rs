@@ -1,7 +1,7 @@
-//! The records inside a chunk.
+//! Records inside a chunk.
 //!
-//! `mcap` decompresses and checks the sum. What it takes on trust from the file is checked here first: an uncompressed
-//! chunk whose records overrun it, or sizes that no compressor could have produced.
+//! `mcap` decompresses a chunk and checks its checksum. This module first checks what `mcap` does not: records that
+//! overrun an uncompressed chunk, and sizes that no compressor can produce.
 
 use crate::frames::LONGEST_RECORD;
 use mcap::McapError;
@@ -10,19 +10,19 @@ use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
 /// Opcode and length.
 const HEAD: u64 = 9;
-/// LZ4 cannot do better than one byte for 255.
+/// Upper bound of the compression ratio: LZ4 expands a byte to at most 255.
 const BEST_RATIO: u64 = 256;
-/// The frame around the data.
+/// Upper bound of the frame around the data [bytes].
 const FRAME: u64 = 1024;
 
-/// Reads the records of one chunk after the other. What is wrong is told in words, the caller knows where.
+/// Reads the records of one chunk after the other. Errors are texts; the caller adds the place.
 pub(crate) struct Chunks {
     inner: LinearReader,
-    /// The chunk record, with opcode and length.
+    /// Chunk record, with opcode and length.
     record: Vec<u8>,
-    /// How much of it `inner` has.
+    /// Bytes of `record` passed to `inner`.
     given: usize,
-    /// Bytes of the records not yet read, uncompressed.
+    /// Size of the unread records, uncompressed [bytes].
     remaining: u64,
 }
 
@@ -36,7 +36,7 @@ impl Chunks {
         Self { inner: LinearReader::new_with_options(options), record: Vec::new(), given: 0, remaining: 0 }
     }
 
-    /// Begins a chunk, given its record without opcode and length. The one before must have been read to its end.
+    /// Begins a chunk, given its record without opcode and length. The previous chunk must have been read to its end.
     pub(crate) fn open(&mut self, body: &[u8]) -> Result<(), String> {
         let Record::Chunk { header, data } = crate::lengths::parse(op::CHUNK, body)? else {
             return Err("found another record, expected a chunk".into());
@@ -72,12 +72,12 @@ impl Chunks {
                     out.clear();
                     out.extend_from_slice(data);
                     self.remaining =
-                        self.remaining.checked_sub(HEAD + out.len() as u64).ok_or("the chunk holds more than its header says")?;
+                        self.remaining.checked_sub(HEAD + out.len() as u64).ok_or("the chunk is larger than its header says")?;
                     return Ok(Some(opcode));
                 }
-                Ok(LinearReadEvent::ReadRequest(wanted)) => {
+                Ok(LinearReadEvent::ReadRequest(requested)) => {
                     let rest = self.record.get(self.given..).unwrap_or_default();
-                    let length = wanted.min(rest.len());
+                    let length = requested.min(rest.len());
                     if length == 0 {
                         return self.end();
                     }
@@ -105,7 +105,7 @@ fn is_tiled(data: &[u8]) -> bool {
     rest.is_empty()
 }
 
-/// `mcap` keeps the cause of some errors apart from their message.
+/// Returns the text of an error with its cause, which `mcap` keeps apart.
 pub(crate) fn describe(error: McapError) -> String {
     match error {
         McapError::Io(cause) => cause.to_string(),

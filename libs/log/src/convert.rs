@@ -1,7 +1,7 @@
-//! From the messages between processes to those of the log.
+//! Conversion of the messages between processes to those of the log.
 //!
-//! Joint lists are cut to the joints that count, codes become names. A code that no name belongs to becomes `unknown`:
-//! the log records what was sent, also if it was wrong.
+//! Joint lists are cut to the joints of the robot, codes become names. A code without a name becomes `unknown`: the log
+//! records invalid messages, too.
 
 use crate::names::Names;
 use crate::proto;
@@ -76,7 +76,7 @@ pub fn command(command: &Command) -> proto::Command {
     let request = &command.request;
     proto::Command {
         tick: command.tick,
-        // The command's count: before the first request, the request's own is zero.
+        // The joint count of the command: before the first request, that of the request is zero.
         torque_raw: first(&request.torque, command.joints),
         torque: first(&command.torque, command.joints),
         controller: controller(request.controller).to_owned(),
@@ -216,10 +216,10 @@ fn severity(code: u32) -> &'static str {
     Severity::from_code(code).map_or(UNKNOWN, Severity::name)
 }
 
-/// Only the two controllers make requests; the zeroed request before the first one carries the supervisor's code.
+/// Name of the controller that sent a request. The zeroed request before the first one carries the supervisor's code.
 fn controller(code: u32) -> &'static str {
     match Process::from_code(code) {
-        Some(made @ (Process::Controller | Process::Standby)) => made.name(),
+        Some(sender @ (Process::Controller | Process::Standby)) => sender.name(),
         Some(_) => "none",
         None => UNKNOWN,
     }

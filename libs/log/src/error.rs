@@ -1,9 +1,9 @@
-//! What can go wrong with a log.
+//! Errors of reading and writing a log.
 
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// What can go wrong with a log. Every message says which file, where in it, what was expected and what to do.
+/// Error of reading or writing a log. Every message names the file, the place in it, the expectation and the remedy.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum LogError {
@@ -12,15 +12,15 @@ pub enum LogError {
     Create {
         /// The log.
         path: PathBuf,
-        /// What the operating system said.
+        /// Error of the operating system.
         cause: io::Error,
     },
-    /// The folder of the file cannot be made.
-    #[error("cannot make {}, the log's folder: {cause}", .path.display())]
+    /// The folder of the file cannot be created.
+    #[error("cannot create {}, the log's folder: {cause}", .path.display())]
     Folder {
         /// The folder.
         path: PathBuf,
-        /// What the operating system said.
+        /// Error of the operating system.
         cause: io::Error,
     },
     /// Another run is writing the file.
@@ -34,7 +34,7 @@ pub enum LogError {
     Write {
         /// The log.
         path: PathBuf,
-        /// What the operating system or the encoder said.
+        /// Error of the operating system or the encoder.
         cause: io::Error,
     },
     /// The file cannot be opened.
@@ -42,7 +42,7 @@ pub enum LogError {
     Open {
         /// The log.
         path: PathBuf,
-        /// What the operating system said.
+        /// Error of the operating system.
         cause: io::Error,
     },
     /// The file cannot be read any further.
@@ -50,41 +50,41 @@ pub enum LogError {
     Read {
         /// The log.
         path: PathBuf,
-        /// Where reading failed.
+        /// Byte at which reading failed.
         byte: u64,
-        /// What the operating system said.
+        /// Error of the operating system.
         cause: io::Error,
     },
-    /// The file is something else.
+    /// The file is not a log.
     #[error("{}: not a log: it starts with {found}, expected the MCAP magic 89 4d 43 41 50 30 0d 0a. Give the path of a .mcap file", .path.display())]
     NotMcap {
         /// The file.
         path: PathBuf,
-        /// Its first bytes, in hexadecimal.
+        /// First bytes of the file, in hexadecimal.
         found: String,
     },
-    /// The file ends too early: the run is not over, or its writer was killed.
-    #[error("{}: the log is truncated: it ends at byte {byte}, expected a footer at its end. The run goes on still or was killed; everything before is usable", .path.display())]
+    /// The file ends too early: the run is still active, or its writer was killed.
+    #[error("{}: the log is truncated: it ends at byte {byte}, expected a footer at its end. The run is still active or was killed; everything before is usable", .path.display())]
     Truncated {
         /// The log.
         path: PathBuf,
         /// Length of the file.
         byte: u64,
     },
-    /// The content contradicts itself.
+    /// The content is inconsistent.
     #[error("{}: the log is damaged in the record at byte {byte}: {what}. Everything before it is usable; fetch the file again if there is another copy", .path.display())]
     Damaged {
         /// The log.
         path: PathBuf,
-        /// Where the damaged record, or the chunk with it, begins.
+        /// Start of the damaged record or of its chunk.
         byte: u64,
-        /// What was found, and what was expected.
+        /// Found and expected content.
         what: String,
     },
 }
 
 impl LogError {
-    /// A failure to write, as the MCAP encoder reports it.
+    /// Converts a write error of the MCAP encoder.
     pub(crate) fn write(path: &Path, error: mcap::McapError) -> Self {
         let cause = match error {
             mcap::McapError::Io(cause) => cause,
@@ -93,7 +93,7 @@ impl LogError {
         Self::Write { path: path.to_owned(), cause }
     }
 
-    /// A record that contradicts itself.
+    /// Error of an inconsistent record.
     pub(crate) fn damaged(path: &Path, byte: u64, what: impl Into<String>) -> Self {
         Self::Damaged { path: path.to_owned(), byte, what: what.into() }
     }

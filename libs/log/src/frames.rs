@@ -1,4 +1,4 @@
-//! The records of an MCAP file, one after the other, with the byte at which each begins.
+//! Sequential records of an MCAP file, each with its first byte.
 
 use crate::error::LogError;
 use mcap::MAGIC;
@@ -6,14 +6,14 @@ use mcap::records::op;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-/// Longest record that is believed, bytes. The writer's chunks are a thousandth of it.
+/// Longest valid record [bytes]. The writer's chunks are a thousandth of it.
 pub(crate) const LONGEST_RECORD: u64 = 64 << 20;
 
-/// Opcode and length.
+/// Size of opcode and length [bytes].
 const HEAD: u64 = 9;
 const FOOTER: usize = 20;
 
-/// Reads a file record by record, holding one at a time.
+/// Reads a file record by record, with one record in memory.
 pub(crate) struct Frames<R> {
     source: R,
     path: PathBuf,
@@ -22,7 +22,7 @@ pub(crate) struct Frames<R> {
 }
 
 impl<R: Read> Frames<R> {
-    /// Checks that the source is an MCAP file; `path` is what errors call it.
+    /// Checks that the source is an MCAP file; errors name it `path`.
     pub(crate) fn new(source: R, path: &Path) -> Result<Self, LogError> {
         let mut frames = Self { source, path: path.to_owned(), offset: 0, done: false };
         let mut magic = Vec::new();
@@ -35,17 +35,17 @@ impl<R: Read> Frames<R> {
         Err(LogError::NotMcap { path: frames.path, found })
     }
 
-    /// What errors call the source.
+    /// Path of the source in errors.
     pub(crate) fn path(&self) -> &Path {
         &self.path
     }
 
-    /// The byte at which the next record begins.
+    /// First byte of the next record.
     pub(crate) fn offset(&self) -> u64 {
         self.offset
     }
 
-    /// Reads the next record into `body` and returns its opcode; `None` after the footer and the magic behind it.
+    /// Reads the next record into `body` and returns its opcode; `None` after the footer and the final magic.
     pub(crate) fn read_record(&mut self, body: &mut Vec<u8>) -> Result<Option<u8>, LogError> {
         if self.done {
             return Ok(None);
@@ -76,13 +76,13 @@ impl<R: Read> Frames<R> {
         let mut magic = Vec::new();
         self.fill(MAGIC.len() as u64, &mut magic)?;
         if magic != MAGIC {
-            return Err(self.damaged(start, "found other bytes behind the footer, expected the MCAP magic"));
+            return Err(self.damaged(start, "found other bytes after the footer, expected the MCAP magic"));
         }
         self.done = true;
         Ok(())
     }
 
-    /// Reads exactly `length` bytes. Memory grows with what is there, not with what a damaged length promises.
+    /// Reads exactly `length` bytes. Memory grows with the bytes read, so a damaged length does no harm.
     fn fill(&mut self, length: u64, body: &mut Vec<u8>) -> Result<(), LogError> {
         body.clear();
         let result = self.source.by_ref().take(length).read_to_end(body);

@@ -1,20 +1,20 @@
-//! Lengths within a record, checked before it is parsed: the parser asks for as much memory as a length says, and a damaged one may
-//! say gigabytes.
+//! Check of the lengths inside a record before it is parsed: the parser allocates what a length claims, and a damaged
+//! length may claim gigabytes.
 
 use mcap::records::{Record, op};
 
-/// Parses a record whose inner lengths fit into it.
+/// Parses a record after a check of its inner lengths.
 ///
 /// # Errors
-/// What is wrong with it, in words.
+/// The defect of the record, as text.
 pub(crate) fn parse(opcode: u8, body: &[u8]) -> Result<Record<'_>, String> {
     if !fit(opcode, body) {
-        return Err("a record is shorter than the lengths in it say".to_owned());
+        return Err("a record is shorter than the lengths in it".to_owned());
     }
     mcap::parse_record(opcode, body).map_err(crate::chunk::describe)
 }
 
-/// Whether every length in a record's body leaves room for what it counts.
+/// Whether every length in a record's body stays inside the body.
 fn fit(opcode: u8, body: &[u8]) -> bool {
     let mut rest = Rest(body);
     let all = match opcode {
@@ -23,15 +23,15 @@ fn fit(opcode: u8, body: &[u8]) -> bool {
         op::CHANNEL => rest.skip(4).and_then(|()| rest.text()).and_then(|()| rest.text()).and_then(|()| rest.map()),
         op::METADATA => rest.text().and_then(|()| rest.map()),
         op::CHUNK => rest.skip(28).and_then(|()| rest.text()),
-        // Then the length of what is attached, and a checksum.
+        // Then the length of the attached data, and a checksum.
         op::ATTACHMENT => rest.skip(16).and_then(|()| rest.text()).and_then(|()| rest.text()).and_then(|()| rest.skip(12)),
-        // Their lengths are those of fixed fields, or nobody here parses them.
+        // Records with fixed fields only, or records that are not parsed.
         _ => Some(()),
     };
     all.is_some()
 }
 
-/// What is left of a record.
+/// Unread rest of a record.
 struct Rest<'a>(&'a [u8]);
 
 impl Rest<'_> {
@@ -46,13 +46,13 @@ impl Rest<'_> {
         usize::try_from(u32::from_le_bytes(*length)).ok()
     }
 
-    /// A length of 32 bits, and as many bytes.
+    /// Skips a length of 32 bits and as many bytes.
     fn text(&mut self) -> Option<()> {
         let length = self.length()?;
         self.skip(length)
     }
 
-    /// A length of 32 bits, and as many bytes of pairs of texts.
+    /// Skips a length of 32 bits and as many bytes of pairs of texts.
     fn map(&mut self) -> Option<()> {
         let length = self.length()?;
         let mut pairs = Rest(self.0.get(..length)?);
@@ -73,20 +73,20 @@ mod tests {
     }
 
     #[test]
-    fn a_length_that_reaches_beyond_its_record_is_found_in_every_place() {
+    fn fit_length_beyond_record_is_detected_everywhere() {
         let pair = [text("key"), text("value")].concat();
         let map = [&(pair.len() as u32).to_le_bytes()[..], &pair].concat();
-        let good = [text("run"), map].concat();
-        assert!(fit(op::METADATA, &good));
-        // Each of the four lengths in turn says gigabytes.
+        let valid = [text("run"), map].concat();
+        assert!(fit(op::METADATA, &valid));
+        // Each of the four lengths in turn claims gigabytes.
         for at in [0, 7, 11, 18] {
-            let mut bad = good.clone();
-            bad[at + 3] = 0x80;
-            assert!(!fit(op::METADATA, &bad), "length at byte {at}");
-            assert!(parse(op::METADATA, &bad).is_err());
+            let mut invalid = valid.clone();
+            invalid[at + 3] = 0x80;
+            assert!(!fit(op::METADATA, &invalid), "length at byte {at}");
+            assert!(parse(op::METADATA, &invalid).is_err());
         }
-        for cut in 0..good.len() {
-            assert!(!fit(op::METADATA, &good[..cut]), "cut off at byte {cut}");
+        for cut in 0..valid.len() {
+            assert!(!fit(op::METADATA, &valid[..cut]), "cut off at byte {cut}");
         }
     }
 }

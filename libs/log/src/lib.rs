@@ -1,9 +1,9 @@
-//! The log of a run: one MCAP file that Foxglove, Rerun and PlotJuggler open as it is.
+//! The log of a run: one MCAP file that Foxglove, Rerun and PlotJuggler open without conversion.
 //!
-//! [`Writer`] takes the messages of `hapfic-ipc` and writes them as protobuf, with their schemas, the names of joints and
-//! bodies, and the scenario and robot as attachments. [`Reader`] reads a log back, in bounded memory, also one whose writer
-//! was killed: it gives every message of the chunks that are whole, and then says where the file ends.
-//! [`viewer`] makes what a 3-D view shows; [`Metrics`] sums a run up, live or from a log.
+//! [`Writer`] takes the messages of `hapfic-messages` and writes them as protobuf. The log carries their schemas, the
+//! names of joints and bodies, and scenario and robot as attachments. [`Reader`] reads a log in bounded memory. If the
+//! writer was killed, it returns every message of the complete chunks, and then an error with the end of the file.
+//! [`viewer`] makes the messages for 3-D views; [`Metrics`] summarizes a run, live or from a log.
 //!
 //! ```no_run
 //! use hapfic_log::{Metrics, Reader};
@@ -46,10 +46,10 @@ pub use topic::Topic;
 pub use viewer::Viewer;
 pub use writer::{Totals, Writer, WriterOptions};
 
-/// Nanoseconds of a tick.
+/// Duration of a tick [ns].
 pub const TICK_NS: i64 = 1_000_000;
 
-/// Time of a tick in a log that starts at `start_unix_ns`, ns. Never before zero.
+/// Returns the time of a tick in a log that starts at `start_unix_ns` [ns]. Never below zero.
 #[must_use]
 pub fn time_of(start_unix_ns: u64, tick: i64) -> u64 {
     start_unix_ns.saturating_add_signed(tick.saturating_mul(TICK_NS))

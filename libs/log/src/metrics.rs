@@ -1,7 +1,7 @@
-//! A run in figures, in one pass and bounded memory.
+//! Metrics of a run, in one pass and bounded memory.
 //!
-//! A recorder feeds [`Metrics`] live, a report from a log; both get the same figures, since what belongs to one tick is
-//! put together first, in whatever order the topics came, as long as they are no more than [`WINDOW`] ticks apart.
+//! A recorder feeds [`Metrics`] live, a report from a log. Both get the same metrics: the messages of one tick are
+//! collected first, in any order of the topics, as long as these are at most [`WINDOW`] ticks apart.
 
 mod account;
 mod contacts;
@@ -35,7 +35,7 @@ use hapfic_messages::Process;
 use sample::{CommandSample, ParameterSample, ReferenceSample, StateSample};
 use window::Window;
 
-/// Sums up a run while it goes on.
+/// Summarizes a run during the run.
 #[derive(Clone, Debug, Default)]
 pub struct Metrics {
     window: Window,
@@ -48,13 +48,13 @@ pub struct Metrics {
 }
 
 impl Metrics {
-    /// Nothing seen yet.
+    /// Metrics without a message.
     #[must_use]
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Takes a message of a log; those that carry no figure are ignored.
+    /// Adds a message of a log. Messages without a metric are ignored.
     pub fn push(&mut self, record: &Record) {
         match record {
             Record::State(message) => self.push_state(message),
@@ -66,7 +66,7 @@ impl Metrics {
         }
     }
 
-    /// Takes a message of `/state`.
+    /// Adds a message of `/state`.
     pub fn push_state(&mut self, message: &proto::State) {
         let Some(sample) = StateSample::new(message) else {
             self.invalid += 1;
@@ -82,7 +82,7 @@ impl Metrics {
         }
     }
 
-    /// Takes a message of `/reference`.
+    /// Adds a message of `/reference`.
     pub fn push_reference(&mut self, message: &proto::Reference) {
         let Some(sample) = ReferenceSample::new(message) else {
             self.invalid += 1;
@@ -94,7 +94,7 @@ impl Metrics {
         }
     }
 
-    /// Takes a message of `/command`.
+    /// Adds a message of `/command`.
     pub fn push_command(&mut self, message: &proto::Command) {
         let Some(sample) = CommandSample::new(message) else {
             self.invalid += 1;
@@ -106,15 +106,15 @@ impl Metrics {
         }
     }
 
-    /// Takes a message of `/operator`. It counts from its effective tick on, if it comes before that tick leaves the window.
+    /// Adds a message of `/operator`. It must arrive before its effective tick leaves the window.
     pub fn push_operator(&mut self, message: &proto::Operator) {
         match ParameterSample::new(message) {
-            Some(sample) => self.account.announce(sample),
+            Some(sample) => self.account.add_set(sample),
             None => self.invalid += 1,
         }
     }
 
-    /// Takes a message of `/timing`.
+    /// Adds a message of `/timing`.
     pub fn push_timing(&mut self, message: &proto::Timing) {
         self.allocations = self.allocations.saturating_add(u64::from(message.allocations));
         if message.process == Process::Supervisor.name() && message.publish_ns != 0 && message.latency_ns != 0 {
@@ -122,7 +122,7 @@ impl Metrics {
         }
     }
 
-    /// The figures so far, with all that has come.
+    /// Returns the metrics of all messages so far.
     #[must_use]
     pub fn summary(&self) -> MetricsSummary {
         let mut account = self.account.clone();

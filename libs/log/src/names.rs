@@ -1,4 +1,4 @@
-//! Names of what messages carry by index.
+//! Names of the joints, bodies and objects that messages carry by index.
 
 use std::collections::BTreeMap;
 
@@ -7,29 +7,29 @@ use std::collections::BTreeMap;
 pub struct Names {
     /// Joints, from the base to the tip.
     pub joints: Vec<String>,
-    /// Bodies that may touch, in the order of the scene.
+    /// Bodies with contact geometry, in the order of the scene.
     pub bodies: Vec<String>,
     /// Free bodies, in the order of the scenario.
     pub objects: Vec<String>,
 }
 
 impl Names {
-    /// The metadata record in which a log keeps them, as `joint.0`, `joint.1`, ..., `body.0`, ..., `object.0`, ...
+    /// Metadata record of a log with the names as `joint.0`, `joint.1`, ..., `body.0`, ..., `object.0`, ...
     pub const METADATA: &'static str = "names";
 
-    /// Name of a body; a number if it has none.
+    /// Name of a body; its number if it has none.
     #[must_use]
     pub fn body(&self, index: u32) -> String {
         name(&self.bodies, "body", index as usize)
     }
 
-    /// Name of an object; a number if it has none.
+    /// Name of an object; its number if it has none.
     #[must_use]
     pub fn object(&self, index: usize) -> String {
         name(&self.objects, "object", index)
     }
 
-    /// As a log keeps them.
+    /// Converts the names to a metadata record.
     #[must_use]
     pub fn to_metadata(&self) -> BTreeMap<String, String> {
         let lists = [("joint", &self.joints), ("body", &self.bodies), ("object", &self.objects)];
@@ -39,7 +39,7 @@ impl Names {
             .collect()
     }
 
-    /// From what a log keeps; a list ends where its numbering does.
+    /// Reads the names from a metadata record; each list ends with its numbering.
     #[must_use]
     pub fn from_metadata(metadata: &BTreeMap<String, String>) -> Self {
         let list = |kind: &str| (0..).map_while(|i: usize| metadata.get(&format!("{kind}.{i}")).cloned()).collect();
@@ -56,14 +56,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn metadata_keeps_every_name_in_order() {
+    fn names_metadata_round_trip_keeps_order() {
         let names =
             Names { joints: (0..12).map(|i| format!("joint, {i}")).collect(), bodies: vec!["floor".into()], objects: Vec::new() };
         assert_eq!(Names::from_metadata(&names.to_metadata()), names);
     }
 
     #[test]
-    fn an_index_without_a_name_gives_a_number() {
+    fn names_index_without_name_gives_number() {
         assert_eq!(Names::default().body(7), "body 7");
     }
 }

@@ -1,7 +1,7 @@
-//! The messages of a log, generated from `proto/hapfic.proto`.
+//! Messages of a log, generated from `proto/hapfic.proto`.
 #![allow(missing_docs, clippy::all, clippy::pedantic, clippy::nursery)]
 
 include!(concat!(env!("OUT_DIR"), "/hapfic.rs"));
 
-/// The descriptor set (`google.protobuf.FileDescriptorSet`) of all messages above: the schema that logs carry.
+/// Descriptor set (`google.protobuf.FileDescriptorSet`) of all messages above: the schema in every log.
 pub const DESCRIPTORS: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/hapfic.bin"));

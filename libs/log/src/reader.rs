@@ -1,4 +1,4 @@
-//! Reading a log.
+//! Reader of a log.
 
 use crate::attachment::Attachment;
 use crate::chunk::Chunks;
@@ -21,13 +21,13 @@ use std::sync::Arc;
 /// One message of a log.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Entry {
-    /// Name of its topic.
+    /// Name of the topic.
     pub topic: Arc<str>,
-    /// Its tick, cut to 32 bits.
+    /// Tick, cut to 32 bits.
     pub sequence: u32,
-    /// Time of its tick, ns.
+    /// Time of the tick [ns].
     pub log_time_ns: u64,
-    /// Its content.
+    /// Content.
     pub record: Record,
 }
 
@@ -38,7 +38,7 @@ pub enum Record {
     State(proto::State),
     /// From `/reference`.
     Reference(proto::Reference),
-    /// From `/request` or `/request/standby`; its `controller` tells which.
+    /// From `/request` or `/request/standby`, as its `controller` says.
     Request(proto::Request),
     /// From `/command`.
     Command(proto::Command),
@@ -48,29 +48,29 @@ pub enum Record {
     Event(proto::Event),
     /// From `/timing`.
     Timing(proto::Timing),
-    /// Of another schema; those for viewers, too.
+    /// Message of another schema, such as those for viewers.
     Other {
         /// Full name of the message.
         schema: Arc<str>,
-        /// As it stands in the file.
+        /// Encoded content.
         data: Vec<u8>,
     },
 }
 
-/// Reads a log from its start to its end, holding one chunk at a time: iterate over it.
+/// Iterator over the messages of a log from start to end, with one chunk in memory.
 ///
-/// A log that is truncated or damaged gives its good messages first, then one error, and then ends.
+/// A truncated or damaged log gives its valid messages first, then one error, and then ends.
 pub struct Reader<R: Read = BufReader<File>> {
     frames: Frames<R>,
     chunks: Chunks,
-    /// Where the chunk begins that is being read.
+    /// First byte of the present chunk.
     chunk: Option<u64>,
     schemas: BTreeMap<u16, Arc<str>>,
     channels: BTreeMap<u16, Channel>,
     metadata: BTreeMap<String, BTreeMap<String, String>>,
     attachments: Vec<Attachment>,
     record: Vec<u8>,
-    /// What was met while looking for metadata and attachments.
+    /// Message or error found during the search for metadata and attachments.
     pending: Option<Result<Entry, LogError>>,
     finished: bool,
 }
@@ -85,8 +85,8 @@ impl Reader<BufReader<File>> {
     /// Opens a log and reads its metadata and attachments.
     ///
     /// # Errors
-    /// [`LogError::Open`], [`LogError::Read`], [`LogError::NotMcap`], and [`LogError::Truncated`] or [`LogError::Damaged`] if
-    /// not even its first record is whole. What is wrong further on is told by the iteration.
+    /// [`LogError::Open`], [`LogError::Read`], [`LogError::NotMcap`], and [`LogError::Truncated`] or
+    /// [`LogError::Damaged`] if its first record is incomplete. The iteration returns later errors.
     pub fn open(path: impl AsRef<Path>) -> Result<Self, LogError> {
         let path = path.as_ref();
         let file = File::open(path).map_err(|cause| LogError::Open { path: path.to_owned(), cause })?;
@@ -95,7 +95,7 @@ impl Reader<BufReader<File>> {
 }
 
 impl<R: Read> Reader<R> {
-    /// As [`Reader::open`], from any source; `path` is what errors call it.
+    /// Reads a log from any source, as [`Reader::open`]; errors name it `path`.
     ///
     /// # Errors
     /// As for [`Reader::open`].
@@ -127,13 +127,13 @@ impl<R: Read> Reader<R> {
         Ok(reader)
     }
 
-    /// Metadata records by name, as far as the log has been read; the writer puts them before all messages.
+    /// Metadata records by name, of the part read so far; the writer puts them before all messages.
     #[must_use]
     pub fn metadata(&self) -> &BTreeMap<String, BTreeMap<String, String>> {
         &self.metadata
     }
 
-    /// Attachments, as far as the log has been read; the writer puts them before all messages.
+    /// Attachments of the part read so far; the writer puts them before all messages.
     #[must_use]
     pub fn attachments(&self) -> &[Attachment] {
         &self.attachments
@@ -145,7 +145,7 @@ impl<R: Read> Reader<R> {
         self.metadata.get(Names::METADATA).map(Names::from_metadata).unwrap_or_default()
     }
 
-    /// Takes one record: a message, `None` for anything else, a break at the end of the log.
+    /// Reads one record: a message, `None` for anything else, a break at the end of the log.
     fn step(&mut self) -> Result<ControlFlow<(), Option<Entry>>, LogError> {
         if let Some(byte) = self.chunk {
             let opcode = self.chunks.read_record(&mut self.record);
@@ -171,12 +171,12 @@ impl<R: Read> Reader<R> {
         }
     }
 
-    /// Takes the record at hand, which begins, or whose chunk begins, at `byte`.
+    /// Processes the present record; the record or its chunk begins at `byte`.
     fn accept(&mut self, opcode: u8, byte: u64) -> Result<Option<Entry>, LogError> {
         let damaged = |what: String| LogError::damaged(self.frames.path(), byte, what);
         match opcode {
             op::SCHEMA | op::CHANNEL | op::MESSAGE | op::METADATA | op::ATTACHMENT => {}
-            // Indices and the summary repeat what is known by now.
+            // Indices and the summary repeat known records.
             _ => return Ok(None),
         }
         match lengths::parse(opcode, &self.record).map_err(damaged)? {
@@ -184,12 +184,13 @@ impl<R: Read> Reader<R> {
                 self.schemas.insert(header.id, header.name.into());
             }
             records::Record::Channel(channel) => {
-                let schema = match channel.schema_id {
-                    0 => Arc::<str>::from(""),
-                    id => self.schemas.get(&id).cloned().ok_or_else(|| {
-                        damaged(format!("topic {} has schema {id}, which the log does not hold", channel.topic))
-                    })?,
-                };
+                let schema =
+                    match channel.schema_id {
+                        0 => Arc::<str>::from(""),
+                        id => self.schemas.get(&id).cloned().ok_or_else(|| {
+                            damaged(format!("topic {} has schema {id}, which is not in the log", channel.topic))
+                        })?,
+                    };
                 let decoded_as =
                     if channel.message_encoding == "protobuf" { Topic::resolve(&channel.topic, &schema) } else { None };
                 self.channels.insert(channel.id, Channel { topic: channel.topic.into(), schema, decoded_as });
@@ -199,7 +200,7 @@ impl<R: Read> Reader<R> {
                 let channel = self
                     .channels
                     .get(&id)
-                    .ok_or_else(|| damaged(format!("a message has channel {id}, which the log does not hold")))?;
+                    .ok_or_else(|| damaged(format!("a message has channel {id}, which is not in the log")))?;
                 let record = decode(channel, &data)
                     .map_err(|error| damaged(format!("a message of {} does not decode: {error}", channel.topic)))?;
                 return Ok(Some(Entry {

@@ -1,4 +1,4 @@
-//! The log of a run as it begins: names, header and attachments from the scenario.
+//! Start of a run's log: names, header and attachments from the scenario.
 
 use crate::error::LogError;
 use crate::{Attachment, Names, Writer, WriterOptions};
@@ -8,16 +8,16 @@ use hapfic_robot::Chain;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// What the log of a run begins with.
+/// Start of a run's log.
 #[derive(Clone, Copy, Debug)]
 pub struct RunLog<'a> {
-    /// Where to write it; its folder is made if it is missing.
+    /// Path of the log; its folder is created if necessary.
     pub path: &'a Path,
     /// Name of the scenario.
     pub scenario: &'a str,
     /// The checked scenario.
     pub settings: &'a Settings,
-    /// How time passes.
+    /// Clock of the run.
     pub clock: Clock,
     /// The robot.
     pub chain: &'a Chain,
@@ -28,7 +28,7 @@ pub struct RunLog<'a> {
 }
 
 impl Names {
-    /// Names of what messages carry by index.
+    /// Collects the names of a run.
     #[must_use]
     pub fn new(settings: &Settings, chain: &Chain, body_names: &[String]) -> Self {
         Self {
@@ -42,7 +42,7 @@ impl Names {
 /// Creates the log of a run and writes its header and attachments.
 ///
 /// # Errors
-/// [`LogError`] if the file or its folder cannot be made.
+/// [`LogError`] if the file or its folder cannot be created.
 pub fn create_run_log(run: &RunLog<'_>) -> Result<Writer, LogError> {
     if let Some(folder) = run.path.parent()
         && !folder.as_os_str().is_empty()

@@ -1,4 +1,4 @@
-//! What a viewer draws of a scenario: the robot's links, the objects and the floor.
+//! Scene of a scenario for viewers: the robot's links, the objects and the floor.
 
 use crate::viewer::{Scene, SceneBody, SceneShape, ViewerShape};
 use hapfic_config::{ObjectShape, Settings};
@@ -13,7 +13,7 @@ const FLOOR_COLOR: [f64; 4] = [0.82, 0.82, 0.78, 0.8];
 const FLOOR_SIZE_M: f64 = 2.0;
 const WORLD: &str = "world";
 
-/// The scene of a scenario. Each moving body of the chain is a frame named after its link.
+/// Makes the scene of a scenario. Each moving body of the chain is a frame with the name of its link.
 #[must_use]
 pub fn scene(settings: &Settings, chain: &Chain) -> Scene {
     let mut bodies: Vec<_> = chain
@@ -31,17 +31,17 @@ pub fn scene(settings: &Settings, chain: &Chain) -> Scene {
         }
     }
     if fixed.shapes.is_empty() {
-        // Something to hang the robot on.
+        // A visible base for the robot.
         fixed.shapes.push(shape(&RobotShape::Sphere { radius: 0.03 }, &base, BASE_COLOR));
     }
     bodies.push(fixed);
     for object in &settings.world.objects {
-        let form = match object.shape {
+        let object_shape = match object.shape {
             ObjectShape::Box { size_m } => ViewerShape::Box { size: size_m },
             ObjectShape::Ball { radius_m } => ViewerShape::Sphere { radius: radius_m },
         };
-        let whole = SceneShape { position: [0.0; 3], orientation: [0.0, 0.0, 0.0, 1.0], shape: form, color: OBJECT_COLOR };
-        bodies.push(SceneBody { name: object.name.clone(), frame: object.name.clone(), shapes: vec![whole] });
+        let part = SceneShape { position: [0.0; 3], orientation: [0.0, 0.0, 0.0, 1.0], shape: object_shape, color: OBJECT_COLOR };
+        bodies.push(SceneBody { name: object.name.clone(), frame: object.name.clone(), shapes: vec![part] });
     }
     if let Some(floor) = &settings.world.floor {
         bodies.push(SceneBody {
@@ -62,7 +62,7 @@ fn shape(shape: &RobotShape, origin: &nalgebra::Isometry3<f64>, color: [f64; 4])
     let shape = match *shape {
         RobotShape::Sphere { radius } => ViewerShape::Sphere { radius },
         RobotShape::Cylinder { radius, length } => ViewerShape::Cylinder { radius, length },
-        // A viewer has no capsules: the cylinder that contains it is close enough.
+        // Viewers have no capsules: the enclosing cylinder replaces them.
         RobotShape::Capsule { radius, length } => ViewerShape::Cylinder { radius, length: length + 2.0 * radius },
         RobotShape::Box { size } => ViewerShape::Box { size },
     };
@@ -70,7 +70,7 @@ fn shape(shape: &RobotShape, origin: &nalgebra::Isometry3<f64>, color: [f64; 4])
     SceneShape { position, orientation, shape, color }
 }
 
-/// Position and quaternion (x y z w).
+/// Position [m] and unit quaternion x y z w.
 pub type Pose = ([f64; 3], [f64; 4]);
 
 fn pose(p: &nalgebra::Isometry3<f64>) -> Pose {
@@ -78,7 +78,7 @@ fn pose(p: &nalgebra::Isometry3<f64>) -> Pose {
     (p.translation.vector.into(), [q.i, q.j, q.k, q.w])
 }
 
-/// Where the moving bodies are, in the order of [`scene`].
+/// Returns the poses of the moving bodies, in the order of [`scene`].
 #[must_use]
 pub fn poses(chain: &Chain, state: &State) -> Vec<Pose> {
     let n = chain.dof();

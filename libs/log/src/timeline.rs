@@ -1,21 +1,21 @@
-//! The parameter sets of a log as the `[[operator]]` entries of a scenario.
+//! Parameter sets of a log as the `[[operator]]` entries of a scenario.
 //!
-//! A set that was changed while the stack ran is in the log like one from the script. Written as a script, all of them take effect
-//! again, at the same ticks: a lockstep run of the same scenario with these entries in place of its own is the same run.
+//! The log holds sets changed during the run beside those of the script. Written as a script, all of them take effect
+//! at the same ticks again. A lockstep run of the same scenario with these entries instead of its own is the same run.
 
 use crate::proto::Operator;
 use crate::{LogError, TICK_NS};
 use serde_json::{Map, Value};
 use std::fmt::Write as _;
 
-/// What names a set and is no parameter.
+/// Fields of a set that are no parameters.
 const NO_PARAMETERS: [&str; 2] = ["version", "effective_tick"];
-/// What is written if a set changes nothing: an entry must name something, and each set is an entry.
+/// Parameter written for a set without a change: every set is an entry, and an entry must name a parameter.
 const UNCHANGED: &str = "desired_force";
 /// Ticks of a second.
 const TICKS_PER_S: f64 = 1e9 / TICK_NS as f64;
 
-/// The sets of a log in the order of their versions, and the error at which reading ended, if it did.
+/// Returns the sets of a log in the order of their versions, and the read error, if any.
 #[must_use]
 pub fn sets(reader: impl Iterator<Item = Result<crate::Entry, LogError>>) -> (Vec<Operator>, Option<LogError>) {
     let mut sets = Vec::new();
@@ -38,7 +38,9 @@ fn sorted(mut sets: Vec<Operator>) -> Vec<Operator> {
     sets
 }
 
-/// The entries: the first names everything, each later one what differs from the set before. Numbers keep all their digits.
+/// Formats the entries: the first names every parameter, each later one those that differ from the set before.
+///
+/// Numbers keep all their digits.
 #[must_use]
 pub fn entries(sets: &[Operator]) -> String {
     let mut out = String::new();
@@ -58,18 +60,18 @@ pub fn entries(sets: &[Operator]) -> String {
     out
 }
 
-/// A parameter in which two sets differ.
+/// Parameter in which two sets differ.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Changed {
-    /// Its name in the log, which scenarios know, too.
+    /// Name in the log and in scenarios.
     pub name: String,
-    /// Its value in the set before; null if there is none.
+    /// Value in the set before; null if there is none.
     pub before: Value,
-    /// Its value now.
+    /// Present value.
     pub now: Value,
 }
 
-/// What differs between two sets, by name; every parameter of `set` if there is none before it. Version and tick are none.
+/// Lists the parameters that differ between two sets; all of `set` without a set before. Excludes version and tick.
 #[must_use]
 pub fn changed(before: Option<&Operator>, set: &Operator) -> Vec<Changed> {
     let mut old = before.map(parameters);
@@ -83,7 +85,7 @@ pub fn changed(before: Option<&Operator>, set: &Operator) -> Vec<Changed> {
     list.collect()
 }
 
-/// Everything of a set that the operator can change, by the names of the log, which scenarios know, too.
+/// Parameters of a set, by their names in the log and in scenarios.
 fn parameters(set: &Operator) -> Map<String, Value> {
     let mut all = match serde_json::to_value(set) {
         Ok(Value::Object(all)) => all,
@@ -93,7 +95,7 @@ fn parameters(set: &Operator) -> Map<String, Value> {
     all
 }
 
-/// JSON and TOML write these values alike, but for numbers: here they must keep their point.
+/// Formats a value as TOML. Only numbers differ from JSON: they must keep their decimal point.
 fn toml(value: &Value) -> String {
     match value {
         Value::Number(number) => number.as_f64().map_or_else(|| number.to_string(), |number| format!("{number:?}")),
@@ -119,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn the_first_entry_names_everything_and_the_others_what_differs() {
+    fn entries_after_first_name_only_differences() {
         let text = entries(&[set(1, 0, 5.0), set(2, 1234, 80.0), set(3, 1240, 80.0)]);
         let parts: Vec<_> = text.split("\n[[operator]]\n").collect();
         assert_eq!(parts.len(), 4, "{text}");
@@ -134,12 +136,12 @@ mod tests {
         }
         assert!(!text.contains("version") && !text.contains("effective_tick"));
         assert_eq!(parts[2], "at_s = 1.234\ndesired_force = [0.0, 0.30000000000000004, 80.0]\n");
-        // An entry that names nothing would not load, and its version would be missing.
+        // An entry without a parameter does not load, and its version would be missing.
         assert_eq!(parts[3], "at_s = 1.24\ndesired_force = [0.0, 0.30000000000000004, 80.0]\n");
     }
 
     #[test]
-    fn every_kind_of_parameter_counts_as_a_change_and_version_and_tick_do_not() {
+    fn changed_lists_every_parameter_kind_but_no_version_or_tick() {
         let old = set(1, 0, 5.0);
         assert!(changed(Some(&old), &set(2, 99, 5.0)).is_empty());
         let new = Operator {

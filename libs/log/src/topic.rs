@@ -1,26 +1,26 @@
-//! The topics of a log.
+//! Topics of a log.
 
 use crate::proto::DESCRIPTORS;
 use foxglove::Encode;
 use foxglove::messages::{FrameTransforms, Log, SceneUpdate};
 use std::borrow::Cow;
 
-/// A topic of a log.
+/// Topic of a log.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Topic {
-    /// What the plant measured.
+    /// Measurements of the plant.
     State,
-    /// Where the foot should be.
+    /// Reference of the foot.
     Reference,
-    /// What the process in the controller's place asked for.
+    /// Requests of the process in the controller slot.
     Request,
-    /// What the gate passed to the drive.
+    /// Commands of the gate to the drive.
     Command,
-    /// What the operator set.
+    /// Parameter sets of the operator.
     Operator,
-    /// What happened.
+    /// Events.
     Event,
-    /// What each process did by the wall clock.
+    /// Wall-clock timing of each process.
     Timing,
     /// Poses of the bodies, for viewers.
     Transforms,
@@ -28,16 +28,16 @@ pub enum Topic {
     Scene,
     /// Events as lines of text, for viewers.
     Log,
-    /// What the process in the standby's place asked for. The last one: topics are numbered in this order, and a log that was
-    /// written before there was a standby keeps its numbers.
+    /// Requests of the process in the standby slot. It comes last: topics are numbered in this order, and logs older
+    /// than the standby keep their numbers.
     StandbyRequest,
 }
 
 impl Topic {
-    /// How many there are.
+    /// Number of topics.
     pub const COUNT: usize = 11;
 
-    /// Every topic.
+    /// All topics.
     pub const ALL: [Self; Self::COUNT] = [
         Self::State,
         Self::Reference,
@@ -52,7 +52,7 @@ impl Topic {
         Self::StandbyRequest,
     ];
 
-    /// Its name in the file.
+    /// Name in the file.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -70,7 +70,7 @@ impl Topic {
         }
     }
 
-    /// Full name of its message.
+    /// Full name of the message.
     #[must_use]
     pub const fn schema_name(self) -> &'static str {
         match self {
@@ -87,30 +87,30 @@ impl Topic {
         }
     }
 
-    /// The topic of this name.
+    /// Returns the topic with this name.
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|topic| topic.name() == name)
     }
 
-    /// The first topic whose message has this full name: two topics may share a message.
+    /// Returns the first topic whose message has this full name: two topics may share a message.
     #[must_use]
     pub fn from_schema_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|topic| topic.schema_name() == name)
     }
 
-    /// The topic of this name if its message is this one, else the first with this message: other programs name theirs as they like.
+    /// Returns the topic with this name and message, else the first with this message: other programs use other names.
     #[must_use]
     pub fn resolve(name: &str, schema: &str) -> Option<Self> {
         Self::from_name(name).filter(|topic| topic.schema_name() == schema).or_else(|| Self::from_schema_name(schema))
     }
 
-    /// Its place in [`Topic::ALL`].
+    /// Index in [`Topic::ALL`].
     pub(crate) const fn index(self) -> usize {
         self as usize
     }
 
-    /// Descriptor set of its message.
+    /// Descriptor set of the message.
     #[must_use]
     pub fn schema(self) -> Cow<'static, [u8]> {
         let schema = match self {

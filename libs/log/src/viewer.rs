@@ -1,7 +1,7 @@
-//! What a 3-D view of a run shows: bodies that move, contact forces, the reference and the target.
+//! Messages for 3-D views of a run: moving bodies, contact forces, reference and target.
 //!
-//! The messages are Foxglove's own, which other viewers read too. They are for the eye: thinned out to some 60 a second,
-//! by integer arithmetic on the tick alone, so that the log of a lockstep run stays a function of scenario and seed.
+//! The messages are those of Foxglove, which other viewers read too. They are thinned out to about 60 Hz by integer
+//! arithmetic on the tick alone, so that the log of a lockstep run remains a function of scenario and seed.
 
 use crate::{proto, time_of};
 use foxglove::messages::log::Level;
@@ -11,36 +11,36 @@ use foxglove::messages::{
 };
 use hapfic_messages::Severity;
 
-/// The frame that does not move.
+/// Fixed frame.
 pub const WORLD: &str = "world";
 
-/// Ticks of a second.
+/// Ticks per second.
 const TICKS_PER_SECOND: i64 = 1000;
-/// Length of an arrow for 1 N, m: 10 N are 1 cm.
+/// Scale of an arrow [m/N]: 10 N are 1 cm.
 const ARROW_M_PER_N: f64 = 1e-3;
-/// Forces below it are not drawn, N.
+/// Smallest force with an arrow [N].
 const SMALLEST_FORCE_N: f64 = 0.01;
-/// Longest head of an arrow, m.
+/// Longest head of an arrow [m].
 const HEAD_M: f64 = 0.02;
-/// Diameter of an arrow's shaft, m.
+/// Diameter of an arrow's shaft [m].
 const SHAFT_M: f64 = 0.006;
-/// Diameter of the spheres at reference and target, m.
+/// Diameter of the spheres at reference and target [m].
 const MARK_M: f64 = 0.012;
-/// A plane is drawn as thin as this, m.
+/// Thickness of a plane [m].
 const PLANE_M: f64 = 1e-4;
 const UPRIGHT: [f64; 4] = [0.0, 0.0, 0.0, 1.0];
 const FORCE_COLOR: [f64; 4] = [0.9, 0.2, 0.1, 1.0];
 const REFERENCE_COLOR: [f64; 4] = [0.1, 0.6, 0.2, 1.0];
 const TARGET_COLOR: [f64; 4] = [0.1, 0.3, 0.9, 0.7];
 
-/// What there is to see. Given once.
+/// Static description of the scene.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Scene {
-    /// Bodies, each with the frame its shapes move with.
+    /// Bodies, each with the frame of its shapes.
     pub bodies: Vec<SceneBody>,
 }
 
-/// A body and its shapes.
+/// Body and its shapes.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SceneBody {
     /// Name, unique in the scene.
@@ -51,47 +51,47 @@ pub struct SceneBody {
     pub shapes: Vec<SceneShape>,
 }
 
-/// A shape in the frame of its body.
+/// Shape in the frame of its body.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SceneShape {
-    /// Centre of the shape, m.
+    /// Centre of the shape [m].
     pub position: [f64; 3],
-    /// Unit quaternion, x y z w.
+    /// Unit quaternion x y z w.
     pub orientation: [f64; 4],
-    /// Form and size.
+    /// Geometry.
     pub shape: ViewerShape,
     /// Red, green, blue and opacity, 0 to 1.
     pub color: [f64; 4],
 }
 
-/// Form and size of a shape.
+/// Geometry of a shape.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ViewerShape {
-    /// A sphere.
+    /// Sphere.
     Sphere {
-        /// Radius, m.
+        /// Radius [m].
         radius: f64,
     },
-    /// A cylinder along z.
+    /// Cylinder along z.
     Cylinder {
-        /// Radius, m.
+        /// Radius [m].
         radius: f64,
-        /// Length, m.
+        /// Length [m].
         length: f64,
     },
-    /// A box.
+    /// Box.
     Box {
-        /// Edges along x, y and z, m.
+        /// Edges along x, y and z [m].
         size: [f64; 3],
     },
-    /// The plane z = 0, without end, of which a square is drawn.
+    /// Infinite plane z = 0, drawn as a square.
     Plane {
-        /// Edge of the square, m.
+        /// Edge of the square [m].
         size: f64,
     },
 }
 
-/// Makes the messages for viewers.
+/// Generator of the messages for viewers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Viewer {
     scene: Scene,
@@ -100,25 +100,29 @@ pub struct Viewer {
 }
 
 impl Viewer {
-    /// `rate_hz` is 0 (nothing is due) to 1000; more counts as 1000. `start_unix_ns` is the time of tick 0, as in the log.
+    /// Creates a generator with `rate_hz` from 0 (never due) to 1000 [Hz]; more counts as 1000.
+    ///
+    /// `start_unix_ns` is the time of tick 0, as in the log [ns].
     #[must_use]
     pub fn new(scene: Scene, rate_hz: u32, start_unix_ns: u64) -> Self {
         Self { scene, rate_hz, start_unix_ns }
     }
 
-    /// Whether this tick is one of the `rate_hz` in a second that are shown. Every whole second is, if any.
+    /// Whether this tick is one of the `rate_hz` viewer frames of a second. With any rate, every whole second is.
     #[must_use]
     pub fn due(&self, tick: i64) -> bool {
         let frame = |tick: i64| (i128::from(tick) * i128::from(self.rate_hz)).div_euclid(i128::from(TICKS_PER_SECOND));
         tick >= 0 && frame(tick) > frame(tick - 1)
     }
 
-    /// Frames that move, in the order of the scene: [`Viewer::transforms`] wants a pose for each.
+    /// Moving frames, in the order of the scene: [`Viewer::transforms`] needs a pose for each.
     pub fn moving_frames(&self) -> impl Iterator<Item = &str> {
         self.scene.bodies.iter().map(|body| body.frame.as_str()).filter(|frame| *frame != WORLD)
     }
 
-    /// Poses of the moving frames in the world: position, m, and unit quaternion, x y z w. Frames without one are left out.
+    /// Makes the poses of the moving frames in the world, from positions [m] and unit quaternions x y z w.
+    ///
+    /// Frames without a pose are left out.
     #[must_use]
     pub fn transforms(&self, tick: i64, poses: &[([f64; 3], [f64; 4])]) -> FrameTransforms {
         let timestamp = self.timestamp(tick);
@@ -132,7 +136,7 @@ impl Viewer {
         FrameTransforms { transforms: transforms.collect() }
     }
 
-    /// Contact forces, reference and target, in the world; once a second also the bodies, for viewers that came late.
+    /// Makes contact forces, reference and target, in the world; once a second also the bodies, for late viewers.
     #[must_use]
     pub fn scene_update(
         &self,
@@ -145,7 +149,7 @@ impl Viewer {
         if tick.rem_euclid(TICKS_PER_SECOND) == 0 {
             entities.extend(self.scene.bodies.iter().map(|body| self.body(tick, body)));
         }
-        // Always sent: an entity without a shape takes away the one before.
+        // Always sent: an entity without a shape removes the one before.
         let mut forces = self.entity(tick, WORLD, "contacts");
         forces.arrows = contacts.iter().filter_map(arrow).collect();
         entities.push(forces);
@@ -193,7 +197,7 @@ impl Viewer {
         }
     }
 
-    /// An event as a line of text; its level follows from the severity.
+    /// Formats an event as a line of text; its level follows from the severity.
     #[must_use]
     pub fn log_line(&self, event: &proto::Event) -> Log {
         let level = match Severity::from_name(&event.severity) {
@@ -220,7 +224,7 @@ impl Viewer {
     }
 }
 
-/// The force of a contact, from its point on; `None` if it is too small to see, or is not one.
+/// Makes the arrow of a contact force from its point; `None` if it is too small or invalid.
 fn arrow(contact: &proto::Contact) -> Option<ArrowPrimitive> {
     let point: [f64; 3] = contact.point.as_slice().try_into().ok()?;
     let force: [f64; 3] = contact.force.as_slice().try_into().ok()?;
@@ -240,10 +244,10 @@ fn arrow(contact: &proto::Contact) -> Option<ArrowPrimitive> {
     })
 }
 
-/// The shortest turn from the x axis to a unit vector, as a unit quaternion x y z w.
+/// Returns the shortest rotation from the x axis to a unit vector, as a unit quaternion x y z w.
 fn from_x_axis(direction: [f64; 3]) -> [f64; 4] {
     let [x, y, z] = direction;
-    // Opposite to x every half turn about an axis across is a shortest one.
+    // Opposite to x, every half rotation about a perpendicular axis is shortest.
     if x < -1.0 + 1e-9 {
         return [0.0, 0.0, 1.0, 0.0];
     }
@@ -275,13 +279,13 @@ fn rgba([r, g, b, a]: [f64; 4]) -> Color {
 mod tests {
     use super::*;
 
-    fn turn([x, y, z, w]: [f64; 4]) -> [f64; 3] {
-        // First column of the rotation matrix: where the x axis goes.
+    fn rotated_x_axis([x, y, z, w]: [f64; 4]) -> [f64; 3] {
+        // First column of the rotation matrix: the image of the x axis.
         [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + z * w), 2.0 * (x * z - y * w)]
     }
 
     #[test]
-    fn an_arrow_points_along_its_force() {
+    fn arrow_direction_is_that_of_force() {
         let third = 1.0 / 3.0_f64.sqrt();
         let directions = [
             [1.0, 0.0, 0.0],
@@ -293,14 +297,14 @@ mod tests {
             [-0.6, 0.0, 0.8],
         ];
         for direction in directions {
-            let turned = turn(from_x_axis(direction));
-            let same = turned.iter().zip(&direction).all(|(a, b)| (a - b).abs() < 1e-12);
-            assert!(same, "{direction:?} came out as {turned:?}");
+            let rotated = rotated_x_axis(from_x_axis(direction));
+            let same = rotated.iter().zip(&direction).all(|(a, b)| (a - b).abs() < 1e-12);
+            assert!(same, "found {rotated:?}, expected {direction:?}");
         }
     }
 
     #[test]
-    fn sixty_frames_a_second_are_due_and_every_whole_second_is_one() {
+    fn viewer_rate_gives_due_frames_and_every_whole_second() {
         let viewer = |rate_hz| Viewer::new(Scene::default(), rate_hz, 0);
         for (rate_hz, expected) in [(0, 0), (1, 3), (60, 180), (999, 2997), (1000, 3000), (5000, 3000)] {
             assert_eq!((0..3000).filter(|&tick| viewer(rate_hz).due(tick)).count(), expected, "{rate_hz} Hz");
@@ -310,7 +314,7 @@ mod tests {
     }
 
     #[test]
-    fn ten_newtons_are_a_centimetre() {
+    fn arrow_ten_newtons_is_one_centimetre() {
         let contact =
             |force: f64| proto::Contact { point: vec![0.1, 0.2, 0.0], force: vec![0.0, 0.0, force], ..proto::Contact::default() };
         let drawn = arrow(&contact(10.0)).map(|a| a.shaft_length + a.head_length);

@@ -1,4 +1,4 @@
-//! Writing a log.
+//! Writer of a log.
 
 use crate::attachment::Attachment;
 use crate::error::LogError;
@@ -17,15 +17,16 @@ use std::fs::{File, TryLockError};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-/// Largest chunk, bytes: its buffer is allocated at once.
+/// Largest chunk [bytes]: its buffer is allocated as a whole.
 const LARGEST_CHUNK: u64 = 16 << 20;
 
-/// How a log is written.
+/// Options of a log.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WriterOptions {
-    /// Time of tick 0, ns since 1970. Zero in lockstep, so that a log is a function of scenario and seed.
+    /// Time of tick 0 [ns since the Unix epoch]. Zero in lockstep, so that a log is a function of scenario and seed.
     pub start_unix_ns: u64,
-    /// Uncompressed size at which a chunk is closed, bytes, at most 16 MiB. More compresses better, and loses more when the writer is killed.
+    /// Uncompressed size at which a chunk is closed, at most 16 MiB [bytes]. A larger chunk compresses better, and more
+    /// is lost when the writer is killed.
     pub chunk_bytes: u64,
 }
 
@@ -35,33 +36,33 @@ impl Default for WriterOptions {
     }
 }
 
-/// What a finished log holds.
+/// Totals of a finished log.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Totals {
     messages: [u64; Topic::COUNT],
-    /// Encoded messages, before compression, bytes.
+    /// Size of the encoded messages, before compression [bytes].
     pub message_bytes: u64,
-    /// The file, bytes.
+    /// Size of the file [bytes].
     pub file_bytes: u64,
 }
 
 impl Totals {
-    /// Messages of a topic.
+    /// Number of messages of a topic.
     #[must_use]
     pub const fn messages(&self, topic: Topic) -> u64 {
         self.messages[topic.index()]
     }
 }
 
-/// Writes a log.
+/// Writer of a log.
 ///
-/// Chunks are compressed in memory and written whole, so a file cut off at any moment loses no more than what has not been
-/// flushed. After an error nothing more is written; dropping a writer finishes the file as well as it can and never panics.
-/// Writing may block for as long as the disk does: never call it from a real-time thread.
+/// Chunks are compressed in memory and written as a whole: a file cut off at any moment loses only what was not
+/// flushed. After an error the writer writes nothing more. Dropping it finishes the file as far as possible and never
+/// panics. Writing may block as long as the disk does: never call it from a real-time thread.
 pub struct Writer<W: Write = BufWriter<File>> {
     mcap: mcap::Writer<NoSeek<Output<W>>>,
     path: PathBuf,
-    /// The same file, to have it written to the disk; `None` for what is on none.
+    /// Second handle of the file, for syncing; `None` without a regular file.
     disk: Option<File>,
     names: Names,
     start_unix_ns: u64,
@@ -73,10 +74,10 @@ pub struct Writer<W: Write = BufWriter<File>> {
 }
 
 impl Writer<BufWriter<File>> {
-    /// Creates the file `path`, replacing one that exists, and writes metadata and attachments, so that a path or disk that
-    /// cannot be written fails here, before anything else starts.
+    /// Creates or replaces the file `path` and writes metadata and attachments.
     ///
-    /// `header` are metadata records by name; [`Names::METADATA`] is added to them.
+    /// So a path or disk that is not writable fails here, before anything else starts. `header` holds metadata records
+    /// by name; [`Names::METADATA`] is added to them.
     ///
     /// # Errors
     /// [`LogError::Create`], [`LogError::Busy`] and [`LogError::Write`].
@@ -89,7 +90,7 @@ impl Writer<BufWriter<File>> {
     ) -> Result<Self, LogError> {
         let path = path.as_ref();
         let failed = |cause| LogError::Create { path: path.to_owned(), cause };
-        // Not emptied before it is known that nobody else is writing it.
+        // Truncated only with the lock: another run may be writing the file.
         let file = File::options().write(true).create(true).truncate(false).open(path).map_err(failed)?;
         match file.try_lock() {
             Ok(()) => {}
@@ -107,7 +108,7 @@ impl Writer<BufWriter<File>> {
 }
 
 impl<W: Write> Writer<W> {
-    /// As [`Writer::create`], to any output; `path` is what errors call it.
+    /// Writes to any output, as [`Writer::create`]; errors name it `path`.
     ///
     /// # Errors
     /// [`LogError::Write`].
@@ -125,12 +126,12 @@ impl<W: Write> Writer<W> {
             .profile("")
             .library(concat!("hapfic ", env!("CARGO_PKG_VERSION")))
             .chunk_size(Some(options.chunk_bytes.min(LARGEST_CHUNK)))
-            // Chunks are put together in memory: without it the file holds an unfinished chunk most of the time.
+            // Chunks are assembled in memory: otherwise the file would hold an unfinished chunk most of the time.
             .disable_seeking(true)
             .create(NoSeek::new(Output { inner: output, bytes: 0 }))
             .map_err(failed)?;
-        let own = (Names::METADATA.to_owned(), names.to_metadata());
-        for (name, metadata) in header.iter().chain([&own]) {
+        let name_record = (Names::METADATA.to_owned(), names.to_metadata());
+        for (name, metadata) in header.iter().chain([&name_record]) {
             mcap.write_metadata(&Metadata { name: name.clone(), metadata: metadata.clone() }).map_err(failed)?;
         }
         for attachment in attachments {
@@ -168,13 +169,13 @@ impl<W: Write> Writer<W> {
         })
     }
 
-    /// Time of a tick in this log, ns.
+    /// Time of a tick in this log [ns].
     #[must_use]
     pub fn time_of(&self, tick: i64) -> u64 {
         time_of(self.start_unix_ns, tick)
     }
 
-    /// Writes to `/state`; returns what was written.
+    /// Writes to `/state`; returns the written message.
     ///
     /// # Errors
     /// [`LogError::Write`], as for every method that writes.
@@ -184,7 +185,7 @@ impl<W: Write> Writer<W> {
         Ok(message)
     }
 
-    /// Writes to `/reference`; returns what was written.
+    /// Writes to `/reference`; returns the written message.
     ///
     /// # Errors
     /// [`LogError::Write`].
@@ -194,7 +195,7 @@ impl<W: Write> Writer<W> {
         Ok(message)
     }
 
-    /// Writes to `/request/standby` if the process in the standby's place made it, else to `/request`; returns what was written.
+    /// Writes to `/request/standby` for a request of the standby, else to `/request`; returns the written message.
     ///
     /// # Errors
     /// [`LogError::Write`].
@@ -205,7 +206,7 @@ impl<W: Write> Writer<W> {
         Ok(message)
     }
 
-    /// Writes to `/command`; returns what was written.
+    /// Writes to `/command`; returns the written message.
     ///
     /// # Errors
     /// [`LogError::Write`].
@@ -215,7 +216,7 @@ impl<W: Write> Writer<W> {
         Ok(message)
     }
 
-    /// Writes to `/operator`, at the tick from which the set is in force; returns what was written.
+    /// Writes to `/operator`, at the tick from which the set is in force; returns the written message.
     ///
     /// # Errors
     /// [`LogError::Write`].
@@ -226,7 +227,7 @@ impl<W: Write> Writer<W> {
         Ok(message)
     }
 
-    /// Writes to `/event`; returns what was written.
+    /// Writes to `/event`; returns the written message.
     ///
     /// # Errors
     /// [`LogError::Write`].
@@ -236,7 +237,7 @@ impl<W: Write> Writer<W> {
         Ok(message)
     }
 
-    /// Writes to `/timing`, at a time of its own, ns: a process that waits has no tick. Returns what was written.
+    /// Writes to `/timing` with its own time [ns]: a waiting process has no tick. Returns the written message.
     ///
     /// # Errors
     /// [`LogError::Write`].
@@ -270,30 +271,30 @@ impl<W: Write> Writer<W> {
         self.put(Topic::Log, tick, self.time_of(tick), line)
     }
 
-    /// Messages written to a topic so far.
+    /// Number of messages written to a topic so far.
     #[must_use]
     pub fn messages(&self, topic: Topic) -> u64 {
         self.messages[topic.index()]
     }
 
-    /// The names it writes with.
+    /// Names in this log.
     #[must_use]
     pub fn names(&self) -> &Names {
         &self.names
     }
 
-    /// Bytes of all messages written so far, before compression.
+    /// Size of all messages written so far, before compression [bytes].
     #[must_use]
     pub fn message_bytes(&self) -> u64 {
         self.message_bytes
     }
 
-    /// Closes the chunk and hands it to the operating system: what was written until now survives a killed writer.
+    /// Closes the chunk and passes it to the operating system: all messages so far survive a killed writer.
     ///
     /// # Errors
     /// [`LogError::Write`].
     pub fn flush(&mut self) -> Result<(), LogError> {
-        // A chunk without a message is legal, and useless.
+        // Avoids an empty chunk, which is legal but useless.
         if self.unflushed {
             self.mcap.flush().map_err(|error| LogError::write(&self.path, error))?;
             self.unflushed = false;
@@ -301,15 +302,16 @@ impl<W: Write> Writer<W> {
         Ok(())
     }
 
-    /// As [`Writer::flush`], and waits until it is on the disk: what was written until now survives a loss of power, too. A log that
-    /// goes into a pipe or a device, or into an output of the caller's, is flushed alone.
+    /// Flushes as [`Writer::flush`] and waits for the disk: all messages so far survive a power failure, too.
+    ///
+    /// A pipe, a device or an output of [`Writer::new`] is only flushed.
     ///
     /// # Errors
     /// [`LogError::Write`].
     pub fn sync(&mut self) -> Result<(), LogError> {
         self.flush()?;
         match self.disk.as_ref().map_or(Ok(()), File::sync_data) {
-            // File systems that keep nothing on a disk.
+            // File systems without a disk.
             Err(cause) if matches!(cause.kind(), io::ErrorKind::InvalidInput | io::ErrorKind::Unsupported) => Ok(()),
             Err(cause) => Err(LogError::Write { path: self.path.clone(), cause }),
             Ok(()) => Ok(()),
@@ -335,12 +337,12 @@ impl<W: Write> Writer<W> {
             .map_err(|error| LogError::Write { path: self.path.clone(), cause: io::Error::other(error) })?;
         let header = MessageHeader {
             channel_id: self.channels[topic.index()],
-            // The field has 32 bits: it wraps after 49 days.
+            // Cut to 32 bits: wraps after 49 days.
             sequence: tick as u32,
             log_time,
             publish_time: log_time,
         };
-        // Before it is tried: after a failure a flush must fail, too.
+        // Set before the write: after a failure a flush must fail, too.
         self.unflushed = true;
         self.mcap.write_to_known_channel(&header, &self.buffer).map_err(|error| LogError::write(&self.path, error))?;
         self.messages[topic.index()] += 1;
@@ -355,7 +357,7 @@ impl<W: Write> fmt::Debug for Writer<W> {
     }
 }
 
-/// Counts what is written.
+/// Counts the written bytes.
 struct Output<W> {
     inner: W,
     bytes: u64,

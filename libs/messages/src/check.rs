@@ -1,4 +1,4 @@
-//! Checks of messages that come from another process: finite, in range, codes known. Ticks in order are the receiver's business.
+//! Checks of messages from another process: finite, in range, codes known. The receiver checks the order of ticks.
 
 use crate::{
     Command, ControllerState, Credit, Detector, Drive, EVENT_TEXT, Event, EventKind, MAX_CONTACTS, MAX_JOINTS, MAX_OBJECTS, Mode,
@@ -16,15 +16,15 @@ pub enum ValidationError {
         /// Its value.
         found: f64,
     },
-    /// A code that means nothing.
-    #[error("'{field}' has code {found}, which means nothing")]
+    /// An unknown code.
+    #[error("'{field}' has code {found}, expected a known code")]
     Code {
         /// Which field.
         field: &'static str,
         /// Its value.
         found: u32,
     },
-    /// More than there is room for, or another number than agreed.
+    /// A count above the capacity, or another number than agreed.
     #[error("'{field}' is {found}, expected {expected}")]
     Count {
         /// Which field.
@@ -44,13 +44,13 @@ pub enum ValidationError {
         /// What it may be.
         expected: &'static str,
     },
-    /// Text that is none.
+    /// Bytes that are not text.
     #[error("'{field}' is not UTF-8 text")]
     Text {
         /// Which field.
         field: &'static str,
     },
-    /// A torque that the request's own force does not explain.
+    /// A torque that does not match the request's own force.
     #[error("'torque[{joint}]' is {found} N m, expected {expected} N m: J^T F of the request's own force")]
     Torque {
         /// Which joint, from the base.
@@ -60,7 +60,7 @@ pub enum ValidationError {
         /// What it should be.
         expected: f64,
     },
-    /// Another tick than the one waited for.
+    /// Another tick than the expected one.
     #[error("'{field}' is {found}, expected {expected}")]
     Tick {
         /// Which field.
@@ -72,9 +72,9 @@ pub enum ValidationError {
     },
 }
 
-/// A message that can be checked by itself.
+/// Message with a check that needs no other data.
 pub trait Check {
-    /// The first defect found.
+    /// Finds the first defect.
     ///
     /// # Errors
     /// The [`ValidationError`].
@@ -239,12 +239,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_nan_anywhere_in_the_counted_part_is_found() {
-        let good = State { joints: 3, ..State::default() };
-        assert_eq!(good.check(), Ok(()));
-        let mut bad = good;
-        bad.foot_force[2] = f64::NAN;
-        assert!(matches!(bad.check(), Err(ValidationError::NotFinite { field: "foot_force", .. })));
+    fn check_nan_or_unknown_code_is_rejected() {
+        let valid = State { joints: 3, ..State::default() };
+        assert_eq!(valid.check(), Ok(()));
+        let mut invalid = valid;
+        invalid.foot_force[2] = f64::NAN;
+        assert!(matches!(invalid.check(), Err(ValidationError::NotFinite { field: "foot_force", .. })));
         let mut request = Request { controller: Process::Controller.code(), joints: 3, ..Request::default() };
         assert_eq!(request.check(), Ok(()));
         request.state.converging[1] = 7;
@@ -252,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn counts_beyond_the_room_are_refused() {
+    fn check_count_above_capacity_is_rejected() {
         let state = State { joints: 9, ..State::default() };
         assert_eq!(state.check(), Err(ValidationError::Count { field: "joints", found: 9, expected: 8 }));
         let event =
@@ -262,7 +262,7 @@ mod tests {
     }
 
     #[test]
-    fn a_long_text_is_cut_between_characters() {
+    fn event_long_text_is_cut_between_characters() {
         let text = "é".repeat(EVENT_TEXT);
         let event = Event::new(3, Process::Planner, EventKind::Note, Severity::Nominal, Detector::None, &text);
         assert_eq!(event.check(), Ok(()));
@@ -271,7 +271,7 @@ mod tests {
     }
 
     #[test]
-    fn codes_and_names_lead_back() {
+    fn wire_enum_code_and_name_round_trip() {
         for &mode in Mode::ALL {
             assert_eq!(Mode::from_code(mode.code()), Some(mode));
             assert_eq!(Mode::from_name(mode.name()), Some(mode));

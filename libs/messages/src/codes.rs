@@ -1,11 +1,11 @@
-//! What the codes in messages mean.
+//! Meaning of the codes in messages.
 
 use crate::wire_enum::wire_enum;
 
 wire_enum! {
-    /// What happens to the searched offset when the force is matched or none is wished (Algorithm 1, `Reset`).
+    /// What happens to the searched offset when the force is matched or no force is desired (Algorithm 1, `Reset`).
     ResetPolicy {
-        /// dx returns to zero when no force is wished and is kept while the force is matched.
+        /// dx returns to zero when no force is desired and is kept while the force is matched.
         ContactLoss = 0, "contact_loss";
         /// dx returns to zero whenever the search rests, as Algorithm 1 prints it with `Reset = true`.
         AsPrinted = 1, "as_printed";
@@ -17,7 +17,7 @@ wire_enum! {
 wire_enum! {
     /// How the force profile saturates (eq. 4).
     Saturation {
-        /// S = 0.05 / (2 pi): saturates in the last 5 % of x_b, as the prose says.
+        /// S = 0.05 / (2 pi): saturates in the last 5 % of x_b, as the paper's text states.
         Continuous = 0, "continuous";
         /// S = 0.1353, the printed value: steps at 0.95 x_b.
         AsPrinted = 1, "as_printed";
@@ -35,9 +35,9 @@ wire_enum! {
 }
 
 wire_enum! {
-    /// The mode of a command: what the drive is asked to do.
+    /// Mode of a command: what the drive has to do.
     Mode {
-        /// The drive's brakes hold the joints: nothing has been commanded yet.
+        /// The drive's brakes hold the joints: no torque has been commanded yet.
         Hold = 0, "hold";
         /// The torque of the command is applied.
         Active = 1, "active";
@@ -49,27 +49,27 @@ wire_enum! {
 }
 
 wire_enum! {
-    /// Where the content of a command comes from.
+    /// Origin of a command's content.
     Source {
         /// A request of this tick.
         Fresh = 0, "fresh";
-        /// The last accepted request, once more.
+        /// The last accepted request, repeated.
         Repeated = 1, "repeated";
-        /// No valid request: before the first one, or braking.
+        /// No valid request: before the first request, or braking.
         None = 2, "none";
-        /// A valid request of this tick that is not passed on, since a brake has not cleared yet.
+        /// A valid request of this tick that the gate suppresses, since a brake has not cleared yet.
         Suppressed = 3, "withheld";
     }
 }
 
 wire_enum! {
-    /// What the drive (the plant's joints) does with the command it has.
+    /// What the drive (the plant's joints) does with its command.
     Drive {
-        /// Brakes on: no command with a torque has come yet.
+        /// Brakes on: no command with a torque has arrived yet.
         Held = 0, "held";
         /// Applies the command's torque.
         Torque = 1, "torque";
-        /// Damps its joints: commanded so, or commands stayed away.
+        /// Damps its joints: by command, or for lack of commands.
         Braking = 2, "braking";
     }
 }
@@ -79,13 +79,13 @@ wire_enum! {
     Process {
         /// Launcher, gate, watchdog and recorder.
         Supervisor = 0, "supervisor";
-        /// The simulated robot, or the driver of a real one: the clock.
+        /// The simulated robot, or the driver of a real robot: the clock.
         Plant = 1, "plant";
         /// The harmonic planner.
         Planner = 2, "planner";
         /// The controller whose request counts.
         Controller = 3, "controller";
-        /// The controller that computes the same, in case.
+        /// The second controller, which computes the same.
         Standby = 4, "standby";
     }
 }
@@ -105,15 +105,15 @@ wire_enum! {
 }
 
 wire_enum! {
-    /// How bad it is. Ordered: a later one is worse.
+    /// Severity of the situation. Ordered: a later variant is worse.
     Severity {
-        /// All is well.
+        /// No fault.
         Nominal = 0, "nominal";
-        /// Works on with something missing.
+        /// Works on without a process or a request.
         Degraded = 1, "degraded";
         /// The drive brakes.
         Brake = 2, "brake";
-        /// Latched stop; only the operator leaves it.
+        /// Latched stop; only the operator can leave it.
         Stopped = 3, "stopped";
     }
 }
@@ -131,7 +131,7 @@ wire_enum! {
         Rejected = 3, "rejected";
         /// No valid request came by the deadline.
         Missed = 4, "missed";
-        /// The plant's timer came a period or more late; simulated time slipped.
+        /// The plant's timer was a period or more late; simulated time slipped.
         TimebaseSlip = 5, "slipped";
         /// The severity changed.
         Transition = 6, "transition";
@@ -141,29 +141,29 @@ wire_enum! {
         Limited = 8, "limited";
         /// Contact of the foot made or lost.
         Contact = 9, "contact";
-        /// Anything else worth a line.
+        /// Any other note.
         Note = 10, "note";
-        /// A process was started again.
+        /// A process was restarted.
         Restarted = 11, "restarted";
         /// The other controller's requests count from now on.
         Promoted = 12, "promoted";
         /// A joint's torque made a large step from one tick to the next.
         Discontinuity = 13, "discontinuity";
-        /// A fault was injected on purpose.
+        /// A fault was injected.
         Injected = 14, "injected";
-        /// A process that was started again has done its first tick.
+        /// A restarted process has done its first tick.
         Joined = 15, "joined";
         /// The operator re-armed after a latched stop.
         Rearmed = 16, "rearmed";
-        /// The two controllers asked for different things at the same tick.
+        /// The requests of the two controllers for the same tick differ.
         Differs = 17, "differs";
     }
 }
 
 wire_enum! {
-    /// Who saw an event first.
+    /// Detector that saw an event first.
     Detector {
-        /// Nobody had to detect it: it was done on purpose.
+        /// No detector: the event was intended.
         None = 0, "none";
         /// The operating system: exit of a process.
         Exit = 1, "exit";
@@ -183,19 +183,19 @@ wire_enum! {
 }
 
 wire_enum! {
-    /// What a process does wrong on purpose, to see what comes of it.
+    /// Fault that a process injects into its messages.
     Tampering {
-        /// It sends so many microseconds late.
+        /// Sends late.
         Slow = 0, "slow";
-        /// It does not send.
+        /// Does not send.
         Drop = 1, "drop";
-        /// It sends what it sent last once more.
+        /// Repeats its last message.
         Repeat = 2, "repeat";
-        /// It sends codes and counts that mean nothing.
+        /// Sends invalid codes and counts.
         Corrupt = 3, "corrupt";
-        /// It sends a number that is none.
+        /// Sends a NaN.
         Nan = 4, "nan";
-        /// It sends with a tick that has long passed.
+        /// Sends an old tick.
         Stale = 5, "stale";
     }
 }

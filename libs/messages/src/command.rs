@@ -5,13 +5,13 @@ use crate::message::Message;
 use crate::request::Request;
 use zerocopy::{FromBytes, Immutable, IntoBytes};
 
-/// What the gate passes to the drive at `tick`.
+/// Command of the gate to the drive at `tick`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, FromBytes, IntoBytes, Immutable)]
 #[repr(C)]
 pub struct Command {
     /// When it was published.
     pub stamp_ns: u64,
-    /// The tick whose state it answers.
+    /// Tick of the state that it answers.
     pub tick: i64,
     /// Code of [`Mode`](crate::Mode).
     pub mode: u32,
@@ -23,11 +23,11 @@ pub struct Command {
     pub joints: u32,
     /// Bit i: the peak limited joint i.
     pub limited: u32,
-    /// Bit i: the rate of joint i's torque is limited, ramping in after a brake.
+    /// Bit i: the rate of joint i's torque was limited, ramping in after a brake.
     pub ramped: u32,
-    /// Conditioned torque: filtered, limited in its rate after a brake, then in its size.
+    /// Conditioned torque [N m]: filtered, limited in its rate after a brake, then in its size.
     pub torque: [f64; MAX_JOINTS],
-    /// The accepted request: raw torque, force, error, controller state. The next tick's controller starts from here.
+    /// The accepted request: raw torque, force, error, controller state. The next tick's controller starts from it.
     pub request: Request,
 }
 

@@ -1,4 +1,4 @@
-//! Events: what happened, to which process, seen by which detector.
+//! Events: what happened to which process, and its detector.
 
 use crate::codes::{Detector, EventKind, Process, Severity};
 use crate::limits::EVENT_TEXT;
@@ -25,12 +25,12 @@ pub struct Event {
     pub text_len: u32,
     /// Not used; zero.
     pub reserved: u32,
-    /// UTF-8.
+    /// Text in UTF-8.
     pub text: [u8; EVENT_TEXT],
 }
 
 impl Event {
-    /// An event with a text, cut at [`EVENT_TEXT`] bytes (at a character's border).
+    /// Event with a text, cut at [`EVENT_TEXT`] bytes (at a character's border).
     #[must_use]
     pub fn new(tick: i64, process: Process, kind: EventKind, severity: Severity, detector: Detector, text: &str) -> Self {
         let len = text.floor_char_boundary(EVENT_TEXT);
@@ -49,7 +49,7 @@ impl Event {
         }
     }
 
-    /// The text; what is not UTF-8 is shown as U+FFFD.
+    /// The text, with U+FFFD in place of what is not UTF-8.
     #[must_use]
     pub fn text(&self) -> std::borrow::Cow<'_, str> {
         String::from_utf8_lossy(&self.text[..(self.text_len as usize).min(EVENT_TEXT)])

@@ -1,11 +1,13 @@
 //! Messages of the stack: plain data, codes and checks, without a transport.
 //!
-//! Units are SI: m, rad (m for a prismatic joint), N, N m (N for a prismatic joint), s unless a name says otherwise. Vectors are
-//! in the world frame, z up. Joint arrays hold [`MAX_JOINTS`] places, of which the first `joints` count. `stamp_ns` fields are
-//! readings of `CLOCK_MONOTONIC` and are zero in lockstep, where everything that is logged is a function of scenario and seed.
+//! Units are SI: m, rad (m for a prismatic joint), N, N m (N for a prismatic joint), s, unless a name states another.
+//! Vectors are in the world frame, z up. Joint arrays hold [`MAX_JOINTS`] values, of which the first `joints` count.
+//! `stamp_ns` fields are readings of `CLOCK_MONOTONIC`. They are zero in lockstep, where everything that is logged is a
+//! function of scenario and seed.
 //!
-//! Read first [`State`], [`Reference`], [`Request`] and [`Command`]: the four messages of a tick. [`Operator`] carries the parameters,
-//! [`Event`] and [`Timing`] report. `codes` gives the meaning of every code, `check` what each field may hold.
+//! Read first [`State`], [`Reference`], [`Request`] and [`Command`]: the four messages of a tick. [`Operator`] carries
+//! the parameters, [`Event`] and [`Timing`] report. `codes` gives the meaning of every code, `check` what each field
+//! may hold.
 
 mod check;
 mod codes;

@@ -2,7 +2,7 @@
 
 use zerocopy::{FromBytes, Immutable, IntoBytes};
 
-/// A message: plain data without padding or pointers, valid for every bit pattern, the same in every process.
+/// Message: plain data without padding or pointers, valid for every bit pattern, with the same layout in every process.
 ///
 /// The derives of `zerocopy` prove this at compile time, so that a damaged message can be received and rejected.
 pub trait Message: Copy + core::fmt::Debug + FromBytes + IntoBytes + Immutable + Send + 'static {

@@ -11,34 +11,34 @@ pub const REQUEST_TEXT: usize = 2048;
 pub const REPLY_TEXT: usize = 4096;
 
 wire_enum! {
-    /// What is asked for.
+    /// Kind of an operator's request.
     OperatorKind {
         /// Change parameters; the text holds `key=value` pairs, separated by NUL.
         Set = 1, "set";
-        /// Tell how the run is; the reply's text is JSON.
+        /// Report the status of the run; the reply's text is JSON.
         Status = 2, "status";
         /// End the run.
         Stop = 3, "stop";
-        /// Latched stop: the drive brakes until somebody re-arms.
+        /// Latched stop: the drive brakes until the operator re-arms.
         EmergencyStop = 4, "estop";
         /// Leave a latched stop.
         Rearm = 5, "rearm";
-        /// Make a fault on purpose; the text holds `key=value` pairs, separated by NUL.
+        /// Inject a fault; the text holds `key=value` pairs, separated by NUL.
         Inject = 6, "inject";
     }
 }
 
 wire_enum! {
-    /// How a request was answered.
+    /// Outcome of a request.
     ReplyCode {
-        /// It is done, or will be at the tick that the reply names.
+        /// The request is done, or will be at the tick that the reply names.
         Done = 1, "done";
-        /// It cannot be done; nothing has changed, and the text says why.
+        /// The request is rejected and nothing has changed; the text gives the cause.
         Refused = 2, "rejected";
     }
 }
 
-/// What somebody asks of a running stack.
+/// Request of an operator to a running stack.
 #[derive(Clone, Copy, Debug, PartialEq, FromBytes, IntoBytes, Immutable)]
 #[repr(C)]
 pub struct OperatorRequest {
@@ -46,27 +46,27 @@ pub struct OperatorRequest {
     pub kind: u32,
     /// Bytes of `text` that count.
     pub text_len: u32,
-    /// UTF-8.
+    /// Text in UTF-8.
     pub text: [u8; REQUEST_TEXT],
 }
 
-/// The answer.
+/// Reply to an operator's request.
 #[derive(Clone, Copy, Debug, PartialEq, FromBytes, IntoBytes, Immutable)]
 #[repr(C)]
 pub struct OperatorReply {
-    /// Version of the parameters that were made; zero if none were.
+    /// Version of the new parameters; zero if there are none.
     pub version: u64,
     /// First tick at which they are in force; -1 if there are none.
     pub tick: i64,
     /// Tick that was due when the request arrived at the supervisor.
     pub arrived_tick: i64,
-    /// Tick that was due when the gate took it; -1 if it did not.
+    /// Tick that was due when the gate took the request; -1 if it did not.
     pub taken_tick: i64,
     /// Code of [`ReplyCode`].
     pub code: u32,
     /// Bytes of `text` that count.
     pub text_len: u32,
-    /// UTF-8.
+    /// Text in UTF-8.
     pub text: [u8; REPLY_TEXT],
 }
 
@@ -84,7 +84,7 @@ fn utf8(bytes: &[u8], len: u32) -> Result<&str, ValidationError> {
 }
 
 impl OperatorRequest {
-    /// A request.
+    /// Request of a kind, with a text.
     ///
     /// # Errors
     /// [`ValidationError::Count`] if the text is longer than [`REQUEST_TEXT`] bytes.
@@ -98,7 +98,7 @@ impl OperatorRequest {
     /// Kind and text.
     ///
     /// # Errors
-    /// What is wrong with them.
+    /// Their first defect.
     pub fn parts(&self) -> Result<(OperatorKind, &str), ValidationError> {
         let kind = OperatorKind::from_code(self.kind).ok_or(ValidationError::Code { field: "kind", found: self.kind })?;
         Ok((kind, utf8(&self.text, self.text_len)?))
@@ -112,7 +112,7 @@ impl Check for OperatorRequest {
 }
 
 impl OperatorReply {
-    /// A reply without parameters; its text is cut at [`REPLY_TEXT`] bytes (at a character's border).
+    /// Reply without parameters; its text is cut at [`REPLY_TEXT`] bytes (at a character's border).
     #[must_use]
     pub fn new(code: ReplyCode, text: &str) -> Self {
         let len = text.floor_char_boundary(REPLY_TEXT);
@@ -124,7 +124,7 @@ impl OperatorReply {
     /// Code and text.
     ///
     /// # Errors
-    /// What is wrong with them.
+    /// Their first defect.
     pub fn parts(&self) -> Result<(ReplyCode, &str), ValidationError> {
         let code = ReplyCode::from_code(self.code).ok_or(ValidationError::Code { field: "code", found: self.code })?;
         Ok((code, utf8(&self.text, self.text_len)?))
@@ -152,7 +152,7 @@ mod tests {
     use proptest::prelude::{any, prop_assert, proptest};
 
     #[test]
-    fn what_is_asked_is_what_arrives() {
+    fn request_parts_match_input() {
         let request = OperatorRequest::new(OperatorKind::Set, "stiffness.z=9000\0taper=0.1").unwrap();
         assert_eq!(request.parts(), Ok((OperatorKind::Set, "stiffness.z=9000\0taper=0.1")));
         assert!(OperatorRequest::new(OperatorKind::Set, &"x".repeat(REQUEST_TEXT)).is_ok());
@@ -160,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn a_long_reply_is_cut_between_characters() {
+    fn reply_long_text_is_cut_between_characters() {
         let reply = OperatorReply::new(ReplyCode::Done, &"é".repeat(REPLY_TEXT));
         assert_eq!(reply.check(), Ok(()));
         assert_eq!(reply.parts().unwrap().1.len(), REPLY_TEXT);
@@ -168,7 +168,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn garbage_is_refused_and_never_panics(
+        fn request_garbage_is_rejected_without_panic(
             kind in any::<u32>(),
             text_len in any::<u32>(),
             bytes in proptest::collection::vec(any::<u8>(), 64),

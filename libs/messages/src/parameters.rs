@@ -3,7 +3,7 @@
 use crate::message::Message;
 use zerocopy::{FromBytes, Immutable, IntoBytes};
 
-/// One set of everything the operator may change while the stack runs.
+/// Parameter set: everything that the operator may change while the stack runs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, FromBytes, IntoBytes, Immutable)]
 #[repr(C)]
 pub struct Parameters {
@@ -11,15 +11,15 @@ pub struct Parameters {
     pub version: u64,
     /// First tick at which it is in force.
     pub effective_tick: i64,
-    /// x_t, m.
+    /// x_t [m].
     pub target_position: [f64; 3],
-    /// F_d, wished reaction on the foot, N.
+    /// F_d, desired reaction on the foot [N].
     pub desired_force: [f64; 3],
-    /// K0, N/m.
+    /// K0 [N/m].
     pub stiffness: [f64; 3],
-    /// F_max, N.
+    /// F_max [N].
     pub max_force: [f64; 3],
-    /// x_b, m.
+    /// x_b [m].
     pub position_bound: [f64; 3],
     /// Code of [`ResetPolicy`](crate::ResetPolicy).
     pub reset_policy: u32,
@@ -31,25 +31,25 @@ pub struct Parameters {
     pub gravity_compensation: u32,
     /// 1: dx does not wind up at F_max, and keeps its force when K0 changes.
     pub offset_anti_windup: u32,
-    /// 1: a convergence that has come to a standstill starts anew from there.
+    /// 1: a stalled convergence starts anew from its position.
     pub stall_release: u32,
     /// Share of the force error that the tapered search works off in 1 ms, as if against K0.
     pub taper: f64,
     /// sigma as the scale of the search step, Algorithm 1.
     pub search_scale: f64,
-    /// sigma as the force threshold, Algorithm 1, N.
+    /// sigma as the force threshold, Algorithm 1 [N].
     pub force_resolution: f64,
-    /// Desired mean speed of the planner, m/s.
+    /// Desired mean speed of the planner [m/s].
     pub mean_speed: f64,
-    /// a_max of the planner, m/s^2.
+    /// a_max of the planner [m/s^2].
     pub max_acceleration: f64,
 }
 
-/// The parameters in force and those to come.
+/// Parameter sets in force and announced.
 #[derive(Clone, Copy, Debug, Default, PartialEq, FromBytes, IntoBytes, Immutable)]
 #[repr(C)]
 pub struct Operator {
-    /// In force when it was published.
+    /// In force at publication.
     pub current: Parameters,
     /// In force from its `effective_tick` on; equal to `current` if nothing is announced.
     pub next: Parameters,

@@ -3,32 +3,32 @@
 use crate::message::Message;
 use zerocopy::{FromBytes, Immutable, IntoBytes};
 
-/// One axis of a planned motion: a closed form of the time since its target was accepted.
+/// Planned motion of an axis: a closed form of the time since its target was accepted.
 ///
-/// For `brake_time` it brakes with `brake_acceleration` from `start` at `start_velocity`; then
-/// `x = target - amplitude (1 + cos(phase + rate t))` until the cosine's argument reaches pi, where it rests on the target.
+/// For `brake_time` the axis brakes with `brake_acceleration` from `start` at `start_velocity`; then `x = target -
+/// amplitude (1 + cos(phase + rate t))` until the cosine's argument reaches pi, where it rests on the target.
 #[derive(Clone, Copy, Debug, Default, PartialEq, FromBytes, IntoBytes, Immutable)]
 #[repr(C)]
 pub struct AxisPlan {
-    /// Where it ends, m.
+    /// End position [m].
     pub target: f64,
-    /// Position at acceptance, m.
+    /// Position at acceptance [m].
     pub start: f64,
-    /// Velocity at acceptance, m/s.
+    /// Velocity at acceptance [m/s].
     pub start_velocity: f64,
-    /// Signed acceleration while braking, m/s^2; zero if it need not brake.
+    /// Signed acceleration while braking [m/s^2]; zero if it need not brake.
     pub brake_acceleration: f64,
-    /// How long it brakes, s.
+    /// Duration of braking [s].
     pub brake_time: f64,
-    /// R, signed like the error at the start of the arc, m.
+    /// R, signed like the error at the start of the arc [m].
     pub amplitude: f64,
-    /// omega, rad/s.
+    /// omega [rad/s].
     pub rate: f64,
-    /// theta_0, rad.
+    /// theta_0 [rad].
     pub phase: f64,
 }
 
-/// The planner's whole state: what it needs to go on after a restart.
+/// The planner's whole state: what it needs to continue after a restart.
 #[derive(Clone, Copy, Debug, Default, PartialEq, FromBytes, IntoBytes, Immutable)]
 #[repr(C)]
 pub struct PlannerState {
@@ -38,7 +38,7 @@ pub struct PlannerState {
     pub axes: [AxisPlan; 3],
 }
 
-/// Where the foot should be at `tick`.
+/// Planned position of the foot at `tick`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, FromBytes, IntoBytes, Immutable)]
 #[repr(C)]
 pub struct Reference {
@@ -48,9 +48,9 @@ pub struct Reference {
     pub tick: i64,
     /// Version of the parameters it was made with.
     pub parameters_version: u64,
-    /// x_d, m.
+    /// x_d [m].
     pub position: [f64; 3],
-    /// x_d', m/s.
+    /// x_d' [m/s].
     pub velocity: [f64; 3],
     /// The planner's state at `tick`.
     pub planner: PlannerState,

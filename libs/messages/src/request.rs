@@ -4,29 +4,29 @@ use crate::limits::MAX_JOINTS;
 use crate::message::Message;
 use zerocopy::{FromBytes, Immutable, IntoBytes};
 
-/// The controller's whole state. It travels in requests and commands; no controller keeps any.
+/// The controller's whole state. It travels in requests and commands; controllers keep none.
 #[derive(Clone, Copy, Debug, Default, PartialEq, FromBytes, IntoBytes, Immutable)]
 #[repr(C)]
 pub struct ControllerState {
-    /// dx of the haptic search, m.
+    /// dx of the haptic search [m].
     pub offset: [f64; 3],
-    /// Error latched at the start of the last convergence, m (eq. 1).
+    /// Error latched at the start of the last convergence [m] (eq. 1).
     pub x_max: [f64; 3],
-    /// K0 of this tick, N/m; 0 before the first.
+    /// K0 of this tick [N/m]; 0 before the first.
     pub stiffness: [f64; 3],
-    /// F_max of this tick, N.
+    /// F_max of this tick [N].
     pub max_force: [f64; 3],
-    /// x_b of this tick, m.
+    /// x_b of this tick [m].
     pub position_bound: [f64; 3],
-    /// F_c of this tick, N.
+    /// F_c of this tick [N].
     pub force: [f64; 3],
     /// 1 in convergence, 0 in divergence.
     pub converging: [u32; 3],
-    /// Ticks in a row in which the axis stood still in convergence, without contact.
+    /// Ticks in a row in which the axis was at rest in convergence, without contact.
     pub at_rest_ticks: [u32; 3],
 }
 
-/// What a controller asks for at `tick`.
+/// Request of a controller at `tick`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, FromBytes, IntoBytes, Immutable)]
 #[repr(C)]
 pub struct Request {
@@ -42,13 +42,13 @@ pub struct Request {
     pub controller: u32,
     /// Joints that count.
     pub joints: u32,
-    /// e = x_d + dx - x, m.
+    /// e = x_d + dx - x [m].
     pub error: [f64; 3],
-    /// e' = x_d' - J q', m/s.
+    /// e' = x_d' - J q' [m/s].
     pub error_rate: [f64; 3],
-    /// F_c, N.
+    /// F_c [N].
     pub force: [f64; 3],
-    /// J^T F_c, and gravity compensation if asked for.
+    /// J^T F_c, plus gravity compensation if enabled [N m].
     pub torque: [f64; MAX_JOINTS],
     /// The controller's state after this tick.
     pub state: ControllerState,

@@ -1,4 +1,4 @@
-//! How a run passes time, and how hard it asks for real-time privileges.
+//! Modes of a run: its clock, and its request for real-time privileges.
 
 use serde::{Deserialize, Serialize};
 
@@ -8,12 +8,12 @@ use serde::{Deserialize, Serialize};
 pub enum Clock {
     /// An absolute timer, 1 ms.
     Realtime,
-    /// As fast as it goes: everyone waits for exactly what it needs.
+    /// As fast as possible: each process waits for exactly its inputs.
     Lockstep,
 }
 
 impl Clock {
-    /// Its name on the command line and in logs.
+    /// Name on the command line and in logs.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -23,13 +23,13 @@ impl Clock {
     }
 }
 
-/// How hard to try for real-time privileges.
+/// Request for real-time privileges.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum RealtimeMode {
-    /// Takes what it can get.
+    /// Takes what is granted.
     Auto,
-    /// Refuses to start without all of it.
+    /// Does not start without all of them.
     Require,
     /// Asks for none.
     Off,

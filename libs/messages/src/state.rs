@@ -8,33 +8,33 @@ use zerocopy::{FromBytes, Immutable, IntoBytes};
 #[derive(Clone, Copy, Debug, Default, PartialEq, FromBytes, IntoBytes, Immutable)]
 #[repr(C)]
 pub struct ObjectState {
-    /// Centre of mass, m.
+    /// Centre of mass [m].
     pub position: [f64; 3],
     /// Unit quaternion, x y z w.
     pub orientation: [f64; 4],
-    /// Velocity of the centre of mass, m/s.
+    /// Velocity of the centre of mass [m/s].
     pub linear_velocity: [f64; 3],
-    /// Angular velocity, rad/s.
+    /// Angular velocity [rad/s].
     pub angular_velocity: [f64; 3],
 }
 
-/// One contact, averaged over the tick.
+/// A contact, averaged over the tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq, FromBytes, IntoBytes, Immutable)]
 #[repr(C)]
 pub struct ContactState {
     /// Index of the first body in the scene's list of bodies.
     pub body: u32,
-    /// Index of the second body, which feels the opposite force.
+    /// Index of the second body, on which the opposite force acts.
     pub against: u32,
-    /// Where, m: the mean over the tick, weighted by the force.
+    /// Contact point [m]: the mean over the tick, weighted by the force.
     pub point: [f64; 3],
-    /// Mean force on the first body over the tick, N.
+    /// Mean force on the first body over the tick [N].
     pub force: [f64; 3],
-    /// Deepest penetration at the start of the last sub-step in which they touched, m.
+    /// Deepest penetration at the start of the last sub-step with contact [m].
     pub depth: f64,
 }
 
-/// What the plant's integrator did in a tick.
+/// Account of the plant's integrator over a tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq, FromBytes, IntoBytes, Immutable)]
 #[repr(C)]
 pub struct Physics {
@@ -44,18 +44,19 @@ pub struct Physics {
     pub newton_iterations: u32,
     /// Contact sub-steps of this tick that ended above the tolerance.
     pub unconverged: u32,
-    /// Sub-steps of this tick that were solved implicitly, in reach of a contact or a joint's stop.
+    /// Sub-steps of this tick that were solved implicitly, within reach of a contact or a joint's stop.
     pub contact_substeps: u32,
-    /// Kinetic and potential energy of robot and objects, J.
+    /// Kinetic and potential energy of robot and objects [J].
     pub energy_j: f64,
-    /// Work done by the contacts (joint stops apart) on the bodies since the start, J: falls, but for what a compressed contact
-    /// gives back.
+    /// Work done by the contacts (without joint stops) on the bodies since the start [J]: falls, except for what a
+    /// compressed contact gives back.
     pub contact_work_j: f64,
-    /// Elastic energy in the contacts now, J: with `contact_work_j` it may only fall; any rise is made by the integration.
+    /// Elastic energy in the contacts now [J]: its sum with `contact_work_j` may only fall; any rise comes from the
+    /// integration.
     pub contact_stored_j: f64,
 }
 
-/// What the plant measured at `tick`, and what it did in the tick before.
+/// Measurements of the plant at `tick`, and its actions in the tick before.
 #[derive(Clone, Copy, Debug, Default, PartialEq, FromBytes, IntoBytes, Immutable)]
 #[repr(C)]
 pub struct State {
@@ -69,7 +70,7 @@ pub struct State {
     pub command_tick: i64,
     /// How late the plant's timer was; zero in lockstep.
     pub wake_lateness_ns: u64,
-    /// Periods by which simulated time has slipped since the start, because the timer came late.
+    /// Periods by which simulated time has slipped since the start, because the timer was late.
     pub slipped: u64,
     /// Joints that count.
     pub joints: u32,
@@ -79,17 +80,17 @@ pub struct State {
     pub object_count: u32,
     /// Contacts that count.
     pub contact_count: u32,
-    /// q.
+    /// q [rad].
     pub joint_position: [f64; MAX_JOINTS],
-    /// q'.
+    /// q' [rad/s].
     pub joint_velocity: [f64; MAX_JOINTS],
-    /// Mean torque the drive applied in the tick before.
+    /// Mean torque of the drive in the tick before [N m].
     pub joint_torque: [f64; MAX_JOINTS],
-    /// Tip of the chain, m.
+    /// Tip of the chain [m].
     pub foot_position: [f64; 3],
-    /// Its velocity, m/s.
+    /// Its velocity [m/s].
     pub foot_velocity: [f64; 3],
-    /// Mean force of the environment on the foot over the tick before, N: the sensor.
+    /// Mean force of the environment on the foot over the tick before [N]: the sensor.
     pub foot_force: [f64; 3],
     /// Free bodies, in the order of the scenario.
     pub objects: [ObjectState; MAX_OBJECTS],

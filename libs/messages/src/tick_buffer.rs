@@ -1,11 +1,11 @@
-//! The last few messages of a topic, by tick.
+//! Buffer of the last few messages of a topic, by tick.
 //!
-//! Whoever is a little late finds messages in his queue that are ahead of the tick he works on. Taking the newest would make the
-//! result depend on timing; a [`TickBuffer`] gives the one that belongs to the tick.
+//! The queue of a late process holds messages ahead of the tick that it works on. Taking the newest would make the
+//! result depend on timing; a [`TickBuffer`] gives the message of the tick.
 
 use crate::{CONTROL_DEPTH, Command, Reference, Request, State};
 
-/// Messages messages.
+/// Most messages in a buffer.
 const CAPACITY: usize = CONTROL_DEPTH;
 
 /// A message that belongs to a tick.
@@ -19,15 +19,15 @@ macro_rules! ticked {
 }
 ticked!(Command, Reference, Request, State);
 
-/// The messages of the newest ticks that came, as many as a control input keeps.
+/// Messages of the newest received ticks, as many as a control input keeps.
 #[derive(Clone, Copy, Debug)]
 pub struct TickBuffer<T> {
-    /// The ticks of those messages, apart from them: they are looked through while somebody waits, and lie on one cache line.
+    /// Ticks of the messages, apart from them: a search is time-critical, and so touches a single cache line.
     ticks: [i64; CAPACITY],
     messages: [Option<T>; CAPACITY],
 }
 
-/// The tick of an empty place: before all others.
+/// Tick of an empty place: before all others.
 const NEVER: i64 = i64::MIN;
 
 impl<T> Default for TickBuffer<T> {
@@ -37,8 +37,9 @@ impl<T> Default for TickBuffer<T> {
 }
 
 impl<T: Ticked> TickBuffer<T> {
-    /// Keeps a message in place of the one of the same tick, or of the oldest tick. One that is older than all those messages is left
-    /// out: after a restart the history of a forerunner may come last.
+    /// Inserts a message in place of that of the same tick, or else of the oldest tick.
+    ///
+    /// Leaves out a message older than all in the buffer: after a restart the history of a predecessor may come last.
     pub fn insert(&mut self, message: T) {
         let tick = message.tick();
         let same = self.ticks.iter().position(|t| *t == tick);
@@ -51,7 +52,7 @@ impl<T: Ticked> TickBuffer<T> {
         }
     }
 
-    /// Those messages, in no order.
+    /// All messages, in no order.
     pub fn iter(&self) -> impl Iterator<Item = &T> {
         self.messages.iter().flatten()
     }
@@ -62,19 +63,19 @@ impl<T: Ticked> TickBuffer<T> {
         self.last(|_| true)
     }
 
-    /// The message of a tick, if it is among those messages.
+    /// The message of a tick, if the buffer holds it.
     #[must_use]
     pub fn at(&self, tick: i64) -> Option<&T> {
         self.ticks.iter().position(|t| *t == tick).and_then(|place| self.messages[place].as_ref())
     }
 
-    /// The newest message of a tick before this one.
+    /// The newest message of a tick before `tick`.
     #[must_use]
     pub fn before(&self, tick: i64) -> Option<&T> {
         self.last(|t| t < tick)
     }
 
-    /// The oldest message of a tick after this one.
+    /// The oldest message of a tick after `tick`.
     #[must_use]
     pub fn after(&self, tick: i64) -> Option<&T> {
         let place = (0..CAPACITY).filter(|&i| self.ticks[i] > tick).min_by_key(|&i| self.ticks[i])?;
@@ -93,30 +94,30 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_message_from_ahead_does_not_stand_for_its_tick() {
-        let mut recent = TickBuffer::<Command>::default();
+    fn tick_buffer_look_up_matches_tick() {
+        let mut buffer = TickBuffer::<Command>::default();
         for tick in -1..10 {
-            recent.insert(Command { tick, ..Command::default() });
+            buffer.insert(Command { tick, ..Command::default() });
         }
-        assert_eq!(recent.before(5).unwrap().tick, 4);
-        assert_eq!(recent.at(5).unwrap().tick, 5);
-        assert!(recent.at(1).is_none(), "only eight are messages");
-        assert!(recent.before(2).is_none());
-        assert_eq!(recent.after(5).unwrap().tick, 6);
-        assert_eq!(recent.after(-5).unwrap().tick, 2);
-        assert!(recent.after(9).is_none());
+        assert_eq!(buffer.before(5).unwrap().tick, 4);
+        assert_eq!(buffer.at(5).unwrap().tick, 5);
+        assert!(buffer.at(1).is_none(), "it holds only eight");
+        assert!(buffer.before(2).is_none());
+        assert_eq!(buffer.after(5).unwrap().tick, 6);
+        assert_eq!(buffer.after(-5).unwrap().tick, 2);
+        assert!(buffer.after(9).is_none());
         assert!(TickBuffer::<Command>::default().after(i64::MIN).is_none());
     }
 
     #[test]
-    fn the_history_of_a_forerunner_does_not_drive_out_what_is_newer() {
-        let mut recent = TickBuffer::<Command>::default();
+    fn tick_buffer_older_history_keeps_newer_messages() {
+        let mut buffer = TickBuffer::<Command>::default();
         for tick in (86..94).chain([3, 4, 5, 6, 92]) {
-            recent.insert(Command { tick, ..Command::default() });
+            buffer.insert(Command { tick, ..Command::default() });
         }
-        let mut ticks: Vec<_> = recent.iter().map(|c| c.tick).collect();
+        let mut ticks: Vec<_> = buffer.iter().map(|c| c.tick).collect();
         ticks.sort_unstable();
         assert_eq!(ticks, (86..94).collect::<Vec<_>>());
-        assert_eq!(recent.newest().unwrap().tick, 93);
+        assert_eq!(buffer.newest().unwrap().tick, 93);
     }
 }

@@ -3,7 +3,7 @@
 use crate::message::Message;
 use zerocopy::{FromBytes, Immutable, IntoBytes};
 
-/// What a process did in a tick, by the wall clock; also its heartbeat.
+/// Times of a process in a tick, by the monotonic clock; also its heartbeat.
 #[derive(Clone, Copy, Debug, Default, PartialEq, FromBytes, IntoBytes, Immutable)]
 #[repr(C)]
 pub struct Timing {
@@ -11,27 +11,27 @@ pub struct Timing {
     pub process: u32,
     /// Code of [`Phase`](crate::Phase).
     pub phase: u32,
-    /// The tick it is about; -1 before the first.
+    /// Tick of the report; -1 before the first.
     pub tick: i64,
     /// When the input that started the tick was published (plant: when its timer should have fired).
     pub due_ns: u64,
     /// When the process woke up.
     pub wake_ns: u64,
-    /// When it had published its output; zero if it published none.
+    /// When the process had published its output; zero if it published none.
     pub publish_ns: u64,
-    /// From state published to command published (gate), or to command received (plant); zero if it was not in time.
+    /// From state published to command published (gate), or to command received (plant); zero if the command was late.
     pub latency_ns: u64,
     /// Heap allocations of the thread between receiving and sending, in this tick.
     pub allocations: u32,
     /// Messages rejected since the start.
     pub rejected: u32,
-    /// Page faults of the thread since it began to run, minor and major.
+    /// Page faults of the thread since it started to run, minor and major.
     pub page_faults: u32,
     /// Real-time privileges in use, bits: 1 `SCHED_FIFO`, 2 memory locked, 4 pinned to its core.
     pub realtime: u32,
-    /// Which start of the process this is: 0 for the first.
+    /// Number of this start of the process: 0 for the first.
     pub generation: u32,
-    /// How often somebody who had joined could not be met, since the start.
+    /// Failed connections since the start.
     pub failed_connections: u32,
 }
 
@@ -39,21 +39,21 @@ impl Message for Timing {
     const NAME: &str = "hapfic.Timing";
 }
 
-/// A fault that a process makes on purpose in what it sends.
+/// Order to a process to inject a fault into its messages.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, FromBytes, IntoBytes, Immutable)]
 #[repr(C)]
 pub struct Injection {
-    /// Counts up from 1: each is taken once.
+    /// Counts up from 1, so that a process takes each order once.
     pub number: u64,
-    /// First tick at which it is made; the next one if that has passed.
+    /// First tick of the fault; the next tick if that has passed.
     pub tick: i64,
-    /// Ticks for which it is made.
+    /// Duration of the fault [ticks].
     pub ticks: u32,
-    /// Code of the [`Process`](crate::Process) that makes it.
+    /// Code of the [`Process`](crate::Process) that injects it.
     pub process: u32,
     /// Code of [`Tampering`](crate::Tampering).
     pub tampering: u32,
-    /// By how much a slow process is late, us.
+    /// Delay of a slow process [us].
     pub by_us: u32,
 }
 
@@ -61,7 +61,7 @@ impl Message for Injection {
     const NAME: &str = "hapfic.Injection";
 }
 
-/// How far the recorder has taken everything in: in lockstep the plant may run ahead of it by a bounded number of ticks.
+/// Credit of the recorder to the plant: in lockstep the plant may run ahead of it by a bounded number of ticks.
 #[derive(Clone, Copy, Debug, Default, PartialEq, FromBytes, IntoBytes, Immutable)]
 #[repr(C)]
 pub struct Credit {

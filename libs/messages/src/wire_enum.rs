@@ -2,7 +2,7 @@
 
 /// Declares an enumeration with a fixed code and a name for each variant.
 ///
-/// On the wire it is a bare `u32`, so that a damaged message can be received and rejected: reading an invalid
+/// On the wire the enumeration is a bare `u32`, so that a receiver can reject a damaged message: reading an invalid
 /// discriminant straight into a Rust enum would be undefined behaviour.
 macro_rules! wire_enum {
     ($(#[$meta:meta])* $name:ident { $($(#[$vmeta:meta])* $variant:ident = $code:literal, $text:literal;)+ }) => {

@@ -1,4 +1,4 @@
-//! A picture in the making: shapes and text on white, in pixels, y down.
+//! Canvas for shapes and text on white, in pixels, y down.
 
 use crate::error::ReportError;
 use crate::figure::Color;
@@ -6,15 +6,15 @@ use crate::label;
 use ab_glyph::{Font, FontRef, GlyphId, OutlineCurve};
 use tiny_skia::{FillRule, LineCap, LineJoin, Paint, Path, PathBuilder, Pixmap, Rect, Shader, Stroke, StrokeDash, Transform};
 
-/// A point, px.
+/// Point [px].
 pub(crate) type Spot = (f32, f32);
 
-/// Size of a subscript, and how far below the line it stands, in sizes of the text.
+/// Size of a subscript and its distance below the line, relative to the size of the text.
 const SUBSCRIPT: (f32, f32) = (0.72, 0.2);
-/// The font is a light one: its strokes are widened by so much, in sizes of the text.
+/// Widening of the strokes, relative to the size of the text: the font is a light one.
 const WEIGHT: f32 = 0.025;
 
-/// Where the point that is given lies in a text.
+/// Position of the given point in a text.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Anchor {
     Start,
@@ -22,7 +22,7 @@ pub(crate) enum Anchor {
     End,
 }
 
-/// How a line is drawn.
+/// Style of a line.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Pen {
     pub(crate) color: Color,
@@ -36,20 +36,21 @@ impl Pen {
     }
 }
 
-/// A picture in the making.
+/// Canvas of a picture.
 pub(crate) struct Canvas {
     pixmap: Pixmap,
-    /// The first that has a glyph is taken.
+    /// Fonts by priority: the first with the glyph is used.
     fonts: [FontRef<'static>; 2],
 }
 
 impl Canvas {
-    /// A white picture; `name` is what errors call it.
+    /// Creates a white canvas; errors name it `name`.
     pub(crate) fn new(name: &str, width: u32, height: u32) -> Result<Self, ReportError> {
         let failed = |cause: String| ReportError::Draw { figure: name.to_owned(), cause };
         let font = |bytes: &'static [u8]| FontRef::try_from_slice(bytes).map_err(|error| failed(error.to_string()));
         let fonts = [font(epaint_default_fonts::UBUNTU_LIGHT)?, font(epaint_default_fonts::HACK_REGULAR)?];
-        let mut pixmap = Pixmap::new(width, height).ok_or_else(|| failed(format!("{width} x {height} pixels are no picture")))?;
+        let mut pixmap = Pixmap::new(width, height)
+            .ok_or_else(|| failed(format!("found {width} x {height} pixels, expected a valid size")))?;
         pixmap.fill(tiny_skia::Color::WHITE);
         Ok(Self { pixmap, fonts })
     }
@@ -58,13 +59,13 @@ impl Canvas {
         self.pixmap.width() as f32
     }
 
-    /// As PNG.
+    /// Encodes the picture as PNG.
     pub(crate) fn png(&self, name: &str) -> Result<Vec<u8>, ReportError> {
         let failed = |cause: String| ReportError::Draw { figure: name.to_owned(), cause };
         self.pixmap.encode_png().map_err(|error| failed(error.to_string()))
     }
 
-    /// A line through points.
+    /// Draws a line through points.
     pub(crate) fn line(&mut self, points: &[Spot], pen: Pen) {
         let Some(path) = polyline(points, false) else { return };
         let dash = if pen.dashed { StrokeDash::new(vec![4.0 * pen.width, 3.0 * pen.width], 0.0) } else { None };
@@ -73,48 +74,48 @@ impl Canvas {
         self.pixmap.stroke_path(&path, &paint(pen.color, 255), &stroke, Transform::identity(), None);
     }
 
-    /// A filled polygon.
+    /// Draws a filled polygon.
     pub(crate) fn polygon(&mut self, points: &[Spot], color: Color, opacity: u8) {
         if let Some(path) = polyline(points, true) {
             self.pixmap.fill_path(&path, &paint(color, opacity), FillRule::Winding, Transform::identity(), None);
         }
     }
 
-    /// A filled rectangle.
+    /// Draws a filled rectangle.
     pub(crate) fn rectangle(&mut self, at: Spot, size: Spot, color: Color, opacity: u8) {
         if let Some(rect) = Rect::from_xywh(at.0, at.1, size.0, size.1) {
             self.pixmap.fill_rect(rect, &paint(color, opacity), Transform::identity(), None);
         }
     }
 
-    /// A filled circle.
+    /// Draws a filled circle.
     pub(crate) fn disc(&mut self, centre: Spot, radius: f32, color: Color) {
         if let Some(path) = PathBuilder::from_circle(centre.0, centre.1, radius) {
             self.pixmap.fill_path(&path, &paint(color, 255), FillRule::Winding, Transform::identity(), None);
         }
     }
 
-    /// The outline of a circle.
-    pub(crate) fn ring(&mut self, centre: Spot, radius: f32, pen: Pen) {
+    /// Draws the outline of a circle.
+    pub(crate) fn circle(&mut self, centre: Spot, radius: f32, pen: Pen) {
         if let Some(path) = PathBuilder::from_circle(centre.0, centre.1, radius) {
             let stroke = Stroke { width: pen.width, ..Stroke::default() };
             self.pixmap.stroke_path(&path, &paint(pen.color, 255), &stroke, Transform::identity(), None);
         }
     }
 
-    /// Width of a label, px; `size` is that of the font.
+    /// Width of a label with the font size `size` [px].
     pub(crate) fn text_width(&self, text: &str, size: f32) -> f32 {
         self.set(text, size).1
     }
 
-    /// A label, its base line through `at`.
+    /// Draws a label with its base line through `at`.
     pub(crate) fn text(&mut self, at: Spot, anchor: Anchor, size: f32, color: Color, text: &str) {
         let (path, width) = self.set(text, size);
         let transform = Transform::from_translate(at.0 - shift(anchor, width), at.1);
         self.ink(path, size, color, transform);
     }
 
-    /// A label that runs upwards, its middle at `at`.
+    /// Draws an upward label with its middle at `at`.
     pub(crate) fn text_upwards(&mut self, at: Spot, size: f32, color: Color, text: &str) {
         let (path, width) = self.set(text, size);
         // Right becomes up, and down becomes right.
@@ -130,7 +131,7 @@ impl Canvas {
         self.pixmap.stroke_path(&path, &paint, &stroke, Transform::identity(), None);
     }
 
-    /// Outlines of a label that starts at the origin, and its width.
+    /// Outlines of a label from the origin, and its width.
     fn set(&self, text: &str, size: f32) -> (Option<Path>, f32) {
         let mut builder = PathBuilder::new();
         let mut x = 0.0;
@@ -217,7 +218,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_sign_that_figures_use_has_a_glyph() {
+    fn canvas_has_glyph_for_every_character_of_figures() {
         let canvas = Canvas::new("test", 10, 10).unwrap();
         for c in "±°µ-–()0123456789.:xyzäé".chars() {
             assert_ne!(canvas.glyph(c).1, canvas.fonts[0].glyph_id('?'), "{c}");
@@ -226,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn text_leaves_ink_where_it_stands() {
+    fn canvas_text_leaves_ink_at_its_position() {
         let mut canvas = Canvas::new("test", 100, 40).unwrap();
         canvas.text((50.0, 30.0), Anchor::Middle, 24.0, Color::INK, "HH");
         let dark = |x: u32| (0..40).any(|y| canvas.pixmap.pixel(x, y).is_some_and(|p| p.red() < 128));

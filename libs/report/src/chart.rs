@@ -1,42 +1,43 @@
-//! Draws a figure as a picture.
+//! Drawing of a figure as a picture.
 
 use crate::canvas::{Anchor, Canvas, Pen};
 use crate::error::ReportError;
-use crate::figure::{Color, Content, Curve, Figure, Lane, MarkKind, Panel, Scale, Style, pieces};
+use crate::figure::{Color, Content, Curve, Figure, MarkKind, Panel, Scale, Style, TimelineRow, pieces};
 use crate::ticks::{Tick, decades, linear};
 
-/// Width of every picture, px.
+/// Width of every picture [px].
 pub(crate) const WIDTH: u32 = 1600;
-/// Sizes of text, px.
+/// Sizes of text [px].
 const FONT: f32 = 22.0;
 const HEADING: f32 = 30.0;
-/// Heights, px: of the heading, a panel's own heading, the numbers below it, and the label below those of the last panel.
+/// Heights of the heading, a panel's title, the numbers below a panel, and the label below the last panel [px].
 const TOP: f32 = 64.0;
 const ABOVE: f32 = 44.0;
 const BELOW: f32 = 40.0;
 const LABEL: f32 = 36.0;
-/// Height of curves over time, of a histogram, and of a lane, px.
+/// Heights of curves over time, of a histogram, and of a timeline row [px].
 const CURVES: f32 = 330.0;
 const HISTOGRAM: f32 = 600.0;
-const LANE: f32 = 34.0;
-/// Share of their own height that curves have at least.
+const ROW: f32 = 34.0;
+/// Smallest height of curves, relative to their natural height.
 const LEAST_STRETCH: f32 = 0.3;
-/// Free space to the right, and between things, px.
+/// Free space to the right, and between elements [px].
 const MARGIN: f32 = 40.0;
 const GAP: f32 = 12.0;
-/// Longest names, characters.
+/// Longest name [characters].
 const LONGEST_NAME: usize = 36;
 
-/// A figure as PNG; `height`, px, is shared among its curves, and as much as it takes if not given or too little.
+/// Draws a figure as PNG. A given `height` [px] is shared among its curves; otherwise, or if it is too small, the
+/// natural or smallest height applies.
 pub(crate) fn draw(figure: &Figure, height: Option<u32>) -> Result<Vec<u8>, ReportError> {
     let around = TOP + LABEL + figure.panels.len() as f32 * (ABOVE + BELOW);
     let natural: Vec<_> = figure.panels.iter().map(natural_height).collect();
-    let lanes: f32 = figure.panels.iter().zip(&natural).filter(|(panel, _)| is_lanes(panel)).map(|(_, height)| height).sum();
-    let curves: f32 = natural.iter().sum::<f32>() - lanes;
-    // Whatever height is asked for: curves that are too flat show nothing, and many lanes take their room.
-    let least = around + lanes + LEAST_STRETCH * curves;
-    let total = height.map_or(around + lanes + curves, |height| (height as f32).max(least));
-    let stretch = if height.is_some() && curves > 0.0 { (total - around - lanes) / curves } else { 1.0 };
+    let rows: f32 = figure.panels.iter().zip(&natural).filter(|(panel, _)| is_timeline(panel)).map(|(_, height)| height).sum();
+    let curves: f32 = natural.iter().sum::<f32>() - rows;
+    // A lower bound for any requested height: flat curves are illegible, and rows have a fixed height.
+    let least = around + rows + LEAST_STRETCH * curves;
+    let total = height.map_or(around + rows + curves, |height| (height as f32).max(least));
+    let stretch = if height.is_some() && curves > 0.0 { (total - around - rows) / curves } else { 1.0 };
     let mut canvas = Canvas::new(figure.name, WIDTH, total.round() as u32)?;
     canvas.text((MARGIN, 44.0), Anchor::Start, HEADING, Color::INK, &figure.title);
 
@@ -47,7 +48,7 @@ pub(crate) fn draw(figure: &Figure, height: Option<u32>) -> Result<Vec<u8>, Repo
     let left = figure.panels.iter().zip(&axes).map(|(panel, axes)| margin(&canvas, panel, axes)).fold(90.0, f32::max);
     let mut top = TOP;
     for (i, (panel, mut axes)) in figure.panels.iter().zip(axes).enumerate() {
-        if is_lanes(panel) {
+        if is_timeline(panel) {
             axes.height = natural[i];
         }
         (axes.left, axes.right, axes.top) = (left, canvas.width() - MARGIN, top + ABOVE);
@@ -71,9 +72,9 @@ pub(crate) fn draw(figure: &Figure, height: Option<u32>) -> Result<Vec<u8>, Repo
                     draw_curve(&mut canvas, curve, &axes);
                 }
             }
-            Content::Lanes(lanes) => {
+            Content::Timelines(rows) => {
                 marks(&mut canvas, panel, &axes);
-                draw_lanes(&mut canvas, lanes, &axes);
+                draw_rows(&mut canvas, rows, &axes);
             }
         }
         top = axes.bottom() + BELOW;
@@ -85,7 +86,7 @@ pub(crate) fn draw(figure: &Figure, height: Option<u32>) -> Result<Vec<u8>, Repo
     canvas.png(figure.name)
 }
 
-/// Where the axes of a panel are, and what they run over.
+/// Position and range of the axes of a panel.
 struct Axes {
     left: f32,
     right: f32,
@@ -156,23 +157,23 @@ impl Axes {
     }
 }
 
-fn is_lanes(panel: &Panel) -> bool {
-    matches!(panel.content, Content::Lanes(_))
+fn is_timeline(panel: &Panel) -> bool {
+    matches!(panel.content, Content::Timelines(_))
 }
 
 fn natural_height(panel: &Panel) -> f32 {
     match (&panel.content, panel.scale) {
-        (Content::Lanes(lanes), _) => LANE * lanes.len().max(2) as f32,
+        (Content::Timelines(rows), _) => ROW * rows.len().max(2) as f32,
         (_, Scale::Logarithmic) => HISTOGRAM,
         _ => CURVES,
     }
 }
 
-/// What numbers, names and the label take to the left of the axes.
+/// Width of numbers, names and label to the left of the axes [px].
 fn margin(canvas: &Canvas, panel: &Panel, axes: &Axes) -> f32 {
     match &panel.content {
-        Content::Lanes(lanes) => {
-            lanes.iter().map(|lane| canvas.text_width(&short(&lane.name), FONT)).fold(0.0, f32::max) + MARGIN
+        Content::Timelines(rows) => {
+            rows.iter().map(|row| canvas.text_width(&short(&row.name), FONT)).fold(0.0, f32::max) + MARGIN
         }
         Content::Curves { .. } => {
             let numbers = axes.y_ticks().iter().map(|tick| canvas.text_width(&tick.text, FONT)).fold(0.0, f32::max);
@@ -181,7 +182,7 @@ fn margin(canvas: &Canvas, panel: &Panel, axes: &Axes) -> f32 {
     }
 }
 
-/// Title to the left, legend to the right of it.
+/// Draws the title to the left and the legend to the right.
 fn heading(canvas: &mut Canvas, panel: &Panel, axes: &Axes, first: bool) {
     let line = axes.top - GAP;
     canvas.text((axes.left, line), Anchor::Start, FONT + 2.0, Color::INK, &panel.title);
@@ -231,7 +232,7 @@ fn grid(canvas: &mut Canvas, panel: &Panel, axes: &Axes) {
         canvas.line(&[(x, top), (x, bottom)], thin);
         canvas.text((x, bottom + FONT + 6.0), Anchor::Middle, FONT, Color::INK, &tick.text);
     }
-    if !is_lanes(panel) {
+    if !is_timeline(panel) {
         for tick in axes.y_ticks() {
             let y = axes.up(tick.value);
             canvas.line(&[(left, y), (right, y)], thin);
@@ -250,7 +251,7 @@ fn marks(canvas: &mut Canvas, panel: &Panel, axes: &Axes) {
     }
 }
 
-/// A curve, with its gaps.
+/// Draws a curve with its gaps.
 fn draw_curve(canvas: &mut Canvas, curve: &Curve, axes: &Axes) {
     let (path, pen) = (curve.path(), pen(curve));
     for piece in pieces(&path) {
@@ -263,15 +264,15 @@ fn draw_curve(canvas: &mut Canvas, curve: &Curve, axes: &Axes) {
     }
 }
 
-fn draw_lanes(canvas: &mut Canvas, lanes: &[Lane], axes: &Axes) {
-    for (i, lane) in lanes.iter().enumerate() {
-        let top = axes.top + LANE * i as f32;
-        let name = short(&lane.name);
-        canvas.text((axes.left - GAP, top + 0.5 * LANE + 0.35 * FONT), Anchor::End, FONT, Color::INK, &name);
-        for (from, to) in &lane.spans {
+fn draw_rows(canvas: &mut Canvas, rows: &[TimelineRow], axes: &Axes) {
+    for (i, row) in rows.iter().enumerate() {
+        let top = axes.top + ROW * i as f32;
+        let name = short(&row.name);
+        canvas.text((axes.left - GAP, top + 0.5 * ROW + 0.35 * FONT), Anchor::End, FONT, Color::INK, &name);
+        for (from, to) in &row.spans {
             let (from, to) = (axes.across(*from), axes.across(*to));
-            // The shortest touch is seen.
-            canvas.rectangle((from, top + 5.0), ((to - from).max(1.5), LANE - 10.0), lane.color, 255);
+            // Wide enough to be visible.
+            canvas.rectangle((from, top + 5.0), ((to - from).max(1.5), ROW - 10.0), row.color, 255);
         }
     }
 }
@@ -284,7 +285,7 @@ fn pen(curve: &Curve) -> Pen {
     }
 }
 
-/// A name that leaves room for others.
+/// Shortens a name to [`LONGEST_NAME`] characters.
 fn short(name: &str) -> String {
     if name.chars().count() <= LONGEST_NAME {
         return name.to_owned();

@@ -1,4 +1,4 @@
-//! What a report gathers on its way through a log.
+//! Data that a report collects from a log.
 
 use crate::events::Events;
 use crate::frames::Frames;
@@ -7,86 +7,86 @@ use crate::incidents::Incidents;
 use crate::parameters::{ParameterSet, Sets};
 use crate::scene::{self, Update};
 use crate::series::Series;
-use crate::timelines::Lanes;
+use crate::timelines::Timelines;
 use crate::timing::Histogram;
-use crate::{LATEST_TICK, believable, vector};
+use crate::{LATEST_TICK, is_plausible, vector};
 use foxglove::messages::{FrameTransforms, SceneUpdate};
 use hapfic_log::metrics::angle_between;
 use hapfic_log::{Entry, Metrics, Record, Topic, proto};
 use prost::Message as _;
 
-/// Most joints and objects that are drawn.
+/// Most joints and objects in figures.
 const MOST_JOINTS: usize = 16;
 const MOST_OBJECTS: usize = 8;
-/// The process whose account of a tick has the time from state to command.
+/// Process whose timing has the latency from state to command.
 const GATE: &str = "supervisor";
 
 /// Quantities of one axis of the world.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct AxisSeries {
-    /// x, m.
+    /// x [m].
     pub(crate) position: Series,
-    /// x_d, m.
+    /// x_d [m].
     pub(crate) reference: Series,
-    /// x_d - x_b and x_d + x_b, m.
+    /// x_d - x_b and x_d + x_b [m].
     pub(crate) low: Series,
     pub(crate) high: Series,
-    /// F, N.
+    /// F [N].
     pub(crate) force: Series,
-    /// F_d, N.
+    /// F_d [N].
     pub(crate) desired: Series,
-    /// F_c, N.
+    /// F_c [N].
     pub(crate) command: Series,
-    /// F_max, N.
+    /// F_max [N].
     pub(crate) limit: Series,
 }
 
-/// Torques of one joint, N m (N).
+/// Torques of one joint [N m; N for a prismatic joint].
 #[derive(Clone, Debug, Default)]
 pub(crate) struct JointSeries {
     pub(crate) raw: Series,
     pub(crate) conditioned: Series,
 }
 
-/// A free object.
+/// Free object.
 #[derive(Clone, Debug)]
 pub(crate) struct ObjectSeries {
     pub(crate) name: String,
     start: [f64; 4],
-    /// Height of its centre of mass, m.
+    /// Height of the centre of mass [m].
     pub(crate) height: Series,
-    /// Angle of the turn from where it started, degrees.
+    /// Angle of rotation from the start orientation [degrees].
     pub(crate) tilt: Series,
 }
 
-/// What a report gathers on its way through a log. Bounded.
+/// Data that a report collects from a log, of bounded size.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Collected {
     pub(crate) metrics: Metrics,
     pub(crate) axes: [AxisSeries; 3],
     pub(crate) joints: Vec<JointSeries>,
     pub(crate) objects: Vec<ObjectSeries>,
-    pub(crate) contacts: Lanes,
-    pub(crate) modes: Lanes,
+    pub(crate) contacts: Timelines,
+    pub(crate) modes: Timelines,
     pub(crate) events: Events,
     pub(crate) incidents: Incidents,
     pub(crate) latency: Histogram,
     pub(crate) lateness: Histogram,
     pub(crate) frames: Frames,
-    /// States taken.
+    /// Number of valid states.
     pub(crate) states: u64,
-    /// Messages of any kind.
+    /// Number of messages of any kind.
     pub(crate) messages: u64,
     pub(crate) last_tick: i64,
     sets: Sets,
-    /// Pairs that have touched for the first time since the last frame; no more than there are lanes.
+    /// Pairs with their first contact since the last viewer frame; at most as many as rows.
     touched: Vec<(String, String)>,
-    /// Where the foot was last, m, and the force on it, N.
+    /// Last position of the foot [m] and the force on it [N].
     foot: Option<(Vector, f64)>,
 }
 
 impl Collected {
-    /// Takes a message of the log.
+    /// Adds a message of the log.
     pub(crate) fn push(&mut self, entry: &Entry) {
         self.messages += 1;
         self.metrics.push(&entry.record);
@@ -135,7 +135,7 @@ impl Collected {
     fn object(&mut self, index: usize, tick: i64, object: &proto::Object) {
         let Some(position) = vector(&object.position) else { return };
         let Ok(orientation) = <[f64; 4]>::try_from(object.orientation.as_slice()) else { return };
-        if !orientation.into_iter().all(believable) {
+        if !orientation.into_iter().all(is_plausible) {
             return;
         }
         if index == self.objects.len() {
@@ -166,7 +166,7 @@ impl Collected {
         let limit = self.sets.in_force(tick).map(|set| set.max_force);
         let force = match command.mode.as_str() {
             "active" => vector(&command.force),
-            // The content is that of an older request, and no force stands behind it.
+            // The command repeats an older request, and its force does not act.
             "brake" | "stopped" => Some([0.0; 3]),
             _ => None,
         };
@@ -190,7 +190,7 @@ impl Collected {
         }
         self.modes.push("command", &command.mode, tick);
         self.modes.push("severity", &command.severity, tick);
-        // Whose torque the drive gets; a brake is nobody's.
+        // Sender of the torque; a brake has none.
         if command.mode == "active" {
             self.modes.push("torque from", &command.controller, tick);
         }
@@ -199,7 +199,7 @@ impl Collected {
 
     fn operator(&mut self, operator: &proto::Operator) {
         if let Some(set) = ParameterSet::new(operator) {
-            let changes = self.sets.announce(set);
+            let changes = self.sets.add_set(set);
             self.events.changed(operator.effective_tick, operator.version, &changes);
         }
     }
@@ -210,18 +210,18 @@ impl Collected {
         }
     }
 
-    /// A message for viewers; one that does not decode is no reason to do without the rest.
+    /// Adds a message for viewers. An invalid message is skipped.
     fn viewer(&mut self, schema: &str, data: &[u8], tick: i64) {
         if schema == Topic::Transforms.schema_name() {
             if let Ok(message) = FrameTransforms::decode(data) {
-                self.frames.moved(scene::poses(&message));
+                self.frames.set_poses(scene::poses(&message));
             }
         } else if schema == Topic::Scene.schema_name()
             && let Ok(message) = SceneUpdate::decode(data)
         {
             let objects = self.objects.iter().map(|object| object.name.as_str());
             let touched = std::mem::take(&mut self.touched);
-            self.frames.shown(tick, Update::new(&message), objects, self.foot, touched);
+            self.frames.add(tick, Update::new(&message), objects, self.foot, touched);
         }
     }
 }
@@ -231,7 +231,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn no_force_stands_behind_a_command_that_brakes() {
+    fn command_braking_counts_as_zero_force() {
         let mut collected = Collected::default();
         for tick in 0..40 {
             let mode = ["hold", "active", "brake", "stopped"][tick as usize / 10].to_owned();

@@ -1,42 +1,42 @@
-//! What can go wrong with a report.
+//! Errors of a report.
 
 use hapfic_log::LogError;
 use std::io;
 use std::path::PathBuf;
 
-/// What can go wrong with a report. Every message says which file, what was found, what was expected and what to do.
+/// Error of a report. Every message names the file, the finding, the expectation and the remedy.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ReportError {
-    /// The log cannot be opened, or is none.
+    /// The log cannot be opened, or is no log.
     #[error(transparent)]
     Log(#[from] LogError),
-    /// The log holds no state, so there is nothing to show.
+    /// The log holds no state.
     #[error("{}: nothing to report: found {found}, expected messages of /state. Give the log of a run that got as far as its first tick", .path.display())]
     Empty {
         /// The log.
         path: PathBuf,
-        /// What it holds instead.
+        /// Content of the log.
         found: String,
     },
-    /// The report would replace its own source.
+    /// The report would replace the log.
     #[error("{}: the {what} would replace the log itself. Give another path", .path.display())]
     SameFile {
         /// The log.
         path: PathBuf,
-        /// What was to be written.
+        /// Part of the report.
         what: &'static str,
     },
-    /// A part of the report has no place where it is to go.
-    #[error("{}: no place for the {what}: found {found}, expected {expected}. Give another path; nothing was written", .path.display())]
-    Place {
-        /// Where it was to go.
+    /// The output path of a part of the report is invalid.
+    #[error("{}: invalid path for the {what}: found {found}, expected {expected}. Give another path; nothing was written", .path.display())]
+    OutputPath {
+        /// Output path.
         path: PathBuf,
-        /// What was to be written.
+        /// Part of the report.
         what: &'static str,
-        /// What is there.
+        /// Present content of the path.
         found: &'static str,
-        /// What should be.
+        /// Expected content of the path.
         expected: &'static str,
     },
     /// A file of the report cannot be written.
@@ -44,21 +44,21 @@ pub enum ReportError {
     Write {
         /// The file.
         path: PathBuf,
-        /// What the operating system said.
+        /// Error of the operating system.
         cause: io::Error,
     },
     /// A picture cannot be drawn.
-    #[error("{figure}: cannot draw the figure: {cause}. Check the memory that is left, or ask for the HTML alone")]
+    #[error("{figure}: cannot draw the figure: {cause}. Check the free memory, or request the HTML alone")]
     Draw {
         /// Name of the figure.
         figure: String,
-        /// What the drawing said.
+        /// Error of the drawing library.
         cause: String,
     },
 }
 
 impl ReportError {
-    /// Whether what was asked for is no good, as opposed to a failure on the way.
+    /// Whether the request itself is invalid, as opposed to a failure of its execution.
     #[must_use]
     pub const fn is_refusal(&self) -> bool {
         !matches!(self, Self::Write { .. } | Self::Draw { .. } | Self::Log(LogError::Read { .. }))

@@ -1,4 +1,4 @@
-//! What happened during a run.
+//! Events of a run.
 
 use crate::figure::{Mark, MarkKind};
 use crate::{LATEST_TICK, seconds};
@@ -7,60 +7,60 @@ use hapfic_messages::Severity;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// Most events a report lists: so many faults, so many changes by the operator, so many of what the stack did about faults, and so
-/// many others; more are counted.
+/// Most events in a list, of each class: faults, changes by the operator, actions of the supervisor, and others. All
+/// are counted.
 pub const MOST_EVENTS: usize = 500;
 /// Kind of a change by the operator.
 const PARAMETERS: &str = "parameters";
-/// Kinds of what else the operator does.
+/// Other kinds of operator actions.
 const BY_OPERATOR: [&str; 1] = ["rearmed"];
-/// Kinds of what went wrong.
+/// Kinds of faults.
 const FAULTS: [&str; 6] = ["lost", "rejected", "missed", "slipped", "injected", "differs"];
-/// Kinds of what the stack did about it, and of what came of it.
-const REACTIONS: [&str; 4] = ["promoted", "restarted", "joined", "discontinuity"];
-/// Most kinds that are counted one by one.
+/// Kinds of supervisor actions, and of their consequences.
+const ACTIONS: [&str; 4] = ["promoted", "restarted", "joined", "discontinuity"];
+/// Most kinds with a separate count.
 const MOST_KINDS: usize = 32;
-/// Longest text of an event, characters.
+/// Longest text of an event [characters].
 const LONGEST_TEXT: usize = 400;
 
-/// An event of the log, or a change by the operator.
+/// Event of the log, or change by the operator.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LoggedEvent {
-    /// When, s.
+    /// Time [s].
     pub time_s: f64,
-    /// Its tick.
+    /// Tick.
     pub tick: i64,
-    /// The process it is about.
+    /// Process that the event is about.
     pub process: String,
-    /// What it reports.
+    /// Kind.
     pub kind: String,
-    /// How bad it is.
+    /// Severity.
     pub severity: String,
-    /// Who saw it first.
+    /// First detector.
     pub detector: String,
-    /// In words.
+    /// Description.
     pub text: String,
-    /// Whether something went wrong.
+    /// Whether the event is a fault.
     pub fault: bool,
 }
 
-/// The events of a log, as many as there is room for.
+/// Events of a log, up to the limits.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Events {
     kept: Vec<LoggedEvent>,
-    /// How many of each class are kept.
+    /// Number of kept events, by class.
     kept_of: [usize; 4],
-    /// How many there were of each kind.
+    /// Number of events, by kind.
     counts: BTreeMap<String, u64>,
     total: u64,
-    /// That of the last transition; `None` before the first.
+    /// Severity of the last transition; `None` before the first.
     severity: Option<Severity>,
 }
 
 impl Events {
-    /// Takes a message of `/event`.
+    /// Adds a message of `/event`.
     pub(crate) fn push(&mut self, event: &proto::Event) {
-        // A set that takes effect is known better from `/operator`.
+        // `/operator` has more about a set that takes effect.
         if event.kind == PARAMETERS {
             return;
         }
@@ -77,13 +77,13 @@ impl Events {
         });
     }
 
-    /// Takes the severity to which a transition leads; says whether it is worse than the one before.
+    /// Stores the severity after a transition; returns whether it is worse than before.
     fn is_worse(&mut self, severity: &str) -> bool {
         let Some(now) = Severity::from_name(severity) else { return false };
         now > self.severity.replace(now).unwrap_or(Severity::Nominal)
     }
 
-    /// Takes a change by the operator.
+    /// Adds a change by the operator.
     pub(crate) fn changed(&mut self, tick: i64, version: u64, changes: &str) {
         self.keep(LoggedEvent {
             time_s: 0.0,
@@ -104,11 +104,11 @@ impl Events {
         } else if self.counts.len() < MOST_KINDS {
             self.counts.insert(event.kind.clone(), 1);
         }
-        // A flood of one class leaves the others their places.
+        // Every class has its own limit.
         let class = match mark_kind(&event) {
             Some(MarkKind::Fault) => 0,
             Some(MarkKind::Operator) => 1,
-            Some(MarkKind::Reaction) => 2,
+            Some(MarkKind::Action) => 2,
             None => 3,
         };
         if self.kept_of[class] < MOST_EVENTS {
@@ -118,27 +118,27 @@ impl Events {
         }
     }
 
-    /// Puts them in the order of time.
+    /// Sorts the events by time.
     pub(crate) fn sort(&mut self) {
         self.kept.sort_by_key(|event| event.tick);
     }
 
-    /// Those that are kept.
+    /// Kept events.
     pub(crate) fn kept(&self) -> &[LoggedEvent] {
         &self.kept
     }
 
-    /// How many there were of each kind.
+    /// Number of events, by kind.
     pub(crate) fn counts(&self) -> &BTreeMap<String, u64> {
         &self.counts
     }
 
-    /// How many there were.
+    /// Number of events.
     pub(crate) fn total(&self) -> u64 {
         self.total
     }
 
-    /// What time axes mark: what the operator changed, what went wrong, and what was done about it.
+    /// Marks of the time axes: operator changes, faults, and supervisor actions.
     pub(crate) fn marks(&self) -> Vec<Mark> {
         let mark = |event: &LoggedEvent| {
             let text = format!("{} {}: {}", event.process, event.kind, event.text);
@@ -148,7 +148,7 @@ impl Events {
     }
 }
 
-/// As what time axes mark it, if they do.
+/// Kind of the mark of an event, if it has one.
 fn mark_kind(event: &LoggedEvent) -> Option<MarkKind> {
     let kind = event.kind.as_str();
     if event.fault {
@@ -156,7 +156,7 @@ fn mark_kind(event: &LoggedEvent) -> Option<MarkKind> {
     } else if kind == PARAMETERS || BY_OPERATOR.contains(&kind) {
         Some(MarkKind::Operator)
     } else {
-        REACTIONS.contains(&kind).then_some(MarkKind::Reaction)
+        ACTIONS.contains(&kind).then_some(MarkKind::Action)
     }
 }
 
@@ -169,7 +169,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_flood_of_notes_leaves_room_for_what_went_wrong_and_for_the_operator() {
+    fn events_flood_of_notes_keeps_faults_and_operator_changes() {
         let mut events = Events::default();
         let event = |kind: &str, tick| proto::Event { tick, kind: kind.to_owned(), ..proto::Event::default() };
         for tick in 0..10_000 {
@@ -188,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn what_went_wrong_what_was_done_about_it_and_what_the_operator_did_are_marked() {
+    fn events_faults_actions_and_operator_changes_are_marked() {
         let mut events = Events::default();
         let kinds = "lost missed rejected slipped injected differs promoted restarted joined discontinuity rearmed \
                      note limited contact started ended";
@@ -201,9 +201,9 @@ mod tests {
     }
 
     #[test]
-    fn only_a_transition_to_worse_is_a_fault() {
+    fn events_only_transition_to_worse_is_fault() {
         let mut events = Events::default();
-        let ladder = ["degraded", "brake", "stopped", "brake", "nominal", "nominal", "brake", "unheard-of", "degraded", "brake"];
+        let ladder = ["degraded", "brake", "stopped", "brake", "nominal", "nominal", "brake", "unknown", "degraded", "brake"];
         for (tick, severity) in (0..).zip(ladder) {
             let (kind, severity) = ("transition".to_owned(), severity.to_owned());
             events.push(&proto::Event { tick, kind, severity, ..proto::Event::default() });

@@ -1,16 +1,16 @@
-//! What a figure holds, apart from how it is drawn: the pictures and the page show the same.
+//! Content of a figure, independent of its drawing: pictures and page show the same.
 
-/// A colour: red, green, blue.
+/// Colour: red, green, blue.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Color(pub u8, pub u8, pub u8);
 
-/// Okabe and Ito's palette, which colour-blind readers can tell apart, and greys.
+/// Okabe and Ito's palette, which colour-blind readers can distinguish, and greys.
 impl Color {
     /// Almost black.
     pub const INK: Self = Self(34, 34, 34);
-    /// For what is in the background.
+    /// Grey, for the background.
     pub const GREY: Self = Self(130, 130, 130);
-    /// For grids.
+    /// Light grey, for grids.
     pub const LIGHT: Self = Self(225, 225, 225);
     /// Blue.
     pub const BLUE: Self = Self(0, 114, 178);
@@ -20,14 +20,14 @@ impl Color {
     pub const GREEN: Self = Self(0, 158, 115);
     /// Orange.
     pub const ORANGE: Self = Self(230, 159, 0);
-    /// Light orange, for what lies behind another curve.
+    /// Light orange, for a curve behind another.
     pub const SAND: Self = Self(250, 205, 120);
     /// Sky blue.
     pub const SKY: Self = Self(86, 180, 233);
     /// Reddish purple.
     pub const PURPLE: Self = Self(204, 121, 167);
 
-    /// Colours for what has none of its own, one after the other.
+    /// Colour of the item `index` in a list without own colours.
     #[must_use]
     pub const fn cycle(index: usize) -> Self {
         const CYCLE: [Color; 7] =
@@ -36,89 +36,89 @@ impl Color {
     }
 }
 
-/// A figure: panels one below the other.
+/// Figure: panels one below the other.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Figure {
-    /// Name of its file, without the extension.
+    /// Name of the file, without the extension.
     pub name: &'static str,
-    /// Its heading.
+    /// Heading.
     pub title: String,
-    /// From top to bottom.
+    /// Panels, from top to bottom.
     pub panels: Vec<Panel>,
-    /// What a reader has to know about it.
+    /// Note for the reader.
     pub note: Option<String>,
 }
 
-/// A pair of axes and what stands in them. In labels `x_{d}` has a subscript.
+/// Pair of axes and their content. In labels `x_{d}` has a subscript.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Panel {
-    /// What it shows.
+    /// Title.
     pub title: String,
     /// Quantity and unit of the horizontal axis.
     pub x_label: String,
     /// Quantity and unit of the vertical axis.
     pub y_label: String,
-    /// How the axes run.
+    /// Scale of the axes.
     pub scale: Scale,
-    /// What it shows.
+    /// Content.
     pub content: Content,
-    /// Moments to be marked on the time axis.
+    /// Events marked on the time axis.
     pub marks: Vec<Mark>,
 }
 
-/// How the axes of a panel run.
+/// Scale of the axes of a panel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Scale {
-    /// Time in s to the right, both linear.
+    /// Time [s] to the right, both linear.
     Time,
     /// Both logarithmic.
     Logarithmic,
 }
 
-/// What a panel shows.
+/// Content of a panel.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Content {
     /// Quantities.
     Curves {
-        /// Shaded, behind the curves.
+        /// Shaded areas, behind the curves.
         areas: Vec<Area>,
-        /// In the order in which they are drawn.
+        /// Curves, in the order of drawing.
         curves: Vec<Curve>,
     },
-    /// What is so, or not, from top to bottom.
-    Lanes(Vec<Lane>),
+    /// Timelines, from top to bottom.
+    Timelines(Vec<TimelineRow>),
 }
 
-/// A quantity.
+/// Quantity.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Curve {
-    /// Its label in the legend; empty for one that belongs to the curve before it.
+    /// Label in the legend; empty for a curve that belongs to the one before.
     pub name: String,
-    /// Its colour.
+    /// Colour.
     pub color: Color,
-    /// How it is drawn.
+    /// Style of the line.
     pub style: Style,
-    /// Horizontal and vertical coordinate, in the units of the axes. NaN as the vertical one is a gap: nothing is drawn across it.
+    /// Horizontal and vertical coordinates, in the units of the axes. A vertical NaN is a gap in the line.
     pub points: Vec<(f64, f64)>,
 }
 
-/// How a curve is drawn.
+/// Style of a curve.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Style {
-    /// From point to point.
+    /// Line from point to point.
     Line,
-    /// From point to point, wide: to be seen behind another curve.
+    /// Wide line, visible behind another curve.
     Wide,
-    /// Each value holds until the next; dashed.
+    /// Dashed steps: each value holds until the next.
     DashedSteps,
 }
 
-/// The area between two curves.
+/// Area between two curves.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Area {
-    /// Its label in the legend.
+    /// Label in the legend.
     pub name: String,
-    /// Its colour.
+    /// Colour.
     pub color: Color,
     /// Lower bound; gaps are as those of a curve.
     pub low: Vec<(f64, f64)>,
@@ -126,49 +126,49 @@ pub struct Area {
     pub high: Vec<(f64, f64)>,
 }
 
-/// When something was so.
+/// Row of a timeline: the periods of one state.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Lane {
-    /// What.
+pub struct TimelineRow {
+    /// Name of the state.
     pub name: String,
-    /// Its colour.
+    /// Colour.
     pub color: Color,
-    /// From and to, s.
+    /// From and to [s].
     pub spans: Vec<(f64, f64)>,
 }
 
-/// A moment.
+/// Marked event.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mark {
-    /// When, s.
+    /// Time [s].
     pub time_s: f64,
-    /// What it is a moment of.
+    /// Kind.
     pub kind: MarkKind,
-    /// What happened.
+    /// Description.
     pub text: String,
 }
 
-/// What a mark stands for.
+/// Kind of a mark.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MarkKind {
-    /// The operator changed something.
+    /// Change by the operator.
     Operator,
-    /// The stack helped itself, or the torque stepped.
-    Reaction,
-    /// Something went wrong.
+    /// Action of the supervisor, or torque discontinuity.
+    Action,
+    /// Fault.
     Fault,
 }
 
 impl MarkKind {
-    /// Every kind, the most important one last: it is drawn over the others.
-    pub const ALL: [Self; 3] = [Self::Operator, Self::Reaction, Self::Fault];
+    /// All kinds, the most important last: it is drawn over the others.
+    pub const ALL: [Self; 3] = [Self::Operator, Self::Action, Self::Fault];
 
-    /// Its name in legends.
+    /// Name in legends.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
             Self::Operator => "operator",
-            Self::Reaction => "reaction",
+            Self::Action => "supervisor action, discontinuity",
             Self::Fault => "fault",
         }
     }
@@ -180,14 +180,14 @@ impl Mark {
     pub const fn color(&self) -> Color {
         match self.kind {
             MarkKind::Operator => Color::GREY,
-            MarkKind::Reaction => Color::PURPLE,
+            MarkKind::Action => Color::PURPLE,
             MarkKind::Fault => Color::VERMILLION,
         }
     }
 }
 
 impl Figure {
-    /// As a picture, PNG.
+    /// Draws the figure as PNG.
     ///
     /// # Errors
     /// [`ReportError::Draw`](crate::ReportError::Draw) if it cannot be drawn.
@@ -197,7 +197,7 @@ impl Figure {
 }
 
 impl Panel {
-    /// A panel over time.
+    /// Creates a panel over time.
     #[must_use]
     pub fn over_time(title: impl Into<String>, y_label: impl Into<String>, content: Content) -> Self {
         Self {
@@ -210,25 +210,25 @@ impl Panel {
         }
     }
 
-    /// Whether there is nothing in it.
+    /// Whether the panel has no content.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         match &self.content {
             Content::Curves { curves, .. } => curves.iter().all(|curve| curve.points.is_empty()),
-            Content::Lanes(lanes) => lanes.is_empty(),
+            Content::Timelines(rows) => rows.is_empty(),
         }
     }
 
-    /// Least and largest horizontal coordinate; `None` if there is nothing in it.
+    /// Smallest and largest horizontal coordinate; `None` without content.
     #[must_use]
     pub fn x_range(&self) -> Option<(f64, f64)> {
         match &self.content {
             Content::Curves { curves, .. } => range(curves.iter().flat_map(|curve| &curve.points).map(|point| point.0)),
-            Content::Lanes(lanes) => range(lanes.iter().flat_map(|lane| &lane.spans).flat_map(|span| [span.0, span.1])),
+            Content::Timelines(rows) => range(rows.iter().flat_map(|row| &row.spans).flat_map(|span| [span.0, span.1])),
         }
     }
 
-    /// Least and largest vertical coordinate; `None` if it has none.
+    /// Smallest and largest vertical coordinate; `None` without any.
     #[must_use]
     pub fn y_range(&self) -> Option<(f64, f64)> {
         match &self.content {
@@ -237,13 +237,13 @@ impl Panel {
                 let bounds = areas.iter().flat_map(|area| [&area.low, &area.high]);
                 range(lines.chain(bounds).flatten().map(|point| point.1))
             }
-            Content::Lanes(_) => None,
+            Content::Timelines(_) => None,
         }
     }
 }
 
 impl Area {
-    /// Outlines of its pieces: along the upper bound and back along the lower one.
+    /// Outlines of the pieces between gaps: along the upper bound and back along the lower bound.
     #[must_use]
     pub fn outlines(&self) -> Vec<Vec<(f64, f64)>> {
         let pairs = pieces(&self.high).zip(pieces(&self.low));
@@ -252,7 +252,7 @@ impl Area {
 }
 
 impl Curve {
-    /// Its points with those added that steps have.
+    /// Points of the curve, with the corners of its steps.
     #[must_use]
     pub fn path(&self) -> Vec<(f64, f64)> {
         if self.style != Style::DashedSteps {
@@ -271,7 +271,7 @@ impl Curve {
     }
 }
 
-/// The stretches of a curve between its gaps; none is empty.
+/// Splits a curve at its gaps; no piece is empty.
 pub fn pieces(points: &[(f64, f64)]) -> impl Iterator<Item = &[(f64, f64)]> {
     points.split(|point| point.1.is_nan()).filter(|piece| !piece.is_empty())
 }

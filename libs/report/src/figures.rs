@@ -1,23 +1,23 @@
-//! The paper's figures, of any log.
+//! The paper's figures, from any log.
 
 use crate::collect::{Collected, JointSeries, ObjectSeries};
-use crate::figure::{Area, Color, Content, Curve, Figure, Lane, Panel, Scale, Style};
+use crate::figure::{Area, Color, Content, Curve, Figure, Panel, Scale, Style, TimelineRow};
 use crate::run::RunInfo;
 use crate::series::Series;
 use hapfic_log::Names;
 
 const AXES: [&str; 3] = ["x", "y", "z"];
 const MM_PER_M: f64 = 1e3;
-/// Stands for an empty bin on a logarithmic axis.
+/// Value of an empty bin on a logarithmic axis.
 const NO_COUNT: f64 = 0.7;
-/// Modes in which nothing is wrong.
-const GOOD_MODES: [&str; 4] = ["torque", "active", "nominal", "controller"];
-/// Modes in which something is missing that is not missed yet.
-const SPARE_MODES: [&str; 2] = ["degraded", "standby"];
+/// Modes without a fault.
+const NOMINAL_MODES: [&str; 4] = ["torque", "active", "nominal", "controller"];
+/// Modes with a redundant part lost.
+const DEGRADED_MODES: [&str; 2] = ["degraded", "standby"];
 /// Modes before the first torque.
 const WAITING_MODES: [&str; 2] = ["held", "hold"];
 
-/// The figures of the page, in its order.
+/// Makes the figures of the page, in its order.
 pub(crate) fn all(collected: &Collected, run: &RunInfo, names: &Names) -> Vec<Figure> {
     let mut figures = vec![
         figure("position", "Foot position and reference", panels(position, collected)),
@@ -37,7 +37,7 @@ pub(crate) fn all(collected: &Collected, run: &RunInfo, names: &Names) -> Vec<Fi
     figures
 }
 
-/// Height and force of the foot and who touches whom, in one figure.
+/// Makes the overview: height and force of the foot and contact pairs, in one figure.
 pub(crate) fn overview(collected: &Collected, run: &RunInfo) -> Figure {
     let name = if run.scenario.is_empty() { "run" } else { &run.scenario };
     let mut panels = vec![position(collected, 2), force(collected, 2), contacts(collected)];
@@ -78,7 +78,7 @@ fn force(collected: &Collected, axis: usize) -> Panel {
     let series = &collected.axes[axis];
     let curves = vec![
         curve("contact force F", Color::BLUE, Style::Line, &series.force, 1.0),
-        curve("wished force F_{d}", Color::VERMILLION, Style::DashedSteps, &series.desired, 1.0),
+        curve("desired force F_{d}", Color::VERMILLION, Style::DashedSteps, &series.desired, 1.0),
     ];
     let content = Content::Curves { areas: Vec::new(), curves };
     Panel::over_time(format!("contact force, {} axis", AXES[axis]), format!("F_{{{}}} in N", AXES[axis]), content)
@@ -108,18 +108,18 @@ fn torque(collected: &Collected, names: &Names) -> Vec<Panel> {
 }
 
 fn contacts(collected: &Collected) -> Panel {
-    let lanes = collected.contacts.iter().enumerate().map(|(i, (body, against, spans))| Lane {
+    let rows = collected.contacts.iter().enumerate().map(|(i, (body, against, spans))| TimelineRow {
         name: format!("{body}-{against}"),
         color: Color::cycle(i),
         spans: spans.seconds(),
     });
-    Panel::over_time("contacts: who touches whom", "", Content::Lanes(lanes.collect()))
+    Panel::over_time("contact pairs", "", Content::Timelines(rows.collect()))
 }
 
 fn mode_color(mode: &str) -> Color {
-    if GOOD_MODES.contains(&mode) {
+    if NOMINAL_MODES.contains(&mode) {
         Color::GREEN
-    } else if SPARE_MODES.contains(&mode) {
+    } else if DEGRADED_MODES.contains(&mode) {
         Color::ORANGE
     } else if WAITING_MODES.contains(&mode) {
         Color::GREY
@@ -128,25 +128,25 @@ fn mode_color(mode: &str) -> Color {
     }
 }
 
-/// When something was wrong, and how bad it was; `None` if all was well all the time.
+/// Makes the timelines of the severities above nominal; `None` if there are none.
 fn severity(collected: &Collected) -> Option<Panel> {
-    let lane = |name: &str| {
+    let row = |name: &str| {
         let (_, mode, spans) = collected.modes.iter().find(|(kind, mode, _)| *kind == "severity" && *mode == name)?;
-        Some(Lane { name: mode.to_owned(), color: mode_color(mode), spans: spans.seconds() })
+        Some(TimelineRow { name: mode.to_owned(), color: mode_color(mode), spans: spans.seconds() })
     };
-    let lanes: Vec<_> = ["degraded", "brake", "stopped"].into_iter().filter_map(lane).collect();
-    (!lanes.is_empty()).then(|| Panel::over_time("severity: how bad it was", "", Content::Lanes(lanes)))
+    let rows: Vec<_> = ["degraded", "brake", "stopped"].into_iter().filter_map(row).collect();
+    (!rows.is_empty()).then(|| Panel::over_time("severity", "", Content::Timelines(rows)))
 }
 
 fn modes(collected: &Collected) -> Panel {
-    let lanes = collected.modes.iter().map(|(kind, mode, spans)| Lane {
+    let rows = collected.modes.iter().map(|(kind, mode, spans)| TimelineRow {
         name: format!("{kind}: {mode}"),
         color: mode_color(mode),
         spans: spans.seconds(),
     });
-    let mut lanes: Vec<_> = lanes.collect();
-    lanes.sort_by(|a, b| a.name.cmp(&b.name));
-    Panel::over_time("modes", "", Content::Lanes(lanes))
+    let mut rows: Vec<_> = rows.collect();
+    rows.sort_by(|a, b| a.name.cmp(&b.name));
+    Panel::over_time("modes", "", Content::Timelines(rows))
 }
 
 fn objects(collected: &Collected) -> Vec<Panel> {
@@ -154,7 +154,7 @@ fn objects(collected: &Collected) -> Vec<Panel> {
     let tilt = Content::Curves { areas: Vec::new(), curves: object_curves(collected, 1.0, |object| &object.tilt) };
     vec![
         Panel::over_time("height of the centre of mass", "z in mm", height),
-        Panel::over_time("turn from the start orientation", "angle in degrees", tilt),
+        Panel::over_time("rotation from the start orientation", "angle in degrees", tilt),
     ]
 }
 
@@ -178,11 +178,11 @@ fn timing(collected: &Collected, run: &RunInfo) -> Figure {
             }
         }
         if curves.is_empty() {
-            figure.note = Some("the log holds no timing".to_owned());
+            figure.note = Some("the log has no timing".to_owned());
         }
     }
     figure.panels.push(Panel {
-        title: "how often a tick took how long".to_owned(),
+        title: "latency histogram".to_owned(),
         x_label: "duration in µs".to_owned(),
         y_label: "ticks".to_owned(),
         scale: Scale::Logarithmic,

@@ -1,21 +1,21 @@
-//! Which moments of a run are worth a picture, found in one pass with a bounded number of candidates.
+//! Selection of the snapshots' viewer frames, in one pass with a bounded number of candidates.
 
 use crate::geometry::{Pose, Vector};
-use crate::scene::{Body, Form, Update};
+use crate::scene::{Body, SolidShape, Update};
 use crate::seconds;
 use hapfic_log::metrics::angle_between;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Most frames kept for being spread over the run.
+/// Most candidates spread over the run.
 const MOST_SPREAD: usize = 64;
-/// Most frames kept for a pair that touched for the first time, of those with an object and of the others each.
+/// Most candidates at a first contact, of pairs with an object and of others each.
 const MOST_PAIRS: usize = 16;
 /// Most bodies of a scene.
 const MOST_BODIES: usize = 128;
-/// A box that turns more slowly does not fall over, degrees/s.
-const SLOWEST_TURN_DEG_PER_S: f64 = 30.0;
+/// Rotation rate below which a box does not fall over [degrees/s].
+const SLOWEST_TIPPING_DEG_PER_S: f64 = 30.0;
 
-/// A moment as a viewer saw it.
+/// Viewer frame.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Frame {
     pub(crate) tick: i64,
@@ -23,32 +23,32 @@ pub(crate) struct Frame {
     pub(crate) arrows: Vec<(Vector, Vector)>,
     pub(crate) reference: Option<Vector>,
     pub(crate) target: Option<Vector>,
-    /// Where the foot was, m.
+    /// Position of the foot [m].
     pub(crate) foot: Option<Vector>,
-    /// Why it was kept.
+    /// Reason for the selection.
     pub(crate) reason: String,
 }
 
-/// The candidates.
+/// Candidates for snapshots.
 #[derive(Clone, Debug)]
 pub(crate) struct Frames {
-    /// Bodies by name; they do not change their shape.
+    /// Bodies by name; their shapes are constant.
     pub(crate) bodies: BTreeMap<String, Body>,
-    /// Names of those that are free.
+    /// Names of the free bodies.
     pub(crate) objects: BTreeSet<String>,
     poses: BTreeMap<String, Pose>,
     first: Option<Frame>,
     last: Option<Frame>,
-    /// Largest force on the foot, N.
+    /// Frame with the largest force on the foot [N].
     strongest: Option<(f64, Frame)>,
-    /// Fastest turn of a box, degrees/s.
+    /// Frame with the fastest rotation of a box [degrees/s].
     tipping: Option<(f64, Frame)>,
     /// First contacts of the robot, or of an object, with an object.
-    meetings: Vec<Frame>,
+    object_contacts: Vec<Frame>,
     /// Other first contacts.
     pairs: Vec<Frame>,
     spread: Vec<Frame>,
-    /// One frame of so many is kept for being spread over the run.
+    /// Number of frames per spread candidate.
     stride: u64,
     count: u64,
 }
@@ -63,7 +63,7 @@ impl Default for Frames {
             last: None,
             strongest: None,
             tipping: None,
-            meetings: Vec::new(),
+            object_contacts: Vec::new(),
             pairs: Vec::new(),
             spread: Vec::new(),
             stride: 1,
@@ -73,8 +73,8 @@ impl Default for Frames {
 }
 
 impl Frames {
-    /// Where the frames are from now on.
-    pub(crate) fn moved(&mut self, poses: Vec<(String, Pose)>) {
+    /// Sets the poses of the next viewer frame.
+    pub(crate) fn set_poses(&mut self, poses: Vec<(String, Pose)>) {
         for (name, pose) in poses {
             if self.poses.len() < MOST_BODIES || self.poses.contains_key(&name) {
                 self.poses.insert(name, pose);
@@ -82,9 +82,11 @@ impl Frames {
         }
     }
 
-    /// A frame is whole. `objects` are the names of the free bodies; `foot` is where the foot is, m, and the force on it, N;
-    /// `touched` are the pairs that have touched for the first time in the run since the frame before.
-    pub(crate) fn shown<'a>(
+    /// Adds a viewer frame.
+    ///
+    /// `objects` are the names of the free bodies; `foot` is the position of the foot [m] and the force on it [N];
+    /// `touched` are the pairs with their first contact since the frame before.
+    pub(crate) fn add<'a>(
         &mut self,
         tick: i64,
         update: Update,
@@ -108,22 +110,22 @@ impl Frames {
             arrows: update.arrows,
             reference: update.reference,
             target: update.target,
-            foot: foot.map(|(place, _)| place),
+            foot: foot.map(|(position, _)| position),
             reason: String::new(),
         };
         let force = foot.map_or(0.0, |(_, force)| force);
         if force > self.strongest.as_ref().map_or(0.0, |best| best.0) {
             self.strongest = Some((force, Frame { reason: "largest force on the foot".to_owned(), ..frame.clone() }));
         }
-        if let Some((name, rate)) = self.fastest_turn(tick)
-            && rate > self.tipping.as_ref().map_or(SLOWEST_TURN_DEG_PER_S, |best| best.0)
+        if let Some((name, rate)) = self.fastest_rotation(tick)
+            && rate > self.tipping.as_ref().map_or(SLOWEST_TIPPING_DEG_PER_S, |best| best.0)
         {
-            self.tipping = Some((rate, Frame { reason: format!("{name} turns fastest"), ..frame.clone() }));
+            self.tipping = Some((rate, Frame { reason: format!("{name} rotates fastest"), ..frame.clone() }));
         }
         for (body, against) in touched {
             let is_object = |name: &str| self.objects.contains(name);
-            let telling = (is_object(&body) && !self.is_floor(&against)) || (is_object(&against) && !self.is_floor(&body));
-            let list = if telling { &mut self.meetings } else { &mut self.pairs };
+            let salient = (is_object(&body) && !self.is_floor(&against)) || (is_object(&against) && !self.is_floor(&body));
+            let list = if salient { &mut self.object_contacts } else { &mut self.pairs };
             if list.len() < MOST_PAIRS {
                 list.push(Frame { reason: format!("{body} and {against} touch"), ..frame.clone() });
             }
@@ -146,26 +148,26 @@ impl Frames {
         self.last = Some(Frame { reason: "end".to_owned(), ..frame });
     }
 
-    /// The box that turns fastest, and how fast, degrees/s: since the frame before. Of a ball it says nothing that it turns.
-    fn fastest_turn(&self, tick: i64) -> Option<(&str, f64)> {
+    /// Name of the box with the fastest rotation since the frame before, and its rate [degrees/s]. Balls do not count.
+    fn fastest_rotation(&self, tick: i64) -> Option<(&str, f64)> {
         let last = self.last.as_ref().filter(|last| last.tick < tick)?;
         let rate = |name: &String| {
             let body = self.bodies.get(name)?;
-            let is_box = body.solids.iter().any(|solid| matches!(solid.form, Form::Block { .. }));
+            let is_box = body.solids.iter().any(|solid| matches!(solid.shape, SolidShape::Block { .. }));
             let (before, now) = (last.poses.get(&body.frame)?, self.poses.get(&body.frame)?);
-            let turn = angle_between(before.orientation, now.orientation).to_degrees();
-            is_box.then(|| turn / seconds(tick - last.tick))
+            let angle = angle_between(before.orientation, now.orientation).to_degrees();
+            is_box.then(|| angle / seconds(tick - last.tick))
         };
         let rates = self.objects.iter().filter_map(|name| Some((name.as_str(), rate(name)?)));
         rates.max_by(|a, b| a.1.total_cmp(&b.1))
     }
 
     fn is_floor(&self, name: &str) -> bool {
-        self.bodies.get(name).is_some_and(|body| body.solids.iter().any(|solid| solid.form == Form::Floor))
+        self.bodies.get(name).is_some_and(|body| body.solids.iter().any(|solid| solid.shape == SolidShape::Floor))
     }
 
-    /// The frames to draw, in the order of time: the first, the last, and between them the most telling ones that are not too
-    /// close to each other.
+    /// Chooses up to `most` frames, in the order of time: the first, the last, and salient frames between them with
+    /// some distance from each other.
     pub(crate) fn choose(&self, most: usize) -> Vec<&Frame> {
         let (Some(first), Some(last)) = (&self.first, &self.last) else { return Vec::new() };
         let mut chosen = vec![first];
@@ -177,16 +179,16 @@ impl Frames {
             chosen.iter().map(|other| frame.tick.abs_diff(other.tick)).min().unwrap_or(u64::MAX)
         };
         let (strongest, tipping) = (self.strongest.iter().map(|best| &best.1), self.tipping.iter().map(|best| &best.1));
-        for candidates in [strongest.collect::<Vec<_>>(), self.meetings.iter().collect(), tipping.collect()] {
-            let telling = candidates.into_iter().find(|frame| distance(frame, &chosen) >= apart);
-            if let Some(frame) = telling
+        for candidates in [strongest.collect::<Vec<_>>(), self.object_contacts.iter().collect(), tipping.collect()] {
+            let salient = candidates.into_iter().find(|frame| distance(frame, &chosen) >= apart);
+            if let Some(frame) = salient
                 && chosen.len() < most
             {
                 chosen.push(frame);
             }
         }
-        // First contacts while there are any, then whatever is furthest from all others.
-        for candidates in [&self.meetings, &self.pairs, &self.spread] {
+        // First contacts, then the frames furthest from all others.
+        for candidates in [&self.object_contacts, &self.pairs, &self.spread] {
             while chosen.len() < most {
                 let furthest = candidates.iter().max_by_key(|frame| (distance(frame, &chosen), std::cmp::Reverse(frame.tick)));
                 match furthest {
@@ -205,29 +207,33 @@ mod tests {
     use super::*;
     use crate::scene::Solid;
 
-    /// A box, a ball and a floor.
+    /// Box, ball and floor.
     fn bodies() -> Vec<(String, Body)> {
-        let body = |name: &str, form| {
-            let solids = vec![Solid { pose: Pose::WORLD, form, color: [0.5; 3] }];
+        let body = |name: &str, shape| {
+            let solids = vec![Solid { pose: Pose::WORLD, shape, color: [0.5; 3] }];
             (name.to_owned(), Body { frame: name.to_owned(), solids })
         };
-        vec![body("box", Form::Block { size: [0.1; 3] }), body("ball", Form::Ball { radius: 0.1 }), body("floor", Form::Floor)]
+        vec![
+            body("box", SolidShape::Block { size: [0.1; 3] }),
+            body("ball", SolidShape::Ball { radius: 0.1 }),
+            body("floor", SolidShape::Floor),
+        ]
     }
 
-    fn turned(angle_deg: f64) -> Pose {
+    fn rotated(angle_deg: f64) -> Pose {
         let half = 0.5 * angle_deg.to_radians();
         Pose { orientation: [half.sin(), 0.0, 0.0, half.cos()], ..Pose::WORLD }
     }
 
     #[test]
-    fn the_telling_moments_and_the_ends_are_chosen_in_bounded_memory() {
+    fn frames_salient_events_and_ends_are_chosen() {
         let mut frames = Frames::default();
         for tick in (0..100_000).step_by(10) {
-            // The ball turns faster than the box falls over, which means nothing; the box creeps on afterwards.
+            // The ball rotates faster than the box tips, which must not count; the box creeps afterwards.
             let fall = if tick < 70_000 { 0.0 } else { (tick - 70_000) as f64 * 0.1 };
-            frames.moved(vec![
-                ("box".to_owned(), turned(fall.min(90.0) + tick as f64 * 1e-4)),
-                ("ball".to_owned(), turned((tick % 3000) as f64)),
+            frames.set_poses(vec![
+                ("box".to_owned(), rotated(fall.min(90.0) + tick as f64 * 1e-4)),
+                ("ball".to_owned(), rotated((tick % 3000) as f64)),
             ]);
             let update = Update { bodies: if tick == 0 { bodies() } else { Vec::new() }, ..Update::default() };
             let pair = |a: &str, b: &str| (a.to_owned(), b.to_owned());
@@ -238,23 +244,23 @@ mod tests {
                 _ => Vec::new(),
             };
             let force = if tick == 33_330 { 99.0 } else { 10.0 };
-            frames.shown(tick, update, ["box", "ball"].into_iter(), Some(([0.0; 3], force)), touched);
+            frames.add(tick, update, ["box", "ball"].into_iter(), Some(([0.0; 3], force)), touched);
         }
         assert!(frames.spread.len() <= MOST_SPREAD && frames.spread.len() > MOST_SPREAD / 4);
         let chosen = frames.choose(5);
         let reasons: Vec<_> = chosen.iter().map(|frame| frame.reason.as_str()).collect();
-        assert_eq!(reasons, ["start", "shank and ball touch", "largest force on the foot", "box turns fastest", "end"]);
+        assert_eq!(reasons, ["start", "shank and ball touch", "largest force on the foot", "box rotates fastest", "end"]);
         assert_eq!((chosen[1].tick, chosen[2].tick), (12_000, 33_330));
         assert!((70_000..71_000).contains(&chosen[3].tick), "{}", chosen[3].tick);
         let six: Vec<_> = frames.choose(6).iter().map(|frame| frame.tick).collect();
-        assert!(six.contains(&20_000), "the other first contact that is not close to the start: {six:?}");
+        assert!(six.contains(&20_000), "the other first contact far from the start: {six:?}");
     }
 
     #[test]
-    fn without_anything_telling_they_are_spread_evenly() {
+    fn frames_without_events_are_spread_evenly() {
         let mut frames = Frames::default();
         for tick in 0..1000 {
-            frames.shown(tick, Update::default(), std::iter::empty(), None, Vec::new());
+            frames.add(tick, Update::default(), std::iter::empty(), None, Vec::new());
         }
         let ticks: Vec<_> = frames.choose(5).iter().map(|frame| frame.tick).collect();
         assert_eq!(ticks.len(), 5);

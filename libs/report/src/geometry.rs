@@ -1,26 +1,26 @@
-//! Vectors and poses, as far as drawing needs them.
+//! Vectors and poses for drawing.
 
-/// A vector, m.
+/// Vector [m].
 pub(crate) type Vector = [f64; 3];
 
-/// Where a body is.
+/// Pose of a body.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Pose {
-    /// m.
+    /// Position [m].
     pub(crate) position: Vector,
-    /// Unit quaternion, x y z w.
+    /// Unit quaternion x y z w.
     pub(crate) orientation: [f64; 4],
 }
 
 impl Pose {
     pub(crate) const WORLD: Self = Self { position: [0.0; 3], orientation: [0.0, 0.0, 0.0, 1.0] };
 
-    /// A point of the body, in the world.
+    /// Transforms a point of the body to the world.
     pub(crate) fn point(&self, point: Vector) -> Vector {
         add(self.position, rotate(self.orientation, point))
     }
 
-    /// A pose in the body, in the world.
+    /// Transforms a pose in the body to the world.
     pub(crate) fn pose(&self, inner: &Self) -> Self {
         let [ax, ay, az, aw] = self.orientation;
         let [bx, by, bz, bw] = inner.orientation;
@@ -56,13 +56,13 @@ pub(crate) fn norm(a: Vector) -> f64 {
     dot(a, a).sqrt()
 }
 
-/// Of length one; up, if it has no direction.
+/// Normalizes a vector; z without a direction.
 pub(crate) fn unit(a: Vector) -> Vector {
     let length = norm(a);
     if length > 1e-12 { scale(a, 1.0 / length) } else { [0.0, 0.0, 1.0] }
 }
 
-/// A vector turned by a unit quaternion, x y z w.
+/// Rotates a vector by a unit quaternion x y z w.
 pub(crate) fn rotate(q: [f64; 4], v: Vector) -> Vector {
     let axis = [q[0], q[1], q[2]];
     let t = scale(cross(axis, v), 2.0);
@@ -74,12 +74,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_quarter_turn_about_z_takes_x_to_y() {
+    fn pose_quarter_rotation_about_z_maps_x_to_y() {
         let half = std::f64::consts::FRAC_1_SQRT_2;
         let quarter = Pose { position: [1.0, 0.0, 0.0], orientation: [0.0, 0.0, half, half] };
         let near = |a: Vector, b: Vector| norm(add(a, scale(b, -1.0))) < 1e-12;
         assert!(near(quarter.point([1.0, 0.0, 0.0]), [1.0, 1.0, 0.0]));
-        let half_turn = quarter.pose(&quarter);
-        assert!(near(half_turn.point([1.0, 0.0, 0.0]), [0.0, 1.0, 0.0]));
+        let half_rotation = quarter.pose(&quarter);
+        assert!(near(half_rotation.point([1.0, 0.0, 0.0]), [0.0, 1.0, 0.0]));
     }
 }

@@ -1,4 +1,4 @@
-//! The page: one file with everything in it, which works without a network.
+//! Interactive page: one self-contained file that works without a network.
 
 use crate::events::{Events, LoggedEvent};
 use crate::figure::{Figure, Scale};
@@ -11,11 +11,11 @@ use std::fmt::{self, Write};
 
 const STYLE: &str = include_str!("../assets/page.css");
 const SCRIPT: &str = include_str!("../assets/page.js");
-/// Nothing is ever fetched: the browser itself sees to it.
+/// Content security policy with which the browser blocks every download.
 const POLICY: &str =
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:; font-src data:";
 
-/// What a page is made of.
+/// Content of a page.
 pub(crate) struct Parts<'a> {
     pub(crate) run: &'a RunInfo,
     pub(crate) metrics: &'a Value,
@@ -25,7 +25,7 @@ pub(crate) struct Parts<'a> {
     pub(crate) snapshot_times: &'a [(f64, String)],
 }
 
-/// The page.
+/// Makes the page.
 pub(crate) fn page(parts: &Parts<'_>) -> String {
     let mut out = String::with_capacity(8 << 20);
     // Writing to a string cannot fail.
@@ -65,7 +65,7 @@ fn header(out: &mut String, run: &RunInfo, name: &str) -> fmt::Result {
     if let Some(cause) = &run.cut_off {
         writeln!(
             out,
-            "<p class=\"warning\"><b>The log is cut off.</b> This report is made from what is whole. {}</p>",
+            "<p class=\"warning\"><b>The log is cut off.</b> This report covers its readable part. {}</p>",
             escape(cause)
         )?;
     }
@@ -137,7 +137,7 @@ fn events(out: &mut String, events: &Events) -> fmt::Result {
     }
     writeln!(
         out,
-        "</p><table>\n<tr><th>time in s</th><th>process</th><th>kind</th><th>severity</th><th>seen by</th><th>what</th></tr>"
+        "</p><table>\n<tr><th>time in s</th><th>process</th><th>kind</th><th>severity</th><th>detector</th><th>description</th></tr>"
     )?;
     for event in listed {
         let LoggedEvent { time_s, process, kind, severity, detector, text, fault, .. } = event;
@@ -151,7 +151,7 @@ fn events(out: &mut String, events: &Events) -> fmt::Result {
     writeln!(out, "</table></section>")
 }
 
-/// The figures as JSON that may stand between tags.
+/// Figures as JSON that is valid between tags.
 fn data(figures: &[Figure]) -> String {
     let panels = figures.iter().flat_map(|figure| &figure.panels).filter(|panel| panel.scale == Scale::Time);
     let time = panels.filter_map(|panel| panel.x_range()).reduce(|a, b| (a.0.min(b.0), a.1.max(b.1))).unwrap_or((0.0, 1.0));
@@ -159,11 +159,11 @@ fn data(figures: &[Figure]) -> String {
     figures.to_string().replace('<', "\\u003c")
 }
 
-/// The plotting library, in tags.
+/// Plotting library, in tags.
 fn library() -> String {
     const END: &str = "</script>";
     let sources = plotly::Plot::offline_js_sources();
-    // The first script is the library; a typesetter of formulas, which no figure needs, follows it.
+    // The first script is the library; the second, a typesetter for formulas, is not needed.
     match sources.find(END) {
         Some(end) => sources[..end + END.len()].to_owned(),
         None => sources,

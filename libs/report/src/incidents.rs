@@ -1,47 +1,47 @@
-//! Stretches in which the drive braked or was stopped because something was wrong.
+//! Incidents: periods with a braking or stopped drive.
 
 use crate::events::LoggedEvent;
 use crate::{LATEST_TICK, seconds};
 use hapfic_messages::Severity;
 use serde::Serialize;
 
-/// Most incidents that are listed; all are counted.
+/// Most incidents in a list; all are counted.
 pub const MOST_INCIDENTS: usize = 500;
-/// How long before an incident its cause may lie, ticks.
+/// Longest time from the cause to the incident [ticks].
 const CAUSE_TICKS: i64 = 50;
-/// Kinds of events that an incident may begin with.
+/// Kinds of events that can begin an incident.
 const CAUSES: [&str; 4] = ["lost", "rejected", "missed", "injected"];
 
-/// An incident: from the first command with severity brake or stopped on until the severity is nominal again.
+/// Incident: from the first command with severity brake or stopped until the severity is nominal again.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Incident {
-    /// Its first tick.
+    /// First tick.
     pub from_tick: i64,
-    /// Its last tick.
+    /// Last tick.
     pub to_tick: i64,
-    /// When it began, s.
+    /// Start [s].
     pub from_s: f64,
-    /// When it was over, s.
+    /// End [s].
     pub to_s: f64,
-    /// `brake` or `stopped`: the worse of those that came.
+    /// Worst severity: `brake` or `stopped`.
     pub worst: String,
-    /// Whether it was over before the log was.
+    /// Whether the incident ended before the log.
     pub recovered: bool,
-    /// What began it, in words; `None` if no event of the log says so.
+    /// Cause as text; `None` if no event of the log shows it.
     pub cause: Option<String>,
 }
 
-/// The incidents of a log, as its commands tell them.
+/// Incidents of a log, from its commands.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Incidents {
-    stretches: Vec<Stretch>,
+    periods: Vec<Period>,
     total: u64,
     last: Option<i64>,
     open: bool,
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Stretch {
+struct Period {
     from: i64,
     to: i64,
     worst: Severity,
@@ -49,7 +49,7 @@ struct Stretch {
 }
 
 impl Incidents {
-    /// Takes the severity of a command. Ticks come in order; one that does not is left out.
+    /// Adds the severity of a command. Ticks out of order are ignored.
     pub(crate) fn push(&mut self, tick: i64, severity: &str) {
         let Some(severity) = Severity::from_name(severity) else { return };
         if !(0..=LATEST_TICK).contains(&tick) || self.last.is_some_and(|last| tick <= last) {
@@ -59,8 +59,8 @@ impl Incidents {
         if !self.open && severity >= Severity::Brake {
             self.open = true;
             self.total += 1;
-            if self.stretches.len() < MOST_INCIDENTS {
-                self.stretches.push(Stretch { from: tick, to: tick, worst: severity, recovered: false });
+            if self.periods.len() < MOST_INCIDENTS {
+                self.periods.push(Period { from: tick, to: tick, worst: severity, recovered: false });
             }
         }
         if !self.open {
@@ -68,29 +68,29 @@ impl Incidents {
         }
         let nominal = severity == Severity::Nominal;
         self.open = !nominal;
-        // Of one that is not listed there is nothing to be kept.
-        if self.total > self.stretches.len() as u64 {
+        // An incident beyond the list is only counted.
+        if self.total > self.periods.len() as u64 {
             return;
         }
-        if let Some(stretch) = self.stretches.last_mut() {
-            stretch.recovered = nominal;
+        if let Some(period) = self.periods.last_mut() {
+            period.recovered = nominal;
             if !nominal {
-                stretch.to = tick;
-                stretch.worst = stretch.worst.max(severity);
+                period.to = tick;
+                period.worst = period.worst.max(severity);
             }
         }
     }
 
-    /// How many there were.
+    /// Number of incidents.
     pub(crate) fn total(&self) -> u64 {
         self.total
     }
 
-    /// Those that are listed, with their causes among these events, which are in the order of time.
+    /// Lists the incidents, with their causes among `events`, which are in the order of time.
     pub(crate) fn listed(&self, events: &[LoggedEvent]) -> Vec<Incident> {
         let mut after = -1;
-        let tell = |stretch: &Stretch| {
-            let Stretch { from, to, worst, recovered } = *stretch;
+        let incident = |period: &Period| {
+            let Period { from, to, worst, recovered } = *period;
             let cause = cause(events, from.saturating_sub(CAUSE_TICKS).max(after), from);
             after = to.saturating_add(1);
             Incident {
@@ -103,18 +103,18 @@ impl Incidents {
                 cause,
             }
         };
-        self.stretches.iter().map(tell).collect()
+        self.periods.iter().map(incident).collect()
     }
 }
 
-/// The first event between two ticks that an incident may have begun with. If it was asked for, that it was.
+/// Finds the first event between two ticks that can begin an incident. A request of the operator takes precedence.
 fn cause(events: &[LoggedEvent], first: i64, last: i64) -> Option<String> {
     let between = events.iter().filter(|event| (first..=last).contains(&event.tick));
     let transition =
         between.clone().find(|event| event.kind == "transition" && matches!(event.severity.as_str(), "brake" | "stopped"));
-    let asked = transition.filter(|event| event.detector == "operator");
+    let requested = transition.filter(|event| event.detector == "operator");
     let fault = || between.clone().find(|event| CAUSES.contains(&event.kind.as_str()));
-    let event = asked.or_else(fault).or(transition)?;
+    let event = requested.or_else(fault).or(transition)?;
     Some(format!("{} {}: {}", event.process, event.kind, event.text))
 }
 
@@ -144,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn an_incident_lasts_until_all_is_well() {
+    fn incident_lasts_until_severity_is_nominal() {
         let incidents = run(&[
             (0, "nominal"),
             (1, "degraded"),
@@ -158,13 +158,13 @@ mod tests {
             (8, "brake"),
         ]);
         let listed = incidents.listed(&[]);
-        let told: Vec<_> = listed.iter().map(|i| (i.from_tick, i.to_tick, i.worst.as_str(), i.recovered)).collect();
-        assert_eq!(told, [(2, 5, "stopped", true), (8, 8, "brake", false)]);
+        let found: Vec<_> = listed.iter().map(|i| (i.from_tick, i.to_tick, i.worst.as_str(), i.recovered)).collect();
+        assert_eq!(found, [(2, 5, "stopped", true), (8, 8, "brake", false)]);
         assert_eq!((listed[0].from_s, listed[0].to_s, &listed[0].cause), (0.002, 0.006, &None));
     }
 
     #[test]
-    fn the_cause_is_the_first_fault_shortly_before_and_not_one_of_the_incident_before() {
+    fn incident_cause_is_first_fault_since_previous_incident() {
         let incidents = run(&[(100, "brake"), (101, "nominal"), (120, "brake"), (121, "nominal"), (200, "stopped")]);
         let events = [
             event(49, "lost", "nominal", "exit"),
@@ -180,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn a_flood_is_counted_and_bounded() {
+    fn incidents_flood_is_counted_and_bounded() {
         let mut incidents = Incidents::default();
         for tick in 0..10_000 {
             incidents.push(tick, if tick % 2 == 0 { "nominal" } else { "brake" });

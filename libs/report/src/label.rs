@@ -1,28 +1,28 @@
-//! Labels: `x_{d}` has a subscript.
+//! Labels with subscripts, as in `x_{d}`.
 
-/// A piece of a label.
+/// Piece of a label.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Run<'a> {
     pub(crate) text: &'a str,
     pub(crate) subscript: bool,
 }
 
-/// The pieces of a label, in order; none is empty.
+/// Splits a label into its pieces, in order; none is empty.
 pub(crate) fn runs(label: &str) -> Vec<Run<'_>> {
     let mut runs = Vec::new();
     let mut rest = label;
     while let Some((before, after)) = rest.split_once("_{") {
-        let Some((inside, behind)) = after.split_once('}') else { break };
+        let Some((inside, remainder)) = after.split_once('}') else { break };
         runs.push(Run { text: before, subscript: false });
         runs.push(Run { text: inside, subscript: true });
-        rest = behind;
+        rest = remainder;
     }
     runs.push(Run { text: rest, subscript: false });
     runs.retain(|run| !run.text.is_empty());
     runs
 }
 
-/// As HTML, of which the label itself can hold none.
+/// Converts a label to HTML and escapes its text.
 pub(crate) fn html(label: &str) -> String {
     runs(label)
         .into_iter()
@@ -30,7 +30,7 @@ pub(crate) fn html(label: &str) -> String {
         .collect()
 }
 
-/// Text that means itself in HTML, between tags and in quoted attributes.
+/// Escapes text for HTML, between tags and in quoted attributes.
 pub(crate) fn escape(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
     for c in text.chars() {
@@ -53,7 +53,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn subscripts_are_found_and_nothing_else_is() {
+    fn html_converts_only_subscripts() {
         assert_eq!(html("F_{d} <b> & F_{max}"), "F<sub>d</sub> &lt;b&gt; &amp; F<sub>max</sub>");
         assert_eq!(html("hip_pitch _{open"), "hip_pitch _{open");
         assert!(runs("").is_empty());

@@ -1,8 +1,8 @@
-//! A report of a run, from its log alone: the paper's figures, five snapshots, metrics and events.
+//! Report of a run, from its log alone: the paper's figures, five snapshots, metrics and events.
 //!
-//! [`Report::read`] goes through a log once, in memory that does not grow with it. What it has gathered can be had as a
-//! self-contained interactive page ([`Report::html`]), as pictures for print ([`Report::pictures`]), as JSON
-//! ([`Report::json`]) and as text ([`Report::text`]). A log that is cut off gives a report of what is whole, which says so.
+//! [`Report::read`] reads a log once, in bounded memory. The result is available as a self-contained interactive page
+//! ([`Report::html`]), as pictures for print ([`Report::pictures`]), as JSON ([`Report::json`]) and as text
+//! ([`Report::text`]). For a truncated log, the report covers the readable part and says so.
 //!
 //! ```no_run
 //! use hapfic_report::Report;
@@ -44,27 +44,27 @@ pub use error::ReportError;
 pub use events::{LoggedEvent, MOST_EVENTS};
 pub use figure::Figure;
 pub use incidents::{Incident, MOST_INCIDENTS};
-pub use output::{Picture, Places};
+pub use output::{FigureImage, Places};
 pub use report::Report;
 pub use run::RunInfo;
 pub use snapshots::SNAPSHOTS;
 
-/// The last tick that is believed, after some 35 years.
+/// Last valid tick, after about 35 years.
 const LATEST_TICK: i64 = 1 << 40;
 
-/// Time of a tick, s.
+/// Time of a tick [s].
 fn seconds(tick: i64) -> f64 {
     const TICKS_PER_SECOND: f64 = 1e9 / hapfic_log::TICK_NS as f64;
     tick as f64 / TICKS_PER_SECOND
 }
 
-/// Whether a number may be a quantity of a run: finite, and of a size that can be drawn.
-fn believable(value: f64) -> bool {
+/// Whether a number is finite and of plausible size for a quantity of a run.
+fn is_plausible(value: f64) -> bool {
     value.abs() < 1e12
 }
 
-/// The vector of a message; `None` if it has not three believable elements.
+/// Reads a vector of a message; `None` unless it has three plausible elements.
 fn vector(values: &[f64]) -> Option<[f64; 3]> {
     let vector: [f64; 3] = values.try_into().ok()?;
-    vector.into_iter().all(believable).then_some(vector)
+    vector.into_iter().all(is_plausible).then_some(vector)
 }

@@ -1,4 +1,4 @@
-//! Writes what a report is made of, whole or not at all.
+//! Output of the parts of a report, each written completely or not at all.
 
 use crate::chart;
 use crate::error::ReportError;
@@ -7,36 +7,36 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// A figure as a picture.
+/// Figure as an image.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Picture {
-    /// Name of its file, without the extension.
+pub struct FigureImage {
+    /// Name of the file, without the extension.
     pub name: String,
-    /// The file's content.
+    /// Content of the file.
     pub png: Vec<u8>,
 }
 
-/// Where the parts of a report go; those without a place are not made.
+/// Output paths of the parts of a report. A part without a path is not made.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Places {
     /// File of the interactive page.
     pub page: Option<PathBuf>,
-    /// Folder of the figures for print; made if there is none.
+    /// Folder of the figures for print; created if necessary.
     pub pictures: Option<PathBuf>,
-    /// File of what programs read.
+    /// File of the JSON for programs.
     pub json: Option<PathBuf>,
 }
 
-/// What errors call the parts.
+/// Names of the parts in errors.
 pub(crate) const PAGE: &str = "page";
 pub(crate) const JSON: &str = "JSON";
 const PICTURES: &str = "pictures";
 
 impl Places {
-    /// Whether every part can go where it is to, as far as that can be told before writing.
+    /// Checks all paths before the first is written.
     ///
     /// # Errors
-    /// [`ReportError::SameFile`] and [`ReportError::Place`].
+    /// [`ReportError::SameFile`] and [`ReportError::OutputPath`].
     pub(crate) fn check(&self, log: &Path) -> Result<(), ReportError> {
         for (path, what) in [(&self.page, PAGE), (&self.json, JSON)] {
             if let Some(path) = path {
@@ -47,13 +47,13 @@ impl Places {
         if let (Some(page), Some(json)) = (&self.page, &self.json)
             && is_same(page, json)
         {
-            return Err(no_place(json, JSON, "the place of the page", "a file of its own"));
+            return Err(invalid_path(json, JSON, "the path of the page", "another file"));
         }
         if let Some(folder) = &self.pictures {
             if folder.exists() && !folder.is_dir() {
-                return Err(no_place(folder, PICTURES, "a file", "a folder, or nothing yet"));
+                return Err(invalid_path(folder, PICTURES, "a file", "a folder, or nothing yet"));
             }
-            // A log that is called like a picture.
+            // A log with the name of a picture.
             if let Some(name) = log.file_name().filter(|_| log.extension().is_some_and(|extension| extension == "png")) {
                 check(&folder.join(name), log, PICTURES)?;
             }
@@ -62,63 +62,63 @@ impl Places {
     }
 }
 
-fn no_place(path: &Path, what: &'static str, found: &'static str, expected: &'static str) -> ReportError {
-    ReportError::Place { path: path.to_owned(), what, found, expected }
+fn invalid_path(path: &Path, what: &'static str, found: &'static str, expected: &'static str) -> ReportError {
+    ReportError::OutputPath { path: path.to_owned(), what, found, expected }
 }
 
-/// Refuses a path at which no file can be.
+/// Rejects a path that cannot be a file.
 fn check_file(path: &Path, what: &'static str) -> Result<(), ReportError> {
     if path.is_dir() {
-        return Err(no_place(path, what, "a folder", "the name of a file"));
+        return Err(invalid_path(path, what, "a folder", "the name of a file"));
     }
     if path.file_name().is_none() {
-        return Err(no_place(path, what, "no name of a file", "one"));
+        return Err(invalid_path(path, what, "no file name", "the name of a file"));
     }
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
     if folder.is_some_and(|folder| !folder.is_dir()) {
-        return Err(no_place(path, what, "no folder of this name", "a path in a folder that exists"));
+        return Err(invalid_path(path, what, "no folder of this name", "a path in a folder that exists"));
     }
     Ok(())
 }
 
-/// Whether two paths name one file, which need not exist yet.
+/// Whether two paths name the same file, which need not exist yet.
 fn is_same(a: &Path, b: &Path) -> bool {
-    let whole = |path: &Path| {
+    let absolute = |path: &Path| {
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
         fs::canonicalize(path).ok().or_else(|| Some(fs::canonicalize(folder).ok()?.join(path.file_name()?)))
     };
-    a == b || whole(a).is_some_and(|a| whole(b) == Some(a))
+    a == b || absolute(a).is_some_and(|a| absolute(b) == Some(a))
 }
 
-/// Draws a figure; `height`, px, is as much as it takes if not given.
-pub(crate) fn picture(figure: &Figure, height: Option<u32>) -> Result<Picture, ReportError> {
-    Ok(Picture { name: figure.name.to_owned(), png: chart::draw(figure, height)? })
+/// Draws a figure with the given or natural `height` [px].
+pub(crate) fn picture(figure: &Figure, height: Option<u32>) -> Result<FigureImage, ReportError> {
+    Ok(FigureImage { name: figure.name.to_owned(), png: chart::draw(figure, height)? })
 }
 
-/// Refuses to write over the log; `what` is what would be written.
+/// Rejects the path of the log as output of the part `what`.
 pub(crate) fn check(path: &Path, log: &Path, what: &'static str) -> Result<(), ReportError> {
     if is_same(path, log) { Err(ReportError::SameFile { path: path.to_owned(), what }) } else { Ok(()) }
 }
 
-/// Writes pictures into a folder, which is made if there is none.
-pub(crate) fn pictures(folder: &Path, pictures: &[Picture]) -> Result<(), ReportError> {
+/// Writes pictures into a folder, which is created if necessary.
+pub(crate) fn pictures(folder: &Path, pictures: &[FigureImage]) -> Result<(), ReportError> {
     fs::create_dir_all(folder).map_err(|cause| ReportError::Write { path: folder.to_owned(), cause })?;
     pictures.iter().try_for_each(|picture| write(&folder.join(format!("{}.png", picture.name)), &picture.png))
 }
 
-/// Writes a file. It is complete at once: what is there before stays until then.
+/// Writes a file atomically: the old content remains until the new one is complete.
 pub(crate) fn write(path: &Path, content: &[u8]) -> Result<(), ReportError> {
     let failed = |cause: io::Error| ReportError::Write { path: path.to_owned(), cause };
     let Some(name) = path.file_name() else {
-        return Err(failed(io::Error::new(io::ErrorKind::InvalidInput, "it names no file")));
+        return Err(failed(io::Error::new(io::ErrorKind::InvalidInput, "it has no file name")));
     };
-    // A device or a pipe cannot be replaced, nor should it be.
+    // A device or a pipe cannot be replaced.
     if fs::metadata(path).is_ok_and(|metadata| !metadata.is_file()) {
         return fs::write(path, content).map_err(failed);
     }
-    let mut beside = name.to_owned();
-    beside.push(format!(".{}.part", std::process::id()));
-    let part: PathBuf = path.with_file_name(beside);
+    let mut part_name = name.to_owned();
+    part_name.push(format!(".{}.part", std::process::id()));
+    let part: PathBuf = path.with_file_name(part_name);
     let written = fs::write(&part, content).and_then(|()| fs::rename(&part, path));
     written.map_err(|cause| {
         let _ = fs::remove_file(&part);
@@ -132,7 +132,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_file_is_replaced_whole_and_nothing_is_left_beside_it() {
+    fn write_existing_file_is_replaced_without_remains() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("report.json");
         write(&path, b"old").unwrap();
@@ -144,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn the_log_itself_is_not_written_over() {
+    fn check_path_of_log_is_rejected() {
         let folder = tempfile::tempdir().unwrap();
         let log = folder.path().join("run.mcap");
         fs::write(&log, b"log").unwrap();
@@ -154,24 +154,24 @@ mod tests {
     }
 
     #[test]
-    fn places_are_refused_before_anything_is_written() {
+    fn places_invalid_path_is_rejected_before_writing() {
         let folder = tempfile::tempdir().unwrap();
         let at = |name: &str| Some(folder.path().join(name));
         let log = folder.path().join("run.mcap");
         fs::write(&log, b"log").unwrap();
         fs::write(folder.path().join("file"), b"").unwrap();
-        let good = Places { page: at("a.html"), pictures: at("deep/figures"), json: at("a.json") };
-        assert!(good.check(&log).is_ok());
-        for bad in [
-            Places { page: at("missing/a.html"), ..good.clone() },
-            Places { page: Some(folder.path().to_owned()), ..good.clone() },
-            Places { page: at("./a.json"), ..good.clone() },
-            Places { pictures: at("file"), ..good.clone() },
+        let valid = Places { page: at("a.html"), pictures: at("deep/figures"), json: at("a.json") };
+        assert!(valid.check(&log).is_ok());
+        for invalid in [
+            Places { page: at("missing/a.html"), ..valid.clone() },
+            Places { page: Some(folder.path().to_owned()), ..valid.clone() },
+            Places { page: at("./a.json"), ..valid.clone() },
+            Places { pictures: at("file"), ..valid.clone() },
         ] {
-            let error = bad.check(&log).unwrap_err();
-            assert!(matches!(error, ReportError::Place { .. }) && error.is_refusal(), "{bad:?}: {error}");
+            let error = invalid.check(&log).unwrap_err();
+            assert!(matches!(error, ReportError::OutputPath { .. }) && error.is_refusal(), "{invalid:?}: {error}");
         }
-        let same = Places { json: at("run.mcap"), ..good };
+        let same = Places { json: at("run.mcap"), ..valid };
         assert!(matches!(same.check(&log), Err(ReportError::SameFile { .. })));
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2);
     }

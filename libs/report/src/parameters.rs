@@ -1,13 +1,13 @@
-//! Which parameter set is in force at a tick.
+//! Parameter sets of a log, by tick.
 
 use crate::vector;
 use hapfic_log::{proto, timeline};
 use serde_json::Value;
 
-/// Most sets that may wait for their tick; the operator announces one at a time.
+/// Most sets ahead of their tick; the operator announces a single set at a time.
 const MOST_SETS: usize = 64;
 
-/// What changes of parameters are called in short, and their units.
+/// Parameters with their short names and units.
 const SHORT: [(&str, &str, &str); 9] = [
     ("target_position", "target", " m"),
     ("desired_force", "F_d", " N"),
@@ -19,10 +19,10 @@ const SHORT: [(&str, &str, &str); 9] = [
     ("max_acceleration", "max_acceleration", " m/s²"),
     ("force_resolution", "force_resolution", " N"),
 ];
-/// Those of them that tell most about the set a run starts with.
-const TELLING: usize = 5;
+/// Number of salient parameters, which describe the first set of a run.
+const SALIENT: usize = 5;
 
-/// A parameter set, and what figures show of it.
+/// Parameter set, with the vectors of the figures.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct ParameterSet {
     pub(crate) version: u64,
@@ -34,7 +34,7 @@ pub(crate) struct ParameterSet {
 }
 
 impl ParameterSet {
-    /// `None` if a vector has not three finite elements.
+    /// Returns `None` unless every vector has three finite elements.
     pub(crate) fn new(message: &proto::Operator) -> Option<Self> {
         vector(&message.target_position)?;
         vector(&message.stiffness)?;
@@ -48,11 +48,11 @@ impl ParameterSet {
         })
     }
 
-    /// What is new in it, in words.
+    /// Describes the changes against the set before.
     pub(crate) fn changes(&self, before: Option<&Self>) -> String {
-        let telling = |name: &str| before.is_some() || SHORT[..TELLING].iter().any(|short| short.0 == name);
+        let salient = |name: &str| before.is_some() || SHORT[..SALIENT].iter().any(|short| short.0 == name);
         let changed = timeline::changed(before.map(|before| &before.message), &self.message);
-        let words: Vec<_> = changed.iter().filter(|change| telling(&change.name)).map(words).collect();
+        let words: Vec<_> = changed.iter().filter(|change| salient(&change.name)).map(words).collect();
         if words.is_empty() { "no change".to_owned() } else { words.join(", ") }
     }
 }
@@ -69,20 +69,20 @@ fn text(value: &Value) -> String {
         Value::String(text) => text.clone(),
         Value::Bool(true) => "on".to_owned(),
         Value::Bool(false) => "off".to_owned(),
-        // Without the point that JSON gives to whole numbers.
+        // Without the decimal point that JSON gives to whole numbers.
         value => value.as_f64().map_or_else(|| value.to_string(), |number| number.to_string()),
     }
 }
 
-/// The set in force and those to come.
+/// The set in force and the later sets.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Sets {
     sets: Vec<ParameterSet>,
 }
 
 impl Sets {
-    /// Takes a set that has been announced; returns what it changes, in words.
-    pub(crate) fn announce(&mut self, set: ParameterSet) -> String {
+    /// Adds an announced set; returns a description of its changes.
+    pub(crate) fn add_set(&mut self, set: ParameterSet) -> String {
         let at = self.sets.partition_point(|other| (other.effective_tick, other.version) <= (set.effective_tick, set.version));
         let changes = set.changes(at.checked_sub(1).and_then(|before| self.sets.get(before)));
         self.sets.insert(at, set);
@@ -92,9 +92,9 @@ impl Sets {
         changes
     }
 
-    /// The set in force at a tick; ticks come about in order.
+    /// Returns the set in force at a tick; ticks arrive roughly in order.
     pub(crate) fn in_force(&mut self, tick: i64) -> Option<&ParameterSet> {
-        // A few ticks late is soon enough to forget: topics do not come in step.
+        // Old sets are dropped late, because the topics are not synchronous.
         const LATE: i64 = 1024;
         let old = self.sets.partition_point(|set| set.effective_tick.saturating_add(LATE) <= tick);
         self.sets.drain(..old.saturating_sub(1));
@@ -122,31 +122,31 @@ mod tests {
         }
     }
 
-    fn announce(sets: &mut Sets, message: &proto::Operator) -> Option<String> {
-        ParameterSet::new(message).map(|set| sets.announce(set))
+    fn add_set(sets: &mut Sets, message: &proto::Operator) -> Option<String> {
+        ParameterSet::new(message).map(|set| sets.add_set(set))
     }
 
     #[test]
-    fn a_set_counts_from_its_tick_on_and_says_what_it_changes() {
+    fn sets_set_is_in_force_from_its_tick_and_lists_changes() {
         let mut sets = Sets::default();
-        let start = announce(&mut sets, &message(1, 0, 10.0)).unwrap_or_default();
+        let start = add_set(&mut sets, &message(1, 0, 10.0)).unwrap_or_default();
         assert!(start.contains("F_d (0, 0, 10) N") && !start.contains("search"), "{start}");
-        assert_eq!(announce(&mut sets, &message(2, 100, 50.0)).as_deref(), Some("F_d (0, 0, 50) N"));
+        assert_eq!(add_set(&mut sets, &message(2, 100, 50.0)).as_deref(), Some("F_d (0, 0, 50) N"));
         let mut version = |tick| sets.in_force(tick).map(|set| set.version);
         assert_eq!([-1, 0, 99, 100, 5000].map(&mut version), [None, Some(1), Some(1), Some(2), Some(2)]);
         let cut_off = proto::Operator { stiffness: vec![1.0], ..message(3, 200, 50.0) };
-        assert_eq!(announce(&mut sets, &cut_off), None);
+        assert_eq!(add_set(&mut sets, &cut_off), None);
     }
 
     #[test]
-    fn changes_of_policies_and_speeds_are_told_too() {
+    fn sets_policy_and_speed_changes_are_listed() {
         let mut sets = Sets::default();
         let mut next = message(1, 0, 10.0);
         let mut change = |alter: fn(&mut proto::Operator)| {
             alter(&mut next);
             next.version += 1;
             next.effective_tick += 10;
-            announce(&mut sets, &next).unwrap_or_default()
+            add_set(&mut sets, &next).unwrap_or_default()
         };
         change(|_| {});
         assert_eq!(change(|set| set.reset_policy = "never".to_owned()), "reset never");

@@ -1,19 +1,19 @@
-//! A figure as the page's library takes it: traces and layout.
+//! Figures in the format of the page's plotting library: traces and layout.
 
-use crate::figure::{Area, Color, Content, Curve, Figure, Lane, MarkKind, Panel, Scale, Style};
+use crate::figure::{Area, Color, Content, Curve, Figure, MarkKind, Panel, Scale, Style, TimelineRow};
 use crate::label;
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
 
-/// Heights, px: of a panel of curves, of a lane, and of what is around all panels.
+/// Heights of a panel of curves, of a histogram, of a timeline row, and of the area around all panels [px].
 const CURVES: f64 = 210.0;
 const HISTOGRAM: f64 = 360.0;
-const LANE: f64 = 26.0;
+const ROW: f64 = 26.0;
 const AROUND: f64 = 110.0;
-/// Between panels, px: there the panels' titles are.
+/// Distance between panels, with the panels' titles [px].
 const BETWEEN: f64 = 44.0;
 
-/// A figure: `name`, `timed`, `data` and `layout`. All time axes start with the range `time`, s.
+/// Converts a figure to `name`, `timed`, `data` and `layout`. All time axes start with the range `time` [s].
 pub(crate) fn figure(figure: &Figure, time: (f64, f64)) -> Value {
     let heights: Vec<_> = figure.panels.iter().map(height).collect();
     let inner = heights.iter().sum::<f64>() + BETWEEN * heights.len() as f64;
@@ -65,14 +65,14 @@ pub(crate) fn figure(figure: &Figure, time: (f64, f64)) -> Value {
                     plot.curve(curve, &x, &y);
                 }
             }
-            Content::Lanes(lanes) => {
-                for lane in lanes {
-                    plot.traces.push(lane_trace(lane, &x, &y));
+            Content::Timelines(rows) => {
+                for row in rows {
+                    plot.traces.push(row_trace(row, &x, &y));
                 }
             }
         }
         if !panel.marks.is_empty() {
-            // Axes of their own, from 0 to 1, over those of the panel.
+            // Separate axes from 0 to 1, over those of the panel.
             let over = count + i;
             layout[layout_key(over)] =
                 json!({ "overlaying": y, "anchor": "x", "range": [0, 1], "visible": false, "fixedrange": true });
@@ -92,7 +92,7 @@ pub(crate) fn figure(figure: &Figure, time: (f64, f64)) -> Value {
 
 struct Plot {
     traces: Vec<Value>,
-    /// Names that stand in the legend already: the same name in another panel is switched with it.
+    /// Names in the legend so far: the legend switches equal names in all panels together.
     named: BTreeSet<String>,
 }
 
@@ -111,7 +111,7 @@ impl Plot {
     fn area(&mut self, area: &Area, x: &str, y: &str) {
         let (mut across, mut up) = (Vec::new(), Vec::new());
         for outline in area.outlines() {
-            // A gap parts it from the piece before.
+            // A gap separates the pieces.
             if let Some(first) = outline.first().filter(|_| !across.is_empty()) {
                 across.push(digits(first.0, 9.0));
                 up.push(f64::NAN);
@@ -157,7 +157,7 @@ impl Plot {
             }
             let dash = match kind {
                 MarkKind::Operator => "dot",
-                MarkKind::Reaction => "dash",
+                MarkKind::Action => "dash",
                 MarkKind::Fault => "solid",
             };
             let trace = json!({
@@ -172,7 +172,7 @@ impl Plot {
 
 fn height(panel: &Panel) -> f64 {
     match (&panel.content, panel.scale) {
-        (Content::Lanes(lanes), _) => LANE * lanes.len().max(2) as f64,
+        (Content::Timelines(rows), _) => ROW * rows.len().max(2) as f64,
         (_, Scale::Logarithmic) => HISTOGRAM,
         _ => CURVES,
     }
@@ -197,8 +197,8 @@ fn vertical(panel: &Panel, domain: [f64; 2]) -> Value {
         "zeroline": false,
         "automargin": true,
     });
-    if let Content::Lanes(lanes) = &panel.content {
-        let names: Vec<_> = lanes.iter().map(|lane| label::escape(&lane.name)).collect();
+    if let Content::Timelines(rows) = &panel.content {
+        let names: Vec<_> = rows.iter().map(|row| label::escape(&row.name)).collect();
         vertical["type"] = json!("category");
         vertical["categoryorder"] = json!("array");
         vertical["categoryarray"] = json!(names);
@@ -210,24 +210,24 @@ fn vertical(panel: &Panel, domain: [f64; 2]) -> Value {
     vertical
 }
 
-fn lane_trace(lane: &Lane, x: &str, y: &str) -> Value {
-    let name = label::escape(&lane.name);
-    let across: Vec<_> = lane.spans.iter().flat_map(|(from, to)| [json!(from), json!(to), Value::Null]).collect();
-    let up: Vec<_> = lane.spans.iter().flat_map(|_| [json!(name), json!(name), Value::Null]).collect();
+fn row_trace(row: &TimelineRow, x: &str, y: &str) -> Value {
+    let name = label::escape(&row.name);
+    let across: Vec<_> = row.spans.iter().flat_map(|(from, to)| [json!(from), json!(to), Value::Null]).collect();
+    let up: Vec<_> = row.spans.iter().flat_map(|_| [json!(name), json!(name), Value::Null]).collect();
     json!({
         "type": "scatter", "x": across, "y": up, "mode": "lines+markers", "name": name, "showlegend": false,
-        "line": { "color": css(lane.color, 1.0), "width": 12 },
-        "marker": { "color": css(lane.color, 1.0), "size": 4, "symbol": "square" },
+        "line": { "color": css(row.color, 1.0), "width": 12 },
+        "marker": { "color": css(row.color, 1.0), "size": 4, "symbol": "square" },
         "xaxis": x, "yaxis": y, "hoverinfo": "x+y",
     })
 }
 
-/// Coordinates, rounded. A gap, NaN, becomes null: there the library interrupts a line.
+/// Rounds coordinates. A gap, NaN, becomes null, where the library interrupts a line.
 fn columns(points: &[(f64, f64)]) -> (Vec<f64>, Vec<f64>) {
     points.iter().map(|(x, y)| (digits(*x, 9.0), digits(*y, 7.0))).unzip()
 }
 
-/// Rounded to so many digits: a page of a third of the size, which looks the same.
+/// Rounds to `count` digits: the page looks the same in a third of the size.
 fn digits(value: f64, count: f64) -> f64 {
     if value == 0.0 {
         return 0.0;
@@ -245,13 +245,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_gap_is_null() {
+    fn columns_gap_is_null() {
         let (_, up) = columns(&[(0.0, 1.0), (0.001, f64::NAN), (0.5, 2.0)]);
         assert_eq!(json!(up), json!([1.0, null, 2.0]));
     }
 
     #[test]
-    fn numbers_keep_what_can_be_seen_of_them() {
+    fn digits_round_to_visible_precision() {
         for (value, rounded) in [(123.456_789_12, 123.4568), (-0.001_234_567_89, -0.001_234_568), (0.0, 0.0), (5e11, 5e11)] {
             assert!((digits(value, 7.0) - rounded).abs() <= 1e-12 * rounded.abs(), "{value}");
         }

@@ -1,9 +1,9 @@
-//! The report itself.
+//! Report of a run.
 
 use crate::collect::Collected;
 use crate::error::ReportError;
 use crate::figure::Figure;
-use crate::output::{self, Picture, Places};
+use crate::output::{self, FigureImage, Places};
 use crate::run::RunInfo;
 use crate::{Incident, LoggedEvent, figures, html, snapshots, table};
 use hapfic_log::{Names, Reader};
@@ -11,7 +11,7 @@ use serde_json::{Value, json};
 use std::io::Read;
 use std::path::Path;
 
-/// Everything a report shows of a run.
+/// Content of a report.
 #[derive(Clone, Debug)]
 pub struct Report {
     run: RunInfo,
@@ -23,7 +23,7 @@ pub struct Report {
 impl Report {
     /// Reads a log, once from its start to its end.
     ///
-    /// A log that ends too early, or is damaged further on, gives a report of what comes before; [`RunInfo::cut_off`] says so.
+    /// For a truncated or damaged log, the report covers the part before; [`RunInfo::cut_off`] says so.
     ///
     /// # Errors
     /// [`ReportError::Log`] if the file cannot be opened or is no log, [`ReportError::Empty`] if it holds no state.
@@ -31,7 +31,7 @@ impl Report {
         Self::from_reader(Reader::open(log)?, log)
     }
 
-    /// As [`Report::read`], from an open log; `log` is what the report calls it.
+    /// Reads an open log, as [`Report::read`]; the report names it `log`.
     ///
     /// # Errors
     /// [`ReportError::Empty`].
@@ -53,71 +53,71 @@ impl Report {
         }
         run.end(collected.last_tick, collected.messages, cut_off);
         collected.events.sort();
-        // Every figure is finite: there is nothing that JSON could not hold.
+        // Every metric is finite, so the conversion to JSON cannot fail.
         let metrics = serde_json::to_value(collected.metrics.summary()).unwrap_or(Value::Null);
         Ok(Self { run, names, metrics, collected })
     }
 
-    /// What the log says about its run.
+    /// Description of the run, from the log.
     #[must_use]
     pub const fn run(&self) -> &RunInfo {
         &self.run
     }
 
-    /// The metrics, as `hapfic_log::MetricsSummary` writes them.
+    /// Metrics, in the form of `hapfic_log::MetricsSummary`.
     #[must_use]
     pub const fn metrics(&self) -> &Value {
         &self.metrics
     }
 
-    /// The events that are listed, in the order of time; at most [`crate::MOST_EVENTS`] faults, changes by the operator,
-    /// reactions of the stack and others each.
+    /// Listed events, in the order of time: at most [`crate::MOST_EVENTS`] faults, changes by the operator, actions of
+    /// the supervisor and others each.
     #[must_use]
     pub fn events(&self) -> &[LoggedEvent] {
         self.collected.events.kept()
     }
 
-    /// Stretches in which the drive braked or was stopped, in the order of time; the first [`crate::MOST_INCIDENTS`].
+    /// Periods with a braking or stopped drive, in the order of time; the first [`crate::MOST_INCIDENTS`].
     #[must_use]
     pub fn incidents(&self) -> Vec<Incident> {
         self.collected.incidents.listed(self.events())
     }
 
-    /// The figures of the page.
+    /// Makes the figures of the page.
     #[must_use]
     pub fn figures(&self) -> Vec<Figure> {
         figures::all(&self.collected, &self.run, &self.names)
     }
 
-    /// Height and force of the foot and who touches whom, in one figure.
+    /// Makes the overview: height and force of the foot and contact pairs, in one figure.
     #[must_use]
     pub fn overview(&self) -> Figure {
         figures::overview(&self.collected, &self.run)
     }
 
-    /// When the snapshots are from, s, and why.
+    /// Times of the snapshots [s] and their reasons.
     #[must_use]
     pub fn snapshot_times(&self) -> Vec<(f64, String)> {
         snapshots::times(&self.collected.frames)
     }
 
-    /// The figures for print, as PNG.
+    /// Draws the figures for print, as PNG.
     ///
     /// # Errors
     /// [`ReportError::Draw`].
-    pub fn pictures(&self) -> Result<Vec<Picture>, ReportError> {
+    pub fn pictures(&self) -> Result<Vec<FigureImage>, ReportError> {
         let mut pictures = Vec::new();
         for figure in self.figures() {
             pictures.push(output::picture(&figure, None)?);
         }
         pictures.push(output::picture(&self.overview(), Some(1000))?);
         if let Some(png) = self.snapshots()? {
-            pictures.push(Picture { name: "snapshots".to_owned(), png });
+            pictures.push(FigureImage { name: "snapshots".to_owned(), png });
         }
         Ok(pictures)
     }
 
-    /// The snapshots side by side, as PNG; `None` if the log has nothing for viewers.
+    /// Draws the snapshots side by side, as PNG; `None` if the log has no messages for viewers.
     ///
     /// # Errors
     /// [`ReportError::Draw`].
@@ -125,7 +125,7 @@ impl Report {
         snapshots::draw(&self.collected.frames)
     }
 
-    /// The interactive page: one file that needs nothing else.
+    /// Makes the interactive page, one self-contained file.
     ///
     /// # Errors
     /// [`ReportError::Draw`], for the snapshots.
@@ -141,7 +141,7 @@ impl Report {
         }))
     }
 
-    /// Metrics, run, events, incidents and times of the snapshots, for programs.
+    /// Makes the JSON for programs: run, metrics, events, incidents and times of the snapshots.
     #[must_use]
     pub fn json(&self) -> Value {
         let events = &self.collected.events;
@@ -156,7 +156,7 @@ impl Report {
         })
     }
 
-    /// Run and metrics, for the terminal.
+    /// Formats run and metrics for the terminal.
     #[must_use]
     pub fn text(&self) -> String {
         table::text(&self.run, &self.metrics, self.collected.events.total())
@@ -171,11 +171,13 @@ impl Report {
         output::write(path, self.html()?.as_bytes())
     }
 
-    /// Writes all parts that have a place. The places are checked and everything is made before the first is written; `written`
-    /// is told of each that is there: what it is and where.
+    /// Writes all parts with a path, and calls `written` with name and path of each.
+    ///
+    /// All paths are checked and all parts are made before the first is written.
     ///
     /// # Errors
-    /// [`ReportError::SameFile`], [`ReportError::Place`], [`ReportError::Draw`], with nothing written; [`ReportError::Write`].
+    /// [`ReportError::SameFile`], [`ReportError::OutputPath`], [`ReportError::Draw`], with nothing written;
+    /// [`ReportError::Write`].
     pub fn write(&self, places: &Places, mut written: impl FnMut(&str, &Path)) -> Result<(), ReportError> {
         places.check(&self.run.log)?;
         let page = places.page.as_deref().map(|path| Ok::<_, ReportError>((path, self.html()?))).transpose()?;
@@ -199,7 +201,7 @@ impl Report {
         format!("{:#}\n", self.json())
     }
 
-    /// Writes what programs read.
+    /// Writes the JSON for programs.
     ///
     /// # Errors
     /// [`ReportError::SameFile`] and [`ReportError::Write`].
@@ -208,7 +210,7 @@ impl Report {
         output::write(path, self.json_text().as_bytes())
     }
 
-    /// Writes the figures for print into a folder, which is made if there is none; returns how many there are.
+    /// Writes the figures for print into a folder, which is created if necessary; returns their number.
     ///
     /// # Errors
     /// [`ReportError::Write`] and those of [`Report::pictures`].

@@ -1,45 +1,45 @@
-//! What a log says about its run.
+//! Description of a run, from its log.
 
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-/// The metadata record in which the recorder describes the run.
+/// Metadata record with the recorder's description of the run.
 const METADATA: &str = "hapfic";
-/// The clock that has no timer.
+/// Name of the clock without a timer.
 const LOCKSTEP: &str = "lockstep";
 
-/// What a log says about its run.
+/// Description of a run, from its log.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct RunInfo {
-    /// The log.
+    /// Path of the log.
     pub log: PathBuf,
-    /// Name of the scenario, or its file; empty if the log does not tell. So for all texts.
+    /// Name of the scenario, or its file. This and the other texts are empty if unknown.
     pub scenario: String,
-    /// What the scenario calls itself.
+    /// Title of the scenario.
     pub title: String,
     /// `realtime` or `lockstep`.
     pub clock: String,
     /// Seed of the run.
     pub seed: String,
-    /// Version of the program that ran it.
+    /// Version of the program that recorded the run.
     pub version: String,
     /// Version of the program that made the report.
     pub report_version: String,
-    /// Simulated time, s.
+    /// Simulated time [s].
     pub duration_s: f64,
-    /// Simulated time the scenario asks for, s.
+    /// Simulated time of the scenario [s].
     pub planned_s: Option<f64>,
-    /// Whether the log holds the run to its end; `None` if it does not tell how long it should be.
+    /// Whether the log covers the whole run; `None` if the planned duration is unknown.
     pub completed: Option<bool>,
-    /// Messages of the log.
+    /// Number of messages in the log.
     pub messages: u64,
-    /// Why the log ends early, if it does.
+    /// Cause of an early end of the log, if any.
     pub cut_off: Option<String>,
 }
 
 impl RunInfo {
-    /// From a log's metadata records.
+    /// Reads the description from a log's metadata records.
     pub(crate) fn new(log: PathBuf, metadata: &BTreeMap<String, BTreeMap<String, String>>) -> Self {
         let header = metadata.get(METADATA);
         let text = |key: &str| header.and_then(|header| header.get(key)).cloned().unwrap_or_default();
@@ -57,7 +57,7 @@ impl RunInfo {
         }
     }
 
-    /// Puts in what is known at the end of the log.
+    /// Adds the properties known at the end of the log.
     pub(crate) fn end(&mut self, last_tick: i64, messages: u64, cut_off: Option<String>) {
         self.duration_s = crate::seconds(last_tick.saturating_add(1));
         self.completed = self.planned_s.map(|planned| cut_off.is_none() && self.duration_s >= planned);
@@ -65,13 +65,13 @@ impl RunInfo {
         self.cut_off = cut_off;
     }
 
-    /// Whether there was no timer.
+    /// Whether the run had no timer.
     #[must_use]
     pub fn lockstep(&self) -> bool {
         self.clock == LOCKSTEP
     }
 
-    /// How the run ended, in words.
+    /// End of the run, as text.
     #[must_use]
     pub fn ending(&self) -> &'static str {
         match (self.completed, &self.cut_off) {

@@ -1,18 +1,18 @@
-//! A quantity over time, in bounded memory, with every peak.
+//! Quantity over time, in bounded memory, with every peak.
 
-use crate::{LATEST_TICK, believable, seconds};
+use crate::{LATEST_TICK, is_plausible, seconds};
 
-/// Most buckets of a series. Full, they are merged two by two.
+/// Most buckets of a series. A full series merges them in pairs.
 pub const CAPACITY: usize = 2048;
 
-/// A quantity over time as an envelope: the least and the largest value of each bucket, and when they were.
+/// Quantity over time as an envelope: smallest and largest value of each bucket, with their ticks.
 ///
-/// A bucket is one tick wide at first, and twice as wide each time there are more than [`CAPACITY`] of them. So a run of twice
-/// as many ticks as that keeps every value, and a run of any length every peak, at its tick. A bucket that is empty between others
-/// is a gap: ticks that are lost, as long as they are wide enough to be seen.
+/// A bucket is one tick wide at first, and twice as wide each time their number exceeds [`CAPACITY`]. So a run of twice
+/// as many ticks keeps every value, and a run of any length every peak, at its tick. An empty bucket between others is
+/// a gap: lost ticks, if they are wide enough to be visible.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Series {
-    /// A bucket is 2^shift ticks wide.
+    /// Width of a bucket: 2^shift ticks.
     shift: u32,
     buckets: Vec<Bucket>,
     first: Option<Sample>,
@@ -27,7 +27,7 @@ struct Sample {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Bucket {
-    /// Its ticks, divided by the width.
+    /// Ticks of the bucket, divided by the width.
     key: i64,
     least: Sample,
     most: Sample,
@@ -45,10 +45,9 @@ impl Bucket {
 }
 
 impl Series {
-    /// Takes the value at a tick, in any order. What is not a finite number of believable size, or at no tick of a run, is
-    /// left out.
+    /// Adds the value at a tick, in any order. Implausible values and invalid ticks are ignored.
     pub fn push(&mut self, tick: i64, value: f64) {
-        if !(0..=LATEST_TICK).contains(&tick) || !believable(value) {
+        if !(0..=LATEST_TICK).contains(&tick) || !is_plausible(value) {
             return;
         }
         let sample = Sample { tick, value };
@@ -85,20 +84,21 @@ impl Series {
         self.buckets = merged;
     }
 
-    /// Whether nothing has come.
+    /// Whether the series has no value.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.buckets.is_empty()
     }
 
-    /// Buckets in use, at most [`CAPACITY`].
+    /// Number of buckets in use, at most [`CAPACITY`].
     #[must_use]
     pub fn buckets(&self) -> usize {
         self.buckets.len()
     }
 
-    /// Time, s, and value times `factor`, in the order of time. Of a stretch of equal values only the ends are given. In a gap
-    /// there is one point whose value is NaN.
+    /// Returns time [s] and value times `factor`, in the order of time.
+    ///
+    /// Of consecutive equal values only the ends are returned. A gap is one point with the value NaN.
     #[must_use]
     pub fn points(&self, factor: f64) -> Vec<(f64, f64)> {
         let mut points = Points { list: Vec::with_capacity(2 * self.buckets.len() + 2), newest: -1, factor };
@@ -123,7 +123,7 @@ impl Series {
     }
 }
 
-/// Points in the order of time, without those that a line through the others shows as well.
+/// Points in the order of time, without those inside a constant line.
 struct Points {
     list: Vec<(f64, f64)>,
     newest: i64,
@@ -146,7 +146,7 @@ impl Points {
         self.list.push((seconds(sample.tick), value));
     }
 
-    /// Nothing is known from the next tick on.
+    /// Begins a gap at the next tick.
     fn gap(&mut self) {
         self.newest += 1;
         self.list.push((seconds(self.newest), f64::NAN));
@@ -166,7 +166,7 @@ mod tests {
     }
 
     #[test]
-    fn a_short_run_keeps_every_tick() {
+    fn series_short_run_keeps_every_tick() {
         let value = |tick: i64| (tick as f64 * 0.37).sin();
         let points = filled(2 * CAPACITY as i64, value).points(1.0);
         assert_eq!(points.len(), 2 * CAPACITY);
@@ -176,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn a_peak_of_one_tick_survives_an_hour_in_bounded_memory() {
+    fn series_one_tick_peak_survives_one_hour() {
         let peak = 1_234_567;
         let series = filled(3_600_000, |tick| if tick == peak { 80.0 } else { (tick % 7) as f64 });
         assert!(series.buckets() <= CAPACITY && series.buckets() > CAPACITY / 4, "{} buckets", series.buckets());
@@ -188,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn the_envelope_of_every_bucket_is_that_of_its_ticks() {
+    fn series_bucket_envelope_matches_its_ticks() {
         let value = |tick: i64| ((tick * 7919) % 10_007) as f64;
         let series = filled(50_000, value);
         for bucket in &series.buckets {
@@ -200,12 +200,12 @@ mod tests {
     }
 
     #[test]
-    fn a_constant_is_its_two_ends() {
+    fn series_constant_gives_two_points() {
         assert_eq!(filled(3000, |_| 5.0).points(1.0), [(0.0, 5.0), (2.999, 5.0)]);
     }
 
     #[test]
-    fn what_no_run_holds_is_left_out() {
+    fn series_invalid_samples_are_ignored() {
         let mut series = Series::default();
         for (tick, value) in [(-1, 1.0), (i64::MAX, 1.0), (3, f64::NAN), (3, f64::INFINITY), (3, 1e300)] {
             series.push(tick, value);
@@ -219,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn lost_ticks_are_a_gap_in_a_short_run_and_in_a_long_one() {
+    fn series_lost_ticks_are_gap() {
         let gaps = |series: &Series| {
             let points = series.points(1.0);
             assert!(points.is_sorted_by(|a, b| a.0 < b.0));
@@ -230,8 +230,8 @@ mod tests {
             short.push(tick, 1.0);
         }
         assert_eq!(gaps(&short), [seconds(100), seconds(200)]);
-        assert_eq!(short.points(1.0).len(), 3 * 2 + 2, "the ends of three stretches, and two gaps");
-        // A bucket is 64 ticks wide by then: one lost tick is too little to be seen, 1000 are not.
+        assert_eq!(short.points(1.0).len(), 3 * 2 + 2, "the ends of three pieces, and two gaps");
+        // A bucket is 64 ticks wide by then: one lost tick is invisible, 1000 are not.
         let mut long = filled(50_000, |tick| (tick % 2) as f64);
         for tick in (50_001..60_000).chain(61_000..100_000) {
             long.push(tick, (tick % 2) as f64);

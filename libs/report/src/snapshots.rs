@@ -1,43 +1,43 @@
-//! Draws what the robot and the objects looked like at a few moments, side by side.
+//! Snapshots of robot and objects at selected times, side by side.
 
 use crate::canvas::{Anchor, Canvas, Pen, Spot};
 use crate::error::ReportError;
 use crate::figure::Color;
 use crate::frames::Frames;
 use crate::geometry::{Vector, add, cross, dot, norm, scale, unit};
-use crate::scene::{Form, Solid};
+use crate::scene::{Solid, SolidShape};
 use crate::seconds;
-use crate::view::{AMBIENT, Sight, View, WIDTH};
+use crate::view::{AMBIENT, SnapshotScene, View, WIDTH};
 
-/// How many moments are drawn.
+/// Number of snapshots.
 pub const SNAPSHOTS: usize = 5;
 
-/// Size of the text below a snapshot, px.
+/// Height of the caption below a snapshot, and size of its text [px].
 const CAPTION: f32 = 84.0;
 const FONT: f32 = 21.0;
-/// Faces of boxes are drawn in patches no larger than this, so that what is in front of a part of a face is, m.
+/// Largest patch of a box face [m]: patches make the order in depth right for parts of a face.
 const PATCH_M: f64 = 0.04;
 const MOST_PATCHES: usize = 10;
-/// Strips across a rod, and rings of a ball: their shading.
+/// Strips across a rod, and discs of a ball, for their shading.
 const STRIPS: usize = 9;
-/// Spacing of the floor's lines, m, and how many there are at most: on a larger floor they are further apart.
+/// Spacing of the floor's lines [m], and their largest number: on a larger floor the spacing is wider.
 const GRID_M: f64 = 0.05;
 const MOST_LINES: f64 = 60.0;
 
-/// When the snapshots are from, s, and why.
+/// Times of the snapshots [s] and their reasons.
 pub(crate) fn times(frames: &Frames) -> Vec<(f64, String)> {
     frames.choose(SNAPSHOTS).into_iter().map(|frame| (seconds(frame.tick), frame.reason.clone())).collect()
 }
 
-/// The snapshots side by side, as PNG; `None` if there is nothing to draw.
+/// Draws the snapshots side by side, as PNG; `None` if the scene is empty.
 pub(crate) fn draw(frames: &Frames) -> Result<Option<Vec<u8>>, ReportError> {
     let chosen = frames.choose(SNAPSHOTS);
-    let sights: Vec<_> = chosen.iter().map(|frame| Sight::new(frames, frame)).collect();
-    let Some(mut view) = View::around(&sights) else { return Ok(None) };
+    let scenes: Vec<_> = chosen.iter().map(|frame| SnapshotScene::new(frames, frame)).collect();
+    let Some(mut view) = View::around(&scenes) else { return Ok(None) };
     let mut canvas = Canvas::new("snapshots", WIDTH as u32 * SNAPSHOTS as u32, (view.height + CAPTION) as u32)?;
-    for (i, (frame, sight)) in chosen.iter().zip(&sights).enumerate() {
+    for (i, (frame, scene)) in chosen.iter().zip(&scenes).enumerate() {
         view.left = WIDTH * i as f32;
-        snapshot(&mut canvas, &view, sight);
+        snapshot(&mut canvas, &view, scene);
         let middle = view.left + 0.5 * WIDTH;
         let time = format!("t = {:.2} s", seconds(frame.tick));
         canvas.text((middle, view.height + 26.0), Anchor::Middle, FONT + 3.0, Color::INK, &time);
@@ -47,27 +47,27 @@ pub(crate) fn draw(frames: &Frames) -> Result<Option<Vec<u8>>, ReportError> {
     canvas.png("snapshots").map(Some)
 }
 
-/// Something flat enough to have one depth.
+/// Drawing primitive with a single depth.
 enum Piece {
     Patch { corners: Vec<Vector>, color: Color },
     Edge { ends: [Vector; 2], color: Color },
     Ball { centre: Vector, radius: f64, color: [f64; 3] },
 }
 
-fn snapshot(canvas: &mut Canvas, view: &View, sight: &Sight) {
-    if let Some(height) = sight.ground {
+fn snapshot(canvas: &mut Canvas, view: &View, scene: &SnapshotScene) {
+    if let Some(height) = scene.ground {
         floor(canvas, view, height);
     }
     let mut pieces = Vec::new();
-    for solid in &sight.solids {
-        match solid.form {
-            Form::Ball { radius } => ball(&mut pieces, view, solid.pose.position, radius, solid.color),
-            Form::Rod { radius, length } => rod(&mut pieces, view, solid, radius, length),
-            Form::Block { size } => block(&mut pieces, view, solid, size),
-            Form::Floor => {}
+    for solid in &scene.solids {
+        match solid.shape {
+            SolidShape::Ball { radius } => ball(&mut pieces, view, solid.pose.position, radius, solid.color),
+            SolidShape::Rod { radius, length } => rod(&mut pieces, view, solid, radius, length),
+            SolidShape::Block { size } => block(&mut pieces, view, solid, size),
+            SolidShape::Floor => {}
         }
     }
-    // From the back to the front; pieces of one depth stay in their order.
+    // From back to front; pieces of equal depth keep their order.
     pieces.sort_by(|a: &(f64, Piece), b| a.0.total_cmp(&b.0));
     for (_, piece) in &pieces {
         match piece {
@@ -82,18 +82,18 @@ fn snapshot(canvas: &mut Canvas, view: &View, sight: &Sight) {
             Piece::Ball { centre, radius, color } => shaded(canvas, view, *centre, *radius, *color),
         }
     }
-    if let Some(target) = sight.target {
-        canvas.ring(view.spot(target), 9.0, Pen::solid(Color::BLUE, 3.0));
+    if let Some(target) = scene.target {
+        canvas.circle(view.spot(target), 9.0, Pen::solid(Color::BLUE, 3.0));
     }
-    if let Some(reference) = sight.reference {
+    if let Some(reference) = scene.reference {
         canvas.disc(view.spot(reference), 5.0, Color::GREEN);
     }
-    for (from, to) in &sight.arrows {
+    for (from, to) in &scene.arrows {
         arrow(canvas, view.spot(*from), view.spot(*to));
     }
 }
 
-/// The lines of the floor below what stands on it.
+/// Draws the floor with its lines, below the scene.
 fn floor(canvas: &mut Canvas, view: &View, height: f64) {
     let width = view.floor.iter().map(|(low, high)| high - low).fold(0.0, f64::max);
     let mut spacing = GRID_M;
@@ -117,7 +117,7 @@ fn ball(pieces: &mut Vec<(f64, Piece)>, view: &View, centre: Vector, radius: f64
     pieces.push((view.depth(centre), Piece::Ball { centre, radius, color }));
 }
 
-/// A rod along z with rounded ends: strips across it, and a ball at each end.
+/// Makes a rod along z with rounded ends: strips across it, and a ball at each end.
 fn rod(pieces: &mut Vec<(f64, Piece)>, view: &View, solid: &Solid, radius: f64, length: f64) {
     let reach = 0.5 * length - radius;
     if reach <= 0.0 {
@@ -150,7 +150,7 @@ fn rod(pieces: &mut Vec<(f64, Piece)>, view: &View, solid: &Solid, radius: f64, 
     }
 }
 
-/// The faces of a box that are turned to the eye, in patches, and their edges.
+/// Makes the visible faces of a box, in patches, and their edges.
 fn block(pieces: &mut Vec<(f64, Piece)>, view: &View, solid: &Solid, size: Vector) {
     for (axis, edge) in size.into_iter().enumerate() {
         let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
@@ -181,7 +181,7 @@ fn block(pieces: &mut Vec<(f64, Piece)>, view: &View, solid: &Solid, size: Vecto
                     pieces.push((depth, Piece::Patch { corners: corners.to_vec(), color }));
                     for (k, _) in outer.into_iter().enumerate().filter(|(_, outer)| *outer) {
                         let ends = [corners[k], corners[(k + 1) % 4]];
-                        // In front of the patches beside it, which would cover half of it.
+                        // In front of the neighbouring patches, which would cover half of it.
                         pieces.push((depth + 1e-3, Piece::Edge { ends, color: dark }));
                     }
                 }
@@ -190,9 +190,9 @@ fn block(pieces: &mut Vec<(f64, Piece)>, view: &View, solid: &Solid, size: Vecto
     }
 }
 
-/// A ball: discs, each smaller, brighter and further towards the light.
+/// Draws a ball as discs, each smaller, brighter and further towards the light.
 fn shaded(canvas: &mut Canvas, view: &View, centre: Vector, radius: f64, color: [f64; 3]) {
-    // Where on the visible half the light falls straight.
+    // Direction of the light in the picture's plane.
     let light = (dot(view.light, view.right), dot(view.light, view.up));
     let (x, y) = view.spot(centre);
     let radius = view.pixels(radius);
@@ -206,7 +206,7 @@ fn shaded(canvas: &mut Canvas, view: &View, centre: Vector, radius: f64, color: 
     }
 }
 
-/// A force, always in front.
+/// Draws a force, always in front.
 fn arrow(canvas: &mut Canvas, from: Spot, to: Spot) {
     let (dx, dy) = (to.0 - from.0, to.1 - from.1);
     let length = dx.hypot(dy);

@@ -1,22 +1,22 @@
-//! The metrics as rows, whatever they are: what the log crate measures is shown without being known here.
+//! Metrics as rows, generic over their structure: new metrics of the log crate need no change here.
 
 use crate::run::RunInfo;
 use serde_json::Value;
 use std::fmt::Write;
 
-/// Most elements of a list that are shown as rows of their own.
+/// Most elements of a list in a table.
 const MOST_ELEMENTS: usize = 32;
 
-/// A line of the table.
+/// Row of the table.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Row {
-    /// What the metrics call it, without its section.
+    /// Name of the metric, without its section.
     pub(crate) name: String,
     /// One value, or one for each element of a list, such as the axes x, y and z.
     pub(crate) cells: Vec<String>,
 }
 
-/// The sections of the metrics and their rows. What there was nothing to measure for is left out.
+/// Splits the metrics into sections of rows. Metrics without data are left out.
 pub(crate) fn sections(metrics: &Value) -> Vec<(String, Vec<Row>)> {
     let Value::Object(sections) = metrics else { return Vec::new() };
     let rows = |value: &Value| {
@@ -47,7 +47,7 @@ fn flatten(name: String, value: &Value, rows: &mut Vec<Row>) {
     }
 }
 
-/// A field's name in words, its unit in brackets.
+/// Converts the name of a field to words, with its unit in brackets.
 fn words(key: &str) -> String {
     const UNITS: [(&str, &str); 8] =
         [("m", "m"), ("n", "N"), ("us", "us"), ("ms", "ms"), ("j", "J"), ("s", "s"), ("deg", "degrees"), ("percent", "%")];
@@ -72,7 +72,7 @@ fn cell(value: &Value) -> String {
     }
 }
 
-/// Four digits are more than a reader compares.
+/// Formats a number to four digits.
 fn float(value: f64) -> String {
     let size = value.abs();
     if value == 0.0 {
@@ -85,7 +85,7 @@ fn float(value: f64) -> String {
     }
 }
 
-/// Run and metrics, for the terminal.
+/// Formats run and metrics for the terminal.
 pub(crate) fn text(run: &RunInfo, metrics: &Value, events: u64) -> String {
     let mut out = String::new();
     // Writing to a string cannot fail.
@@ -98,7 +98,7 @@ fn write(out: &mut String, run: &RunInfo, metrics: &Value, events: u64) -> std::
     writeln!(
         out,
         "{} ({}): {}, {:.3} s, {} messages, {events} events",
-        or(&run.scenario, "a run without a name"),
+        or(&run.scenario, "unnamed run"),
         or(&run.clock, "clock unknown"),
         run.ending(),
         run.duration_s,
@@ -126,11 +126,11 @@ mod tests {
     use serde_json::json;
 
     #[test]
-    fn any_metrics_become_rows() {
+    fn sections_any_metrics_become_rows() {
         let metrics = json!({
             "force": { "rms_n": [0.123_456, null, 1234.6], "desired_n": [null, null, null], "ok": true },
             "timing": { "latency_us": { "p50": 55.0, "max": 1e9 }, "late_ticks": 3 },
-            "moments": { "objects": [{ "name": "box", "turned_deg": 90.0 }] },
+            "moments": { "objects": [{ "name": "box", "rotated_deg": 90.0 }] },
             "empty": {},
         });
         let found: Vec<_> = sections(&metrics)
@@ -146,7 +146,7 @@ mod tests {
             "timing/latency (us), max: 1.000e9",
             "timing/late ticks: 3",
             "moments/objects, 0, name: box",
-            "moments/objects, 0, turned (degrees): 90.00",
+            "moments/objects, 0, rotated (degrees): 90.00",
         ] {
             assert!(found.iter().any(|other| other == row), "{row} is not in {found:#?}");
         }

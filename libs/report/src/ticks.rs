@@ -1,13 +1,13 @@
-//! Where the axes of a picture have their numbers.
+//! Tick marks of the axes of a picture.
 
-/// A number on an axis.
+/// Tick mark of an axis.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Tick {
     pub(crate) value: f64,
     pub(crate) text: String,
 }
 
-/// Numbers of a linear axis, some `about` of them.
+/// Places about `about` tick marks on a linear axis.
 pub(crate) fn linear(low: f64, high: f64, about: usize) -> Vec<Tick> {
     let span = high - low;
     if !(span > 0.0 && span.is_finite()) {
@@ -18,7 +18,7 @@ pub(crate) fn linear(low: f64, high: f64, about: usize) -> Vec<Tick> {
     let step = [1.0, 2.0, 5.0, 10.0].into_iter().map(|m| m * power).find(|step| *step >= rough * 0.999).unwrap_or(power);
     let decimals = (-step.log10() - 1e-9).ceil().clamp(0.0, 12.0) as usize;
     let (first, last) = ((low / step - 1e-9).ceil(), (high / step + 1e-9).floor());
-    // A step is no less than a part of the span, so that there are only a few.
+    // A step is never much smaller than span / about, so that the count is small.
     let count = (last - first).clamp(-1.0, 100.0) as i64;
     (0..=count)
         .map(|i| {
@@ -29,7 +29,7 @@ pub(crate) fn linear(low: f64, high: f64, about: usize) -> Vec<Tick> {
         .collect()
 }
 
-/// The powers of ten of a logarithmic axis from `low` to `high`, both above zero.
+/// Places tick marks at the powers of ten of a logarithmic axis from `low` to `high`, both above zero.
 pub(crate) fn decades(low: f64, high: f64) -> Vec<Tick> {
     if !(low > 0.0 && high >= low && high.is_finite()) {
         return Vec::new();
@@ -53,7 +53,7 @@ mod tests {
     }
 
     #[test]
-    fn steps_are_round_numbers() {
+    fn linear_ticks_are_round_numbers() {
         assert_eq!(texts(&linear(-0.3, 1.1, 4)), ["0.0", "0.5", "1.0"]);
         assert_eq!(texts(&linear(0.0, 60.0, 6)), ["0", "10", "20", "30", "40", "50", "60"]);
         assert_eq!(texts(&linear(-150.0, 150.0, 3)), ["-100", "0", "100"]);
@@ -62,7 +62,7 @@ mod tests {
     }
 
     #[test]
-    fn decades_are_powers_of_ten() {
+    fn decade_ticks_are_powers_of_ten() {
         assert_eq!(texts(&decades(0.5, 2000.0)), ["1", "10", "100", "1000"]);
         assert_eq!(texts(&decades(0.1, 1.0)), ["0.1", "1"]);
     }

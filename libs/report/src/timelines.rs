@@ -1,16 +1,16 @@
-//! What is so, or not, over time: who touches whom, what mode the drive is in.
+//! Timelines of states: contact pairs and modes.
 
 use crate::{LATEST_TICK, seconds};
 
-/// Most stretches of a lane. Full, those closest to each other are joined.
+/// Most spans of a row. A full row joins the closest spans.
 pub const MOST_SPANS: usize = 2048;
-/// Most lanes; a foreign log may hold any number of names.
-pub const MOST_LANES: usize = 48;
+/// Most rows; a foreign log may hold any number of names.
+pub const MOST_ROWS: usize = 48;
 
-/// When something was so: stretches of ticks, both ends included.
+/// Periods of one state: spans of ticks, both ends included.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Spans {
-    /// Stretches that are no further apart than this many ticks are one.
+    /// Largest distance at which spans are joined [ticks].
     gap: i64,
     spans: Vec<(i64, i64)>,
 }
@@ -22,7 +22,7 @@ impl Default for Spans {
 }
 
 impl Spans {
-    /// It was so at this tick. Ticks come in order; one that does not is left out.
+    /// Adds a tick. Ticks out of order are ignored.
     pub fn push(&mut self, tick: i64) {
         if !(0..=LATEST_TICK).contains(&tick) {
             return;
@@ -46,44 +46,44 @@ impl Spans {
         }
     }
 
-    /// Stretches from their first tick to the end of their last, s.
+    /// Spans from their first tick to the end of their last tick [s].
     #[must_use]
     pub fn seconds(&self) -> Vec<(f64, f64)> {
         self.spans.iter().map(|(from, to)| (seconds(*from), seconds(to + 1))).collect()
     }
 }
 
-/// One lane for each pair of names that has come, in the order in which they came.
+/// Timelines: one row for each pair of names, in the order of their first ticks.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Lanes {
-    lanes: Vec<(String, String, Spans)>,
+pub struct Timelines {
+    rows: Vec<(String, String, Spans)>,
 }
 
-impl Lanes {
-    /// A pair at a tick. Returns whether it is new.
+impl Timelines {
+    /// Adds a pair at a tick. Returns whether the pair is new.
     pub fn push(&mut self, first: &str, second: &str, tick: i64) -> bool {
-        if let Some((_, _, spans)) = self.lanes.iter_mut().find(|(a, b, _)| a == first && b == second) {
+        if let Some((_, _, spans)) = self.rows.iter_mut().find(|(a, b, _)| a == first && b == second) {
             spans.push(tick);
             return false;
         }
-        if self.lanes.len() == MOST_LANES {
+        if self.rows.len() == MOST_ROWS {
             return false;
         }
         let mut spans = Spans::default();
         spans.push(tick);
-        self.lanes.push((first.to_owned(), second.to_owned(), spans));
+        self.rows.push((first.to_owned(), second.to_owned(), spans));
         true
     }
 
-    /// The lanes: the pair, and when it was.
+    /// Rows: the pair and its spans.
     pub fn iter(&self) -> impl Iterator<Item = (&str, &str, &Spans)> {
-        self.lanes.iter().map(|(a, b, spans)| (a.as_str(), b.as_str(), spans))
+        self.rows.iter().map(|(a, b, spans)| (a.as_str(), b.as_str(), spans))
     }
 
-    /// Whether nothing has come.
+    /// Whether there are no rows.
     #[must_use]
     pub fn is_empty(&self) -> bool {
-        self.lanes.is_empty()
+        self.rows.is_empty()
     }
 }
 
@@ -92,7 +92,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ticks_in_a_row_are_one_stretch() {
+    fn spans_consecutive_ticks_are_joined() {
         let mut spans = Spans::default();
         for tick in [3, 4, 5, 9, 10, 10, 2] {
             spans.push(tick);
@@ -101,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn chatter_stays_bounded_and_keeps_its_ends() {
+    fn spans_chatter_is_bounded_and_keeps_ends() {
         let mut spans = Spans::default();
         for tick in (0..3_600_000).step_by(2) {
             spans.push(tick);
@@ -113,13 +113,13 @@ mod tests {
     }
 
     #[test]
-    fn lanes_are_bounded_and_say_what_is_new() {
-        let mut lanes = Lanes::default();
-        assert!(lanes.push("foot", "floor", 1));
-        assert!(!lanes.push("foot", "floor", 2));
+    fn timelines_are_bounded_and_report_new_pairs() {
+        let mut rows = Timelines::default();
+        assert!(rows.push("foot", "floor", 1));
+        assert!(!rows.push("foot", "floor", 2));
         for i in 0..1000 {
-            lanes.push("foot", &format!("thing {i}"), 3);
+            rows.push("foot", &format!("thing {i}"), 3);
         }
-        assert_eq!(lanes.iter().count(), MOST_LANES);
+        assert_eq!(rows.iter().count(), MOST_ROWS);
     }
 }

@@ -1,14 +1,14 @@
-//! How often something took how long: a histogram over eight decades.
+//! Latency histogram over eight decades.
 
-/// Bins of a factor of ten.
+/// Bins per decade.
 const PER_DECADE: usize = 20;
 /// Decades: 0.1 us to 10 s.
 const DECADES: usize = 8;
-/// Lower end of the first bin, us.
+/// Lower end of the first bin [us].
 const LEAST_US: f64 = 0.1;
 const BINS: usize = PER_DECADE * DECADES;
 
-/// A logarithmic histogram of durations. What is outside its range counts in the bin next to it.
+/// Logarithmic histogram of durations. Values outside the range count in the nearest bin.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Histogram {
     bins: Vec<u64>,
@@ -23,30 +23,31 @@ impl Default for Histogram {
 }
 
 impl Histogram {
-    /// Takes a duration, ns.
+    /// Adds a duration [ns].
     pub fn push(&mut self, ns: u64) {
         let decades = (ns as f64 * 1e-3 / LEAST_US).log10();
-        // No duration gives minus infinity, which the cast makes zero.
+        // Zero gives minus infinity, which the cast makes zero.
         let bin = ((decades * PER_DECADE as f64).floor() as usize).min(BINS - 1);
         self.bins[bin] += 1;
         self.count += 1;
         self.largest_ns = self.largest_ns.max(ns);
     }
 
-    /// Durations taken.
+    /// Number of durations.
     #[must_use]
     pub const fn count(&self) -> u64 {
         self.count
     }
 
-    /// The longest, us.
+    /// Longest duration [us].
     #[must_use]
     pub fn largest_us(&self) -> f64 {
         self.largest_ns as f64 * 1e-3
     }
 
-    /// Outline of the bins from the first to the last that is not empty: duration, us, and count. `floor` stands for none,
-    /// which a logarithmic axis cannot show.
+    /// Outline of the bins from the first to the last non-empty one: duration [us] and count.
+    ///
+    /// `floor` replaces a count of zero, which a logarithmic axis cannot show.
     #[must_use]
     pub fn outline(&self, floor: f64) -> Vec<(f64, f64)> {
         let edge = |bin: usize| LEAST_US * 10_f64.powf(bin as f64 / PER_DECADE as f64);
@@ -70,7 +71,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn durations_are_in_the_bins_around_them() {
+    fn histogram_duration_counts_in_its_bin() {
         let mut histogram = Histogram::default();
         for ns in [55_000, 55_000, 900_000] {
             histogram.push(ns);
@@ -82,7 +83,7 @@ mod tests {
     }
 
     #[test]
-    fn the_shortest_and_the_longest_count_too() {
+    fn histogram_extremes_count_in_end_bins() {
         let mut histogram = Histogram::default();
         for ns in [0, 1, u64::MAX] {
             histogram.push(ns);

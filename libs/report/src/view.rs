@@ -1,56 +1,56 @@
-//! What snapshots show of a moment, and from where: the robot, and what is near it.
+//! Scene and projection of the snapshots: the robot and the objects near it.
 
 use crate::canvas::Spot;
 use crate::figure::Color;
 use crate::frames::{Frame, Frames};
 use crate::geometry::{Pose, Vector, cross, dot, unit};
-use crate::scene::{Body, Form, Solid};
+use crate::scene::{Body, Solid, SolidShape};
 
-/// Width of one snapshot, and its least and largest height, px.
+/// Width of one snapshot, and its smallest and largest height [px].
 pub(crate) const WIDTH: f32 = 400.0;
 const LEAST_HEIGHT: f32 = 160.0;
 const LARGEST_HEIGHT: f32 = 640.0;
 const MARGIN: f32 = 24.0;
-/// From the scene to the eye: to the right of the x axis's back, and from above.
+/// Direction from the scene to the eye, world frame.
 const EYE: Vector = [0.5, -1.0, 0.38];
-/// From the scene to the light.
+/// Direction from the scene to the light, world frame.
 const LIGHT: Vector = [-0.35, -0.7, 0.9];
-/// Share of the light that is everywhere.
+/// Share of ambient light.
 pub(crate) const AMBIENT: f64 = 0.55;
-/// An object is shown as long as it is no further than this from the robot, measured along the ground, m.
+/// Largest horizontal distance of a visible object from the robot [m].
 const NEAR_M: f64 = 0.6;
-/// How far the floor is drawn around what stands on it, m.
+/// Margin of the floor around the scene [m].
 const FLOOR_AROUND_M: f64 = 0.08;
-/// Radius of the marks at reference and target, m, for which there must be room.
+/// Radius of the marks at reference and target [m].
 const MARK_M: f64 = 0.02;
 
-/// What is shown of a moment.
+/// Scene of a snapshot.
 #[derive(Debug)]
-pub(crate) struct Sight {
-    /// Robot and objects, in the world; no floor.
+pub(crate) struct SnapshotScene {
+    /// Robot and objects without the floor, world frame.
     pub(crate) solids: Vec<Solid>,
-    /// Height of the floor, m.
+    /// Height of the floor [m].
     pub(crate) ground: Option<f64>,
-    /// Contact forces: from and to, m.
+    /// Contact forces: from and to [m].
     pub(crate) arrows: Vec<(Vector, Vector)>,
     pub(crate) reference: Option<Vector>,
     pub(crate) target: Option<Vector>,
 }
 
-impl Sight {
-    /// The robot, and whatever else is near its bodies or its foot.
+impl SnapshotScene {
+    /// Selects the robot and the objects near its bodies or its foot.
     pub(crate) fn new(frames: &Frames, frame: &Frame) -> Self {
         let placed = |body: &Body| {
-            // What has no pose of its own stands still.
+            // A body without a pose is fixed.
             let pose = frame.poses.get(&body.frame).copied().unwrap_or(Pose::WORLD);
             body.solids.iter().map(|solid| Solid { pose: pose.pose(&solid.pose), ..*solid }).collect::<Vec<_>>()
         };
         let (objects, others): (Vec<_>, Vec<_>) = frames.bodies.iter().partition(|(name, _)| frames.objects.contains(*name));
         let (floors, mut solids): (Vec<_>, Vec<_>) =
-            others.into_iter().flat_map(|(_, body)| placed(body)).partition(|solid| solid.form == Form::Floor);
+            others.into_iter().flat_map(|(_, body)| placed(body)).partition(|solid| solid.shape == SolidShape::Floor);
         let anchors: Vec<_> = solids.iter().map(|solid| solid.pose.position).chain(frame.foot).collect();
-        let near = |place: &Vector| {
-            anchors.is_empty() || anchors.iter().any(|anchor| (place[0] - anchor[0]).hypot(place[1] - anchor[1]) <= NEAR_M)
+        let near = |point: &Vector| {
+            anchors.is_empty() || anchors.iter().any(|anchor| (point[0] - anchor[0]).hypot(point[1] - anchor[1]) <= NEAR_M)
         };
         for object in objects.into_iter().map(|(_, body)| placed(body)) {
             if object.iter().any(|solid| near(&solid.pose.position)) {
@@ -67,70 +67,70 @@ impl Sight {
     }
 }
 
-/// From the world to the picture, without perspective.
+/// Projection from the world to the picture, without perspective.
 #[derive(Debug)]
 pub(crate) struct View {
     pub(crate) right: Vector,
     pub(crate) up: Vector,
     pub(crate) eye: Vector,
     pub(crate) light: Vector,
-    /// What is in the middle, in the picture's plane, m.
+    /// Centre of the scene, in the picture's plane [m].
     middle: (f64, f64),
-    /// px per m.
+    /// Scale [px/m].
     scale: f64,
-    /// Height of a snapshot, px.
+    /// Height of a snapshot [px].
     pub(crate) height: f32,
-    /// Left edge of the snapshot, px.
+    /// Left edge of the snapshot [px].
     pub(crate) left: f32,
-    /// Where the floor is drawn: least and largest x and y, m.
+    /// Extent of the floor: smallest and largest x and y [m].
     pub(crate) floor: [(f64, f64); 2],
 }
 
 impl View {
-    /// The same view for all snapshots, in which all of them have room and none to spare; `None` if there is nothing to see.
-    pub(crate) fn around(sights: &[Sight]) -> Option<Self> {
+    /// Fits one view tightly around the scenes of all snapshots; `None` if they are empty.
+    pub(crate) fn around(scenes: &[SnapshotScene]) -> Option<Self> {
         let eye = unit(EYE);
         let right = unit(cross([0.0, 0.0, 1.0], eye));
         let up = cross(eye, right);
         let (mut across, mut along) = ((f64::MAX, f64::MIN), (f64::MAX, f64::MIN));
         let mut floor = [across, across];
-        let mut room = |centre: Vector, radius: f64| {
+        let mut include = |centre: Vector, radius: f64| {
             widen(&mut across, dot(centre, right), radius);
             widen(&mut along, dot(centre, up), radius);
             widen(&mut floor[0], centre[0], radius);
             widen(&mut floor[1], centre[1], radius);
         };
-        for solid in sights.iter().flat_map(|sight| &sight.solids) {
-            match solid.form {
-                Form::Ball { radius } => room(solid.pose.position, radius),
-                Form::Rod { radius, length } => {
+        for solid in scenes.iter().flat_map(|scene| &scene.solids) {
+            match solid.shape {
+                SolidShape::Ball { radius } => include(solid.pose.position, radius),
+                SolidShape::Rod { radius, length } => {
                     let reach = (0.5 * length - radius).max(0.0);
                     for end in [-reach, reach] {
-                        room(solid.pose.point([0.0, 0.0, end]), radius);
+                        include(solid.pose.point([0.0, 0.0, end]), radius);
                     }
                 }
-                Form::Block { size } => {
+                SolidShape::Block { size } => {
                     for corner in 0..8_usize {
                         let sign = |bit: usize| if (corner >> bit) & 1 == 0 { -0.5 } else { 0.5 };
-                        room(solid.pose.point([sign(0) * size[0], sign(1) * size[1], sign(2) * size[2]]), 0.0);
+                        include(solid.pose.point([sign(0) * size[0], sign(1) * size[1], sign(2) * size[2]]), 0.0);
                     }
                 }
-                Form::Floor => {}
+                SolidShape::Floor => {}
             }
         }
-        for sight in sights {
-            for mark in [sight.reference, sight.target].into_iter().flatten() {
-                room(mark, MARK_M);
+        for scene in scenes {
+            for mark in [scene.reference, scene.target].into_iter().flatten() {
+                include(mark, MARK_M);
             }
-            for (from, to) in &sight.arrows {
-                room(*from, 0.0);
-                room(*to, 0.0);
+            for (from, to) in &scene.arrows {
+                include(*from, 0.0);
+                include(*to, 0.0);
             }
         }
         if !(across.1 > across.0 && along.1 > along.0) {
             return None;
         }
-        if let Some(height) = sights.iter().find_map(|sight| sight.ground) {
+        if let Some(height) = scenes.iter().find_map(|scene| scene.ground) {
             floor = floor.map(|(low, high)| (low - FLOOR_AROUND_M, high + FLOOR_AROUND_M));
             let [(x0, x1), (y0, y1)] = floor;
             for corner in [[x0, y0, height], [x1, y0, height], [x0, y1, height], [x1, y1, height]] {
@@ -156,12 +156,12 @@ impl View {
         (length * self.scale) as f32
     }
 
-    /// Nearer is larger.
+    /// Depth of a point along the view; larger is nearer [m].
     pub(crate) fn depth(&self, point: Vector) -> f64 {
         dot(point, self.eye)
     }
 
-    /// A colour in the light, on a surface with this outward normal.
+    /// Lights a colour on a surface with this outward normal.
     pub(crate) fn lit(&self, color: [f64; 3], normal: Vector) -> Color {
         let light = AMBIENT + (1.0 - AMBIENT) * dot(normal, self.light).max(0.0);
         let [r, g, b] = color.map(|v| (255.0 * (v * light).clamp(0.0, 1.0)).round() as u8);
@@ -179,48 +179,48 @@ mod tests {
     use super::*;
     use crate::scene::Update;
 
-    /// Height of the floor, m.
+    /// Height of the floor [m].
     const GROUND: f64 = -0.1;
 
-    /// What is seen of a robot at the origin and a ball so far away from it.
-    fn sight(distance: f64) -> Sight {
-        let body = |frame: &str, height: f64, form: Form| {
+    /// Scene of a robot at the origin and a ball at a distance.
+    fn scene(distance: f64) -> SnapshotScene {
+        let body = |frame: &str, height: f64, shape: SolidShape| {
             let pose = Pose { position: [0.0, 0.0, height], ..Pose::WORLD };
-            Body { frame: frame.to_owned(), solids: vec![Solid { pose, form, color: [0.5; 3] }] }
+            Body { frame: frame.to_owned(), solids: vec![Solid { pose, shape, color: [0.5; 3] }] }
         };
         let bodies = vec![
-            ("shank".to_owned(), body("world", 0.1, Form::Rod { radius: 0.02, length: 0.3 })),
-            ("ball".to_owned(), body("ball", 0.1, Form::Ball { radius: 0.1 })),
-            ("floor".to_owned(), body("world", GROUND, Form::Floor)),
+            ("shank".to_owned(), body("world", 0.1, SolidShape::Rod { radius: 0.02, length: 0.3 })),
+            ("ball".to_owned(), body("ball", 0.1, SolidShape::Ball { radius: 0.1 })),
+            ("floor".to_owned(), body("world", GROUND, SolidShape::Floor)),
         ];
         let far = [distance, 0.0, 0.1];
         let arrows = vec![(far, [distance, 0.0, 0.2]), ([0.0; 3], [0.0, 0.0, 0.05])];
         let mut frames = Frames::default();
-        frames.moved(vec![("ball".to_owned(), Pose { position: [distance, 0.0, 0.0], ..Pose::WORLD })]);
+        frames.set_poses(vec![("ball".to_owned(), Pose { position: [distance, 0.0, 0.0], ..Pose::WORLD })]);
         let update = Update { bodies, arrows, reference: Some([0.0; 3]), target: Some(far) };
-        frames.shown(0, update, ["ball"].into_iter(), Some(([0.05, 0.0, 0.0], 0.0)), Vec::new());
-        Sight::new(&frames, frames.choose(1)[0])
+        frames.add(0, update, ["ball"].into_iter(), Some(([0.05, 0.0, 0.0], 0.0)), Vec::new());
+        SnapshotScene::new(&frames, frames.choose(1)[0])
     }
 
     #[test]
-    fn what_is_far_from_the_robot_is_not_shown_and_takes_no_room() {
-        let (near, far, further) = (sight(0.3), sight(3.0), sight(300.0));
-        assert_eq!([&near, &far, &further].map(|sight| sight.solids.len()), [2, 1, 1]);
-        assert_eq!([&near, &far, &further].map(|sight| sight.arrows.len()), [2, 1, 1]);
+    fn snapshot_scene_far_objects_are_left_out() {
+        let (near, far, further) = (scene(0.3), scene(3.0), scene(300.0));
+        assert_eq!([&near, &far, &further].map(|scene| scene.solids.len()), [2, 1, 1]);
+        assert_eq!([&near, &far, &further].map(|scene| scene.arrows.len()), [2, 1, 1]);
         assert_eq!((near.target.is_some(), far.target, far.reference), (true, None, Some([0.0; 3])));
         assert_eq!(far.ground, Some(GROUND));
-        let [near, far, further] = [near, far, further].map(|sight| View::around(&[sight]).unwrap());
+        let [near, far, further] = [near, far, further].map(|scene| View::around(&[scene]).unwrap());
         assert!(near.scale < far.scale, "{} px/m with the ball, {} without", near.scale, far.scale);
         assert_eq!((far.scale, far.height, far.floor), (further.scale, further.height, further.floor));
     }
 
     #[test]
-    fn everything_shown_is_inside_and_no_height_is_left_over() {
-        let sights = [sight(0.3), sight(-0.5)];
-        let view = View::around(&sights).unwrap();
+    fn view_fits_scene_tightly() {
+        let scenes = [scene(0.3), scene(-0.5)];
+        let view = View::around(&scenes).unwrap();
         assert!((LEAST_HEIGHT..=LARGEST_HEIGHT).contains(&view.height));
         let mut edges = (f32::MAX, f32::MIN);
-        for solid in sights.iter().flat_map(|sight| &sight.solids) {
+        for solid in scenes.iter().flat_map(|scene| &scene.solids) {
             let (x, y) = view.spot(solid.pose.position);
             assert!((0.0..WIDTH).contains(&x) && (0.0..view.height).contains(&y), "{x}, {y}");
         }
@@ -229,7 +229,7 @@ mod tests {
             let (_, y) = view.spot([corner[0], corner[1], GROUND]);
             edges = (edges.0.min(y), edges.1.max(y));
         }
-        // The floor is the lowest of all.
+        // The floor is lowest.
         assert!((view.height - MARGIN - edges.1).abs() < 1.5, "{} of {}", edges.1, view.height);
     }
 }

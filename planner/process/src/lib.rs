@@ -1,6 +1,7 @@
-//! The planner as a process: state(k) in, reference(k + 1) out, one tick ahead, so that the controller never waits for it.
+//! Process of the planner: state(k) in, reference(k + 1) out, one tick ahead, so that the controller never waits for it.
 //!
-//! While the drive is not under torque (before the first command, and braking) the reference is where the foot is.
+//! While the drive is not under torque (before the first command, and while braking) the reference is the position of the
+//! foot.
 
 use hapfic_config::Settings;
 use hapfic_ipc::inject::Injector;
@@ -17,7 +18,7 @@ struct Ports {
     injector: Injector<Reference>,
 }
 
-/// Runs the planner until its last tick or its end.
+/// Runs the planner until the last tick or the end of the process.
 ///
 /// # Errors
 /// [`IpcError`] if messaging fails.
@@ -42,12 +43,12 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), IpcError> {
     if let Some((mut input, tick)) = handed_over {
         let Some(last) = context.handed_over(&mut input, |r: &Reference| r.tick == tick)? else { return Ok(()) };
         plan = Some(Plan::resumed(&last));
-        // It was made from the state one tick before.
+        // Its state was that of the previous tick.
         seen = tick - 1;
     }
 
-    let answered = (context.clock == Clock::Realtime).then(|| context.bus.listener(topic::COMMAND_SENT));
-    let instead = answered.as_ref().map(|a| a as &dyn Wakes);
+    let command_sent = (context.clock == Clock::Realtime).then(|| context.bus.listener(topic::COMMAND_SENT));
+    let instead = command_sent.as_ref().map(|listener| listener as &dyn Wakes);
     while let Some(state) = context.next_state(&mut ports.state, seen, Gaps::Never, instead, || {
         ports.reference.preloan();
         ports.command.preloan();
@@ -56,18 +57,18 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), IpcError> {
         let wake = clock::now_ns();
         context.begin();
         seen = state.tick;
-        if !fill(context, &mut ports, &mut commands, &mut operator, state.tick - 1)? {
+        if !receive_inputs(context, &mut ports, &mut commands, &mut operator, state.tick - 1)? {
             break;
         }
         let Some(operator) = operator else {
-            // Nobody has said what to do yet.
+            // No operator parameters yet.
             context.reject();
             continue;
         };
         let parameters = operator.at(state.tick + 1);
         let active = commands.before(state.tick).is_some_and(|c| c.mode == Mode::Active.code());
         if state.tick == 0 {
-            // TickTimes 0 has no tick before it in which its reference could have been made.
+            // Tick 0 has no previous tick that could plan its reference.
             let first = Plan::at_rest(0, state.foot_position);
             plan = Some(first);
             send(context, &mut ports, &first, parameters.version)?;
@@ -107,8 +108,10 @@ fn send(context: &Context, ports: &mut Ports, plan: &Plan, parameters_version: u
     ports.injector.send(&mut ports.reference, &reference, plan.tick)
 }
 
-/// Takes what there is; in lockstep waits for the command of `tick`, and for the operator's parameters. Says whether to go on.
-fn fill(
+/// Receives all inputs; in lockstep waits for the command of `tick` and for the operator's parameters.
+///
+/// Returns `false` if the process must end.
+fn receive_inputs(
     context: &mut Context,
     ports: &mut Ports,
     commands: &mut TickBuffer<Command>,

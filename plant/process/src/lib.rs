@@ -9,7 +9,7 @@ pub use error::PlantProcessError;
 use hapfic_config::Settings;
 use hapfic_ipc::inject::Injector;
 use hapfic_ipc::realtime::SchedRequest;
-use hapfic_ipc::{Context, DeadlineTimer, Input, IpcError, Output, TickTimes, Wait, clock, topic, wait, watch};
+use hapfic_ipc::{Context, DeadlineTimer, Input, IpcError, Output, TickTimes, Wait, clock, poll, topic, wait};
 use hapfic_messages::{Clock, Command, Credit, PERIOD_NS, State, TickBuffer};
 use hapfic_plant::Plant;
 use std::time::Duration;
@@ -112,8 +112,7 @@ fn realtime(
     resumed: Option<State>,
 ) -> Result<(), PlantProcessError> {
     let doorbell = context.bus.doorbell(topic::COMMAND_DOORBELL);
-    let deadline_timer =
-        context.deadline_timer("hapfic-plant-deadline_timer", doorbell, PERIOD_NS, settings.realtime.priority_plant)?;
+    let deadline_timer = context.deadline_timer("hapfic-plant-dl", doorbell, PERIOD_NS, settings.realtime.priority_plant)?;
     // Two periods to get everyone's first steps out of the way.
     let begun = clock::now_ns() + 2 * PERIOD_NS;
     let (first, mut slipped) = match &resumed {
@@ -181,7 +180,7 @@ fn await_answer(
         wait(&[&ports.command], Duration::MAX)?;
         let woken = clock::now_ns();
         ports.read_answer(context, tick)?;
-        if ports.commands.at(tick).is_none() && woken < end && watch(&[&ports.command], woken + ANY_MOMENT_NS) {
+        if ports.commands.at(tick).is_none() && woken < end && poll(&[&ports.command], woken + ANY_MOMENT_NS) {
             ports.read_answer(context, tick)?;
         }
         let now = clock::now_ns();

@@ -1,4 +1,4 @@
-//! The side that asks: finds a running stack and talks to it.
+//! Client of the operator service: finds a running stack and sends requests to it.
 
 use crate::registry::{self, Registration};
 use anyhow::{Context, Result, anyhow, bail};
@@ -8,17 +8,17 @@ use hapfic_messages::{OperatorKind, OperatorReply, OperatorRequest, ReplyCode};
 use std::fmt::Write;
 use std::time::{Duration, Instant};
 
-/// How long a run that has just begun may take until it can be asked.
-const CONNECT_PATIENCE: Duration = Duration::from_secs(3);
-/// How long a reply may take: longer than the run waits for its own gate.
-const REPLY_PATIENCE: Duration = Duration::from_secs(3);
-/// How often it is tried again.
-const AGAIN: Duration = Duration::from_millis(20);
+/// Time a starting run may take until it accepts connections.
+const CONNECT_TIMEOUT: Duration = Duration::from_secs(3);
+/// Time a reply may take: longer than the run waits for its own gate.
+const REPLY_TIMEOUT: Duration = Duration::from_secs(3);
+/// Interval between two attempts to connect.
+const RETRY_INTERVAL: Duration = Duration::from_millis(20);
 
-/// The run that is meant: the one with this name, or the only one.
+/// Finds the run with a name, or the only run.
 ///
 /// # Errors
-/// If there is none, or more than one and no name.
+/// If there is none, or several and no name.
 pub fn find(run: Option<&str>) -> Result<Registration> {
     let mut runs = registry::running()?;
     if runs.is_empty() {
@@ -41,7 +41,7 @@ pub fn find(run: Option<&str>) -> Result<Registration> {
     }
 }
 
-/// A connection to a run.
+/// Connection to a run.
 pub struct Connection {
     caller: Caller,
 }
@@ -50,7 +50,7 @@ impl Connection {
     /// Connects to a run, which may still be starting.
     ///
     /// # Errors
-    /// If it has ended, or cannot be asked.
+    /// If the run has ended, or accepts no connection.
     pub fn open(registration: &Registration) -> Result<Self> {
         hapfic_ipc::service::quiet();
         let domain = registration.domain()?;
@@ -63,28 +63,28 @@ impl Connection {
             match opened {
                 None => bail!("run {} has ended. Its log: {}", registration.run, registration.log.display()),
                 Some(Ok(caller)) => return Ok(Self { caller }),
-                Some(Err(e)) if begun.elapsed() > CONNECT_PATIENCE => {
-                    return Err(e).with_context(|| format!("run {} cannot be asked", registration.run));
+                Some(Err(e)) if begun.elapsed() > CONNECT_TIMEOUT => {
+                    return Err(e).with_context(|| format!("run {}: cannot connect", registration.run));
                 }
-                Some(Err(_)) => std::thread::sleep(AGAIN),
+                Some(Err(_)) => std::thread::sleep(RETRY_INTERVAL),
             }
         }
     }
 
-    /// Asks; `None` if there is no answer.
+    /// Sends a request and waits for the reply; `None` if there is none in time.
     ///
     /// # Errors
     /// If the text is too long, or messaging fails.
     pub fn ask(&self, kind: OperatorKind, text: &str) -> Result<Option<OperatorReply>> {
         let request = OperatorRequest::new(kind, text).context("the request is too long")?;
-        Ok(self.caller.ask(&request, REPLY_PATIENCE)?)
+        Ok(self.caller.ask(&request, REPLY_TIMEOUT)?)
     }
 }
 
-/// Finds a run, asks it one thing, and disconnects. The reply's text, if it was done.
+/// Connects to a run, sends one request, and disconnects. Returns the reply's text if the run did as requested.
 ///
 /// # Errors
-/// Why it was not.
+/// The reason if the run did not.
 pub fn ask_once(registration: &Registration, kind: OperatorKind, text: &str) -> Result<String> {
     let reply = Connection::open(registration)?.ask(kind, text)?;
     let reply = reply.ok_or_else(|| {

@@ -1,10 +1,11 @@
-//! What an operator asks of a running stack: the thread that answers, its way to the gate and back, and the side that asks.
+//! The operator service: the server thread of a run, its client, and the status that they exchange.
 //!
-//! The thread is no real-time thread. It checks a change as a scenario's is checked and hands it to the gate through a queue that
-//! never blocks; the gate looks into it once a tick, in the slack, and says at which tick the change takes effect.
+//! The server is no real-time thread. It checks a change like one of a scenario and passes it to the gate through a
+//! queue that never blocks. The gate polls the queue once a tick, in its idle time, and replies with the tick at which
+//! the change takes effect.
 
 pub mod client;
 mod serve;
 pub mod status;
 
-pub use serve::{OperatorServerStart, Served};
+pub use serve::{OperatorServer, OperatorServerStart};

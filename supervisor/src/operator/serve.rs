@@ -1,8 +1,8 @@
-//! The thread that answers.
+//! The operator server: a thread that answers the requests of operators.
 
 use super::status::{LatencyQuantiles, ProcessStatus, Status};
+use crate::log_line;
 use crate::recorder::GATE;
-use crate::say;
 use crate::watch;
 use anyhow::{Context, Result};
 use hapfic_config::{Fault, OperatorChange, PERIOD_S, Parameters, differences};
@@ -19,57 +19,57 @@ use std::sync::mpsc::{Sender, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// How long the thread waits at most before it looks by itself.
+/// Longest wait for a request before the thread polls.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
-/// How long the gate may take to take a change. It looks every tick; if it does not, no tick is done.
-const GATE_PATIENCE: Duration = Duration::from_millis(500);
-/// How often a change is made anew because the script was faster.
+/// Time the gate may take to accept a change. The gate polls every tick, so a longer wait means that no tick is done.
+const GATE_TIMEOUT: Duration = Duration::from_millis(500);
+/// Attempts to apply a change while the script changes parameters too.
 const TRIES: usize = 8;
-/// How often it looks for dead callers when there are many.
-const SWEEP_EVERY: Duration = Duration::from_secs(1);
+/// Interval between two clean-ups of dead clients when there are many.
+const CLEAN_UP_INTERVAL: Duration = Duration::from_secs(1);
 
-/// The processes that are told of.
+/// Processes whose status is reported.
 const STARTED: [Process; 4] = [Process::Plant, Process::Planner, Process::Controller, Process::Standby];
 
-/// What the thread starts with.
+/// Arguments of [`OperatorServer::start`].
 #[derive(Debug)]
 pub struct OperatorServerStart {
-    /// The run's domain.
+    /// Domain of the run.
     pub domain: Domain,
     /// Name of the run.
     pub run: String,
     /// Name of the scenario.
     pub scenario: String,
-    /// How time passes.
+    /// Clock of the run.
     pub clock: Clock,
-    /// Where the log is.
+    /// Path of the log.
     pub log: PathBuf,
     /// Ticks of the run.
     pub ticks: i64,
-    /// The first set, its target named.
+    /// Initial parameters, target included.
     pub initial: Parameters,
-    /// The way to the gate.
+    /// Channel of parameter changes to the gate.
     pub change_client: ChangeClient,
-    /// The way to those who make faults on purpose.
+    /// Channel of requested faults to the main thread.
     pub inject: Sender<Fault>,
-    /// Whether there is a second controller.
+    /// Whether the run has a standby controller.
     pub standby: bool,
-    /// Shared with the rest of the supervisor.
+    /// Status shared with the other threads of the supervisor.
     pub shared: Arc<SharedStatus>,
 }
 
-/// The running thread; ends when dropped.
+/// The running server thread; ends when dropped.
 #[derive(Debug)]
-pub struct Served {
+pub struct OperatorServer {
     thread: Option<JoinHandle<()>>,
     end: Arc<AtomicBool>,
 }
 
-impl Served {
-    /// Starts the thread; returns when it can be asked.
+impl OperatorServer {
+    /// Starts the thread; returns when clients can connect.
     ///
     /// # Errors
-    /// If the thread or its ports cannot be had.
+    /// If the thread cannot be started or its ports cannot be opened.
     pub fn start(start: OperatorServerStart) -> Result<Self> {
         let end = Arc::new(AtomicBool::new(false));
         let seen = Arc::clone(&end);
@@ -82,9 +82,9 @@ impl Served {
                     Ok((_bus, requests)) => {
                         let _ = ready.send(Ok(()));
                         let base = start.initial;
-                        let served = Desked { start, base, version: 1 }.serve(requests, &seen);
+                        let served = RequestHandler { start, base, version: 1 }.serve(requests, &seen);
                         if let Err(e) = served {
-                            say(&format!("hapfic: requests of operators are not answered any more: {e}"));
+                            log_line(&format!("hapfic: the operator server has failed, the run continues without it: {e}"));
                         }
                     }
                     Err(e) => {
@@ -92,33 +92,33 @@ impl Served {
                     }
                 }
             })
-            .context("cannot start the thread that answers operators")?;
-        opened.recv().context("the thread that answers operators ended at once")??;
+            .context("cannot start the operator server")?;
+        opened.recv().context("the operator server ended immediately")??;
         Ok(Self { thread: Some(thread), end })
     }
 }
 
-impl Drop for Served {
+impl Drop for OperatorServer {
     fn drop(&mut self) {
         self.end.store(true, Ordering::Release);
         if let Some(thread) = self.thread.take() {
-            // It has said itself what went wrong, if anything did.
+            // The thread logs its own errors.
             let _ = thread.join();
         }
     }
 }
 
 /// The thread's state.
-struct Desked {
+struct RequestHandler {
     start: OperatorServerStart,
-    /// The set that the next change is made on, as far as is known, and its version.
+    /// Latest known parameter set, on which the next change is made, and its version.
     base: Parameters,
     version: u64,
 }
 
-impl Desked {
+impl RequestHandler {
     fn serve(&mut self, mut requests: Requests, end: &AtomicBool) -> Result<(), IpcError> {
-        let mut swept = Instant::now();
+        let mut cleaned_up = Instant::now();
         while !end.load(Ordering::Acquire) {
             wait(&[&requests], POLL_INTERVAL)?;
             while let Some(asked) = self.next(&mut requests) {
@@ -132,25 +132,25 @@ impl Desked {
                     Ok((OperatorKind::Inject, text)) => (self.inject(text), false),
                     Err(defect) => {
                         self.start.shared.requests_rejected.fetch_add(1, Ordering::Relaxed);
-                        let text = format!("request rejected: {defect}; ask with the same version of hapfic that runs");
+                        let text = format!("request rejected: {defect}. Hint: use the same version of hapfic as the run");
                         (OperatorReply::new(ReplyCode::Refused, &text), false)
                     }
                 };
-                // A caller that is gone has nobody to be told.
+                // Fails only if the client is gone.
                 let _ = asked.reply(&OperatorReply { arrived_tick: arrived, ..reply });
                 if stop {
                     self.start.shared.asked_to_stop.store(true, Ordering::Release);
                 }
             }
-            if swept.elapsed() > SWEEP_EVERY && requests.crowded() {
+            if cleaned_up.elapsed() > CLEAN_UP_INTERVAL && requests.crowded() {
                 self.start.shared.cleanup_requested.store(true, Ordering::Release);
-                swept = Instant::now();
+                cleaned_up = Instant::now();
             }
         }
         Ok(())
     }
 
-    /// The next request. A connection that a killed caller has left half-made is no reason to stop answering the others.
+    /// Takes the next request. The half-made connection of a killed client must not block the other clients.
     fn next(&self, requests: &mut Requests) -> Option<Asked> {
         requests.take().unwrap_or_else(|_| {
             self.start.shared.requests_rejected.fetch_add(1, Ordering::Relaxed);
@@ -166,7 +166,7 @@ impl Desked {
         OperatorReply::new(ReplyCode::Done, &format!("run {} ends", self.start.run))
     }
 
-    /// The gate latches at the next tick; what it takes until then is told.
+    /// Requests a latched stop and replies with its tick; the gate latches at the next tick.
     fn emergency_stop(&self) -> OperatorReply {
         let shared = &self.start.shared;
         shared.stop_latched(Detector::Operator);
@@ -179,7 +179,7 @@ impl Desked {
         }
         OperatorReply::new(
             ReplyCode::Done,
-            "latched stop asked for: no tick has been done since, so nothing moves the drive; it takes effect with the next one",
+            "latched stop requested: no tick has been done since, so the drive does not move; it takes effect with the next tick",
         )
     }
 
@@ -190,8 +190,7 @@ impl Desked {
         }
         shared.rearms.fetch_add(1, Ordering::AcqRel);
         if self.await_gate(|severity| severity < Severity::Stopped) {
-            let text =
-                "re-armed: the drive brakes until 20 ticks in a row were good, then the torque ramps in from where the foot is";
+            let text = "re-armed: the drive brakes for 20 good ticks in a row, then the torque ramps in from the foot's present position";
             return OperatorReply::new(ReplyCode::Done, text);
         }
         OperatorReply::new(ReplyCode::Done, "re-armed: takes effect with the next tick")
@@ -215,14 +214,17 @@ impl Desked {
         if self.start.inject.send(fault).is_err() {
             return rejected("nothing injected: the run is ending");
         }
-        OperatorReply::new(ReplyCode::Done, &format!("{}: at once, or as soon as it does ticks", watch::describe_fault(&fault)))
+        OperatorReply::new(
+            ReplyCode::Done,
+            &format!("{}: immediately, or as soon as the process does ticks", watch::describe_fault(&fault)),
+        )
     }
 
-    /// Waits until the gate's severity is as wished; not for ever.
-    fn await_gate(&self, wished: impl Fn(Severity) -> bool) -> bool {
-        let asked = Instant::now();
-        while asked.elapsed() < GATE_PATIENCE {
-            if Severity::from_code(self.start.shared.severity.load(Ordering::Acquire)).is_some_and(&wished) {
+    /// Waits until the gate's severity is as expected, for [`GATE_TIMEOUT`] at most.
+    fn await_gate(&self, expected: impl Fn(Severity) -> bool) -> bool {
+        let begun = Instant::now();
+        while begun.elapsed() < GATE_TIMEOUT {
+            if Severity::from_code(self.start.shared.severity.load(Ordering::Acquire)).is_some_and(&expected) {
                 return true;
             }
             std::thread::sleep(Duration::from_micros(500));
@@ -230,7 +232,7 @@ impl Desked {
         false
     }
 
-    /// All pairs at one tick, or none.
+    /// Applies all pairs at one tick, or none.
     fn set(&mut self, text: &str) -> OperatorReply {
         let rejected = |text: &str| OperatorReply::new(ReplyCode::Refused, text);
         if !self.start.shared.go.load(Ordering::Acquire) {
@@ -241,34 +243,34 @@ impl Desked {
         let arrived = self.due_tick();
         let pairs: Vec<&str> = text.split('\0').filter(|pair| !pair.is_empty()).collect();
         for _ in 0..TRIES {
-            let asked = match OperatorChange::from_pairs(&pairs, &self.base) {
-                Ok(asked) => asked,
+            let request = match OperatorChange::from_pairs(&pairs, &self.base) {
+                Ok(request) => request,
                 Err(e) => return rejected(&e.to_string()),
             };
-            let made_on = asked.relative.then_some(self.version);
-            let Some(answer) = self.start.change_client.ask(made_on, &asked.change, GATE_PATIENCE) else {
+            let made_on = request.relative.then_some(self.version);
+            let Some(reply) = self.start.change_client.ask(made_on, &request.change, GATE_TIMEOUT) else {
                 return rejected(
-                    "nothing changed: the gate has taken no change in time, expected it to look every tick. Hint: see `hapfic status`",
+                    "nothing changed: the gate has taken no change in time, expected it to poll every tick. Hint: see `hapfic status`",
                 );
             };
-            let before = self.named(&answer);
-            match answer.outcome {
+            let before = self.base_of(&reply);
+            match reply.outcome {
                 ChangeOutcome::Placed => {
-                    let after = before.with(&asked.change);
-                    (self.base, self.version) = (after, answer.version);
-                    let text = describe(&answer, arrived, &before, &after);
+                    let after = before.with(&request.change);
+                    (self.base, self.version) = (after, reply.version);
+                    let text = describe(&reply, arrived, &before, &after);
                     return OperatorReply {
-                        version: answer.version,
-                        tick: answer.effective_tick,
-                        taken_tick: answer.taken_tick,
+                        version: reply.version,
+                        tick: reply.effective_tick,
+                        taken_tick: reply.taken_tick,
                         ..OperatorReply::new(ReplyCode::Done, &text)
                     };
                 }
-                ChangeOutcome::Stale => (self.base, self.version) = (before, answer.version.saturating_sub(1)),
+                ChangeOutcome::Stale => (self.base, self.version) = (before, reply.version.saturating_sub(1)),
                 ChangeOutcome::TooLate => {
                     return rejected(&format!(
                         "nothing changed: the run ends at tick {}, and the change could take effect at tick {} at the earliest",
-                        self.start.ticks, answer.effective_tick
+                        self.start.ticks, reply.effective_tick
                     ));
                 }
                 ChangeOutcome::Full => {
@@ -279,20 +281,20 @@ impl Desked {
         rejected("nothing changed: the script changes parameters faster than single axes can be set. Hint: give the whole vector")
     }
 
-    /// The set a change follows. Its target is the start's until one is given.
-    fn named(&self, answer: &ChangeReply) -> Parameters {
-        let target_position = answer.before.target_position.or(self.start.initial.target_position);
-        Parameters { target_position, ..answer.before }
+    /// The parameter set before a change; its target is the initial one until the operator sets another.
+    fn base_of(&self, reply: &ChangeReply) -> Parameters {
+        let target_position = reply.before.target_position.or(self.start.initial.target_position);
+        Parameters { target_position, ..reply.before }
     }
 
-    /// JSON that fits into a reply.
+    /// Status as JSON, short enough for a reply.
     fn status_text(&self) -> String {
         let status = self.status();
         let text = serde_json::to_string(&status).unwrap_or_default();
         if text.len() <= REPLY_TEXT {
             return text;
         }
-        // Names may be as long as paths are; who asks has them from the registration.
+        // Names may have the length of paths; the client has them from the registration.
         let short = Status { scenario: String::new(), log: PathBuf::new(), ..status };
         serde_json::to_string(&short).unwrap_or_default()
     }
@@ -328,7 +330,7 @@ impl Desked {
                     let heartbeat = shared.heartbeat(*process);
                     ProcessStatus {
                         name: name(*process).to_owned(),
-                        phase: heartbeat.phase().map_or("not heard of", Phase::name).to_owned(),
+                        phase: heartbeat.phase().map_or("no heartbeat", Phase::name).to_owned(),
                         tick: heartbeat.tick(),
                         heard_ms_ago: heartbeat.age_ns().map(|ns| ns as f64 * 1e-6),
                         rejected: heartbeat.rejected(),
@@ -345,13 +347,13 @@ impl Desked {
     }
 }
 
-fn describe(answer: &ChangeReply, arrived: i64, before: &Parameters, after: &Parameters) -> String {
+fn describe(reply: &ChangeReply, arrived: i64, before: &Parameters, after: &Parameters) -> String {
     let mut text = format!(
         "parameters {} in force from tick {} (asked at tick {arrived}, taken at tick {})",
-        answer.version, answer.effective_tick, answer.taken_tick
+        reply.version, reply.effective_tick, reply.taken_tick
     );
     match differences(before, after) {
-        Ok(list) if list.is_empty() => text.push_str("\n  all values are what they were"),
+        Ok(list) if list.is_empty() => text.push_str("\n  no value differs"),
         Ok(list) => {
             for d in list {
                 // Writing to a string cannot fail.

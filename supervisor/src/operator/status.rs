@@ -1,10 +1,10 @@
-//! How a run is: what travels as JSON, and the table for a terminal.
+//! Status of a run: its JSON form, and the table for a terminal.
 
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;
 use std::path::PathBuf;
 
-/// How a run is.
+/// Status of a run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Status {
     /// Name of the run.
@@ -13,76 +13,76 @@ pub struct Status {
     pub scenario: String,
     /// `realtime` or `lockstep`.
     pub clock: String,
-    /// What the drive is asked to do.
+    /// Mode of the last command.
     pub mode: String,
-    /// How bad it is.
+    /// Severity, `nominal` to `stopped`.
     pub severity: String,
-    /// Last tick whose command went out; -1 before the first.
+    /// Last tick whose command was published; -1 before the first.
     pub tick: i64,
     /// Ticks of the run.
     pub end_tick: i64,
-    /// Simulated time, s.
+    /// Simulated time [s].
     pub time_s: f64,
-    /// F, N.
+    /// Measured reaction F [N].
     pub force_n: [f64; 3],
-    /// F_d, N.
+    /// Desired force F_d [N].
     pub desired_force_n: [f64; 3],
-    /// x - x_d, m.
+    /// Position error x - x_d [m].
     pub tracking_m: [f64; 3],
-    /// x_b, m.
+    /// Position bound x_b [m].
     pub position_bound_m: [f64; 3],
     /// Version of the parameters in force.
     pub parameters_version: u64,
     /// Version of the parameters announced last.
     pub announced_version: u64,
-    /// From state to command in the last second, us; none in lockstep.
+    /// Latency from state to command in the last second [us]; none in lockstep.
     pub latency_us: Option<LatencyQuantiles>,
-    /// Whose requests count if both controllers answer.
+    /// Primary controller: the gate takes its requests if both controllers answer.
     pub primary: String,
-    /// The processes, and the gate.
+    /// Status of the processes and of the gate.
     pub processes: Vec<ProcessStatus>,
-    /// Periods the plant's timer came late.
+    /// Periods by which the plant's timer was late.
     pub late_ticks: u64,
-    /// Ticks without a request of their own.
+    /// Ticks whose command is not from a request of the same tick.
     pub missed_ticks: u64,
-    /// Ticks at which the drive braked after it had been active.
+    /// Ticks in which the drive braked after the first active one.
     pub brake_ticks: u64,
-    /// Requests of operators that could not be read.
+    /// Unreadable requests of operators.
     pub rejected_requests: u64,
-    /// The log.
+    /// Path of the log.
     pub log: PathBuf,
-    /// Its size so far, bytes.
+    /// Size of the log so far [bytes].
     pub log_bytes: u64,
 }
 
-/// How a process is.
+/// Status of a process.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ProcessStatus {
-    /// Its name.
+    /// Name of the process.
     pub name: String,
-    /// The phase of its life.
+    /// Phase of the process.
     pub phase: String,
-    /// The tick it told of last.
+    /// Tick of its last heartbeat.
     pub tick: i64,
-    /// How long ago it was heard of, ms.
+    /// Heartbeat age [ms].
     pub heard_ms_ago: Option<f64>,
-    /// Messages it has rejected.
+    /// Number of rejected messages.
     pub rejected: u32,
 }
 
-/// Of latencies, us.
+/// Quantiles of latencies [us].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LatencyQuantiles {
     /// Median.
     pub p50: u32,
-    /// One in a hundred is longer.
+    /// Latency that 99 % do not exceed.
     pub p99: u32,
-    /// The longest.
+    /// Maximum.
     pub max: u32,
 }
 
 impl LatencyQuantiles {
-    /// Of values in ascending order.
+    /// Computes the quantiles of values in ascending order; `None` if there are none.
     #[must_use]
     pub fn of(sorted: &[u32]) -> Option<Self> {
         let at = |percent: usize| sorted.get((sorted.len().saturating_sub(1) * percent).div_ceil(100)).copied();
@@ -91,7 +91,7 @@ impl LatencyQuantiles {
 }
 
 impl Status {
-    /// For people.
+    /// Formats the status for a terminal.
     #[must_use]
     pub fn table(&self) -> String {
         let mut out = String::new();
@@ -121,9 +121,13 @@ impl Status {
             None => writeln!(out, "  state -> command: none in lockstep")?,
         }
         for p in &self.processes {
-            let heard = p.heard_ms_ago.map_or("never".to_owned(), |ms| format!("{ms:.0} ms ago"));
+            let age = p.heard_ms_ago.map_or("never".to_owned(), |ms| format!("{ms:.0} ms ago"));
             let primary = if p.name == self.primary { ", primary" } else { "" };
-            writeln!(out, "  {:<12}{:<14}tick {:<10}heard {heard:<12}{} rejected{primary}", p.name, p.phase, p.tick, p.rejected)?;
+            writeln!(
+                out,
+                "  {:<12}{:<14}tick {:<10}heartbeat {age:<12}{} rejected{primary}",
+                p.name, p.phase, p.tick, p.rejected
+            )?;
         }
         writeln!(
             out,
@@ -139,7 +143,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn quantiles_are_values_that_occurred() {
+    fn latency_quantiles_sorted_values_return_occurring_ones() {
         assert_eq!(LatencyQuantiles::of(&[]), None);
         assert_eq!(LatencyQuantiles::of(&[7]), Some(LatencyQuantiles { p50: 7, p99: 7, max: 7 }));
         let all: Vec<u32> = (0..=1000).collect();

@@ -1,4 +1,4 @@
-//! The draining half.
+//! The drain thread: receives all messages, sorts them by tick, and passes them to the writer.
 
 use super::Record;
 use hapfic_gate_process::shared_status::SharedStatus;
@@ -9,28 +9,30 @@ use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, SyncSender};
 use std::time::Duration;
 
-/// How often shared memory is drained. In lockstep the plant may wait for it; in realtime nobody does, and each time costs a wake-up and
-/// a look at all ports.
-const fn drain_every(clock: Clock) -> Duration {
+/// Interval at which shared memory is drained.
+///
+/// In lockstep the plant may wait for the drain. In realtime no process does, and each drain costs a wake-up and a poll
+/// of all ports.
+const fn drain_interval(clock: Clock) -> Duration {
     Duration::from_millis(match clock {
         Clock::Lockstep => 1,
         Clock::Realtime => 10,
     })
 }
 
-/// How far ahead of the last command a message's tick may be.
+/// Ticks that a message may be ahead of the last command.
 const AHEAD: i64 = 3;
 
-/// Everything that is sent, and where it goes.
+/// Inputs of all topics, and the channel to the writer.
 pub(super) struct Drain {
     clock: Clock,
     window: i64,
     shared: Arc<SharedStatus>,
     sender: SyncSender<Vec<Record>>,
-    /// What the writer has done with, to be filled again: fresh memory for each batch would be most of the work.
+    /// Batches to reuse: allocating each would cost more than draining.
     empties: Receiver<Vec<Record>>,
-    /// What has come, topic by topic, and its places in the order of ticks.
-    come: Vec<Option<Record>>,
+    /// Received messages, topic by topic, and their indices in the order of ticks.
+    received: Vec<Option<Record>>,
     order: Vec<(i64, usize)>,
     state: Input<State>,
     reference: Input<Reference>,
@@ -57,12 +59,12 @@ impl Drain {
         let bus = Bus::open(domain, "recorder")?;
         Ok(Self {
             clock,
-            // Less than the buffers hold, whatever the setting, so that nothing can overflow in lockstep.
+            // Less than the buffers hold, so that none overflows in lockstep.
             window: i64::from(credit_ticks).min(topic::RECORDER_DEPTH as i64 / 4),
             shared,
             sender,
             empties,
-            come: Vec::new(),
+            received: Vec::new(),
             order: Vec::new(),
             state: bus.recorder_input(&topic::STATE)?,
             reference: bus.recorder_input(&topic::REFERENCE)?,
@@ -80,7 +82,7 @@ impl Drain {
     pub(super) fn run(&mut self) -> Result<(), IpcError> {
         let mut newest = -1;
         loop {
-            // Read before draining: what was sent before the flag was set is then taken in.
+            // Read before draining, so that all messages sent before the flag are received.
             let last = self.shared.drain.load(Ordering::Acquire);
             let batch = self.take_all()?;
             for record in &batch {
@@ -106,51 +108,51 @@ impl Drain {
                 + self.credit.failed_connections();
             self.shared.recorder_unmet.store(failed_connections, Ordering::Relaxed);
             self.shared.listened();
-            let quiet = batch.is_empty();
-            if !quiet && self.sender.send(batch).is_err() {
-                // The writer has failed, and says so itself.
+            let empty = batch.is_empty();
+            if !empty && self.sender.send(batch).is_err() {
+                // The writer has failed, and reports that itself.
                 return Ok(());
             }
-            if last && quiet {
+            if last && empty {
                 return Ok(());
             }
             if self.clock == Clock::Lockstep {
-                // A plant that has just joined finds the credit in the history.
+                // A plant that has just connected finds the credit in the history.
                 self.credit.preloan();
             }
             if !last {
-                // Nobody wakes the recorder: that would cost every sender a system call a message.
-                std::thread::sleep(drain_every(self.clock));
+                // The recorder polls: a notification would cost every sender a system call per message.
+                std::thread::sleep(drain_interval(self.clock));
             }
         }
     }
 }
 
 impl Drain {
-    /// Everything that has come, tick by tick, causes first.
+    /// Receives all new messages; returns them in the order of ticks, causes first.
     fn take_all(&mut self) -> Result<Vec<Record>, IpcError> {
-        let come = &mut self.come;
-        come.clear();
-        // Effects before their causes: whatever a command in this batch came from is then in it too, or was before.
+        let received = &mut self.received;
+        received.clear();
+        // Effects before their causes: the messages behind a command of this batch are then in it too, or in an earlier one.
         let mut ends = [0; 7];
-        ends[0] = take(&mut self.timing, come, Record::Timing)?;
-        ends[1] = take(&mut self.event, come, Record::Event)?;
-        ends[2] = take(&mut self.command, come, Record::Command)?;
-        ends[3] = take(&mut self.request, come, Record::Request)?;
-        ends[4] = take(&mut self.reference, come, Record::Reference)?;
-        ends[5] = take(&mut self.state, come, Record::State)?;
-        ends[6] = take(&mut self.operator, come, Record::Operator)?;
+        ends[0] = take(&mut self.timing, received, Record::Timing)?;
+        ends[1] = take(&mut self.event, received, Record::Event)?;
+        ends[2] = take(&mut self.command, received, Record::Command)?;
+        ends[3] = take(&mut self.request, received, Record::Request)?;
+        ends[4] = take(&mut self.reference, received, Record::Reference)?;
+        ends[5] = take(&mut self.state, received, Record::State)?;
+        ends[6] = take(&mut self.operator, received, Record::Operator)?;
         self.order.clear();
         for topic in (0..ends.len()).rev() {
             let begin = if topic == 0 { 0 } else { ends[topic - 1] };
-            let ticked = |place: usize| come[place].as_ref().map(|record| (record.tick(), place));
+            let ticked = |index: usize| received[index].as_ref().map(|record| (record.tick(), index));
             self.order.extend((begin..ends[topic]).filter_map(ticked));
         }
-        // Stable: within a tick as they are.
+        // A stable sort keeps the order within a tick.
         self.order.sort_by_key(|(tick, _)| *tick);
         let mut batch = self.empties.try_recv().unwrap_or_default();
         for i in 0..self.order.len() {
-            if let Some(record) = self.come[self.order[i].1].take()
+            if let Some(record) = self.received[self.order[i].1].take()
                 && self.is_new(&record)
             {
                 batch.push(record);
@@ -159,7 +161,7 @@ impl Drain {
         Ok(batch)
     }
 
-    /// Whether a message has not been recorded yet: a successor says once more what its forerunner said last.
+    /// Whether a message is not recorded yet: the last messages of a lost process are republished.
     fn is_new(&mut self, record: &Record) -> bool {
         let (last, tick) = match record {
             Record::State(m) => (&mut self.last[0], m.tick),
@@ -169,7 +171,7 @@ impl Drain {
             _ => return true,
         };
         let new = tick > *last;
-        // A tick that cannot be yet is recorded as it is, and does not keep out those that come.
+        // An implausibly late tick is recorded too, but does not hide later ones.
         if new && tick <= self.shared.gated.load(Ordering::Acquire) + AHEAD {
             *last = tick;
         }
@@ -177,15 +179,15 @@ impl Drain {
     }
 }
 
-/// Takes what has come of a topic; returns how many there are in all.
-fn take<T>(input: &mut Input<T>, come: &mut Vec<Option<Record>>, wrap: fn(T) -> Record) -> Result<usize, IpcError>
+/// Receives the new messages of a topic; returns the number of all received messages.
+fn take<T>(input: &mut Input<T>, received: &mut Vec<Option<Record>>, wrap: fn(T) -> Record) -> Result<usize, IpcError>
 where
     T: Check + hapfic_messages::Message,
 {
     while let Some(message) = input.next()? {
         if message.check().is_ok() {
-            come.push(Some(wrap(message)));
+            received.push(Some(wrap(message)));
         }
     }
-    Ok(come.len())
+    Ok(received.len())
 }

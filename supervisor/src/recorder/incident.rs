@@ -1,8 +1,9 @@
-//! The post-mortem: what happened around each brake or latched stop, in a short file beside the log.
+//! The post-mortem: a short file beside the log with the events around each brake or latched stop.
 //!
-//! An incident begins when the severity rises to brake or stopped and ends when it is nominal again, or with the run. The file
-//! is made anew at its begin, at each further transition and at its end, and replaced whole, so that whenever the supervisor is
-//! lost there is a readable one. In lockstep messages carry no time of the clock on the wall: there times are counted in ticks.
+//! An incident begins when the severity rises to brake or stopped, and ends when it is nominal again, or with the run.
+//! The recorder replaces the whole file at the begin, at each further transition and at the end of an incident. So a
+//! readable file exists whenever the supervisor is lost. In lockstep messages carry no wall-clock time, and times are
+//! counted in ticks.
 
 mod account;
 
@@ -15,63 +16,63 @@ use std::fs::{self, File};
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 
-/// How long before the transition its cause may lie, ticks.
+/// Ticks by which a cause may precede the transition.
 const CAUSE_TICKS: i64 = 50;
-/// How long events are remembered, ticks, and how many.
-const MEMORY_TICKS: i64 = 2000;
-const MEMORY_EVENTS: usize = 256;
-/// Incidents that are told in full.
+/// Ticks for which events are kept, and their largest number.
+const HISTORY_TICKS: i64 = 2000;
+const HISTORY_EVENTS: usize = 256;
+/// Incidents described in full.
 const IN_FULL: u64 = 20;
 
-/// How many incidents there were, and where to read of them.
+/// Number of incidents, and the file that describes them.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct IncidentSummary {
-    /// How many there were.
+    /// Number of incidents.
     pub count: u64,
-    /// The file.
+    /// Path of the post-mortem.
     pub file: PathBuf,
-    /// Why the file is not there, or not complete; the first reason.
+    /// First error, if the file is missing or incomplete.
     pub error: Option<String>,
 }
 
-/// Watches what is recorded, and writes the post-mortem.
+/// Observes the recorded messages, and writes the post-mortem.
 pub(super) struct Incidents {
     clock: Clock,
-    /// What the file is called in its heading: the log's name.
+    /// Name of the log, for the heading.
     log: String,
     file: PathBuf,
-    /// Whether there can be a file beside the log.
+    /// Whether a file can lie beside the log.
     beside: bool,
     error: Option<String>,
     severity: u32,
-    heard: [Heard; Process::ALL.len()],
+    last: [LastMessage; Process::ALL.len()],
     torques: Torques,
     events: VecDeque<Event>,
-    /// Those that are over, as text.
-    told: String,
+    /// Text of the closed incidents.
+    closed: String,
     open: Option<Incident>,
     count: u64,
-    /// Whether there is something new to be written.
+    /// Whether the file lacks new text.
     dirty: bool,
 }
 
-/// The last sign of life of a process.
+/// Newest stamp and tick in the messages of a process.
 #[derive(Clone, Copy, Debug, Default)]
-struct Heard {
+struct LastMessage {
     stamp_ns: u64,
     tick: Option<i64>,
 }
 
 impl Incidents {
-    /// Nothing has happened yet; a file that an earlier run has left is removed.
+    /// Starts without incidents, and removes the file of an earlier run.
     pub(super) fn new(log: &Path, clock: Clock) -> Self {
         let file = log.with_extension("incidents.md");
-        // Beside a device or a pipe there is no place for a file.
+        // No file can lie beside a device or a pipe.
         let beside = !fs::metadata(log).is_ok_and(|metadata| !metadata.is_file());
         let stale = if beside { fs::remove_file(&file) } else { Ok(()) };
         let error = match stale {
             Err(cause) if cause.kind() != io::ErrorKind::NotFound => Some(cannot("remove", &file, &cause)),
-            _ if !beside => Some(format!("{}: not a regular file, there is no post-mortem beside it", log.display())),
+            _ if !beside => Some(format!("{}: not a regular file, so it has no post-mortem", log.display())),
             _ => None,
         };
         Self {
@@ -81,17 +82,17 @@ impl Incidents {
             beside,
             error,
             severity: Severity::Nominal.code(),
-            heard: [Heard::default(); Process::ALL.len()],
+            last: [LastMessage::default(); Process::ALL.len()],
             torques: Torques::default(),
             events: VecDeque::new(),
-            told: String::new(),
+            closed: String::new(),
             open: None,
             count: 0,
             dirty: false,
         }
     }
 
-    /// Takes note of a record. Returns whether the log should be on the disk before anything else: the drive brakes or stops.
+    /// Evaluates a record. Returns whether the log must be synced to the disk first: the drive brakes or stops.
     pub(super) fn observe(&mut self, record: &Record, shared: &SharedStatus) -> bool {
         match record {
             Record::State(m) => self.record_heartbeat(Process::Plant.code(), m.stamp_ns, m.tick),
@@ -111,7 +112,7 @@ impl Incidents {
         false
     }
 
-    /// At the end of the run: what there was, if anything.
+    /// Closes the open incident and returns the summary, if there were incidents.
     pub(super) fn finish(&mut self) -> Option<IncidentSummary> {
         if self.open.is_some() {
             self.close();
@@ -121,13 +122,13 @@ impl Incidents {
     }
 
     fn record_heartbeat(&mut self, process: u32, stamp_ns: u64, tick: i64) {
-        if let Some(heard) = self.heard.get_mut(process as usize) {
-            heard.stamp_ns = heard.stamp_ns.max(stamp_ns);
-            heard.tick = heard.tick.max(Some(tick));
+        if let Some(last) = self.last.get_mut(process as usize) {
+            last.stamp_ns = last.stamp_ns.max(stamp_ns);
+            last.tick = last.tick.max(Some(tick));
         }
     }
 
-    /// Heartbeats have the time of the clock on the wall in lockstep, too, where nothing else has it.
+    /// Evaluates a heartbeat. Heartbeats alone have wall-clock times in lockstep; those are ignored.
     fn timing(&mut self, m: &Timing) {
         let stamp_ns = if self.clock == Clock::Realtime { m.wake_ns.max(m.publish_ns) } else { 0 };
         self.record_heartbeat(m.process, stamp_ns, m.tick);
@@ -153,12 +154,12 @@ impl Incidents {
             open.event(m);
         }
         self.events.push_back(*m);
-        while self.events.len() > MEMORY_EVENTS
-            || self.events.front().is_some_and(|old| old.tick.saturating_add(MEMORY_TICKS) < m.tick)
+        while self.events.len() > HISTORY_EVENTS
+            || self.events.front().is_some_and(|old| old.tick.saturating_add(HISTORY_TICKS) < m.tick)
         {
             self.events.pop_front();
         }
-        // A loss that the run cannot get over leaves no gate to make the transition.
+        // After a fatal loss no gate is left to make the transition.
         let fatal = m.kind == EventKind::Lost.code() && m.severity == Severity::Stopped.code();
         if !(fatal || m.kind == EventKind::Transition.code()) || Severity::from_code(m.severity).is_none() {
             return false;
@@ -167,7 +168,7 @@ impl Incidents {
         let braked = m.severity >= Severity::Brake.code();
         let nominal = m.severity == Severity::Nominal.code();
         if nominal {
-            // What has cleared is no cause of what comes later.
+            // A cleared event is no cause of a later incident.
             self.events.clear();
         }
         let goes_on = self.open.as_ref().is_some_and(|open| open.end.is_none());
@@ -175,11 +176,11 @@ impl Incidents {
             if let Some(open) = self.open.as_mut().filter(|_| nominal) {
                 open.end = Some(*m);
             }
-            // One whose torque has come already is complete.
+            // An incident whose torque is back already is complete.
             if self.open.as_ref().is_some_and(|open| open.end.is_some() && open.torque_again.is_some()) {
                 self.close();
             }
-            // Of those that are only counted there is nothing new.
+            // Incidents that are only counted add no text.
             self.dirty |= self.count <= IN_FULL;
         } else if braked && before < Severity::Brake.code() {
             self.close();
@@ -207,9 +208,9 @@ impl Incidents {
         self.open = Some(open);
     }
 
-    /// By the stamps of its messages if there are any, else by what the recorder has heard of it.
+    /// Age of a process by the stamps of its messages; without stamps, its heartbeat age.
     fn age(&self, process: Process, m: &Event, shared: &SharedStatus) -> Age {
-        let Heard { stamp_ns, tick } = self.heard[process as usize];
+        let LastMessage { stamp_ns, tick } = self.last[process as usize];
         let ns = if stamp_ns > 0 && m.stamp_ns > 0 {
             Some(m.stamp_ns.saturating_sub(stamp_ns))
         } else {
@@ -218,22 +219,22 @@ impl Incidents {
         Age { process, ms: ns.map(|ns| ns as f64 / 1e6), tick }
     }
 
-    /// Lays the open incident, if there is one, with those that are over.
+    /// Closes the open incident, if there is one.
     fn close(&mut self) {
         if let Some(open) = self.open.take().filter(|open| open.number <= IN_FULL) {
             // Writing to a string cannot fail.
-            let _ = open.tell(&mut self.told);
+            let _ = open.write(&mut self.closed);
         }
     }
 
-    /// Makes the file anew. A failure must not hurt the run: the first one is remembered.
-    /// Writes what is new. To be called when the log itself is safe on the disk.
+    /// Writes new text to the file. The call comes after the log itself is on the disk.
     pub(super) fn settle(&mut self) {
         if std::mem::take(&mut self.dirty) {
             self.write();
         }
     }
 
+    /// Replaces the file. A failure must not affect the run: the summary holds the first one.
     fn write(&mut self) {
         if !self.beside {
             return;
@@ -249,31 +250,31 @@ impl Incidents {
         text += "Each begins when the severity rises to brake or stopped, and ends when it is nominal again.\n";
         text += match self.clock {
             Clock::Realtime => {
-                "Times are those of the messages' own stamps (CLOCK_MONOTONIC), or of ticks where there is none.\n"
+                "Times are from the stamps of the messages (CLOCK_MONOTONIC), or from ticks where there is no stamp.\n"
             }
             Clock::Lockstep => {
-                "Lockstep: messages have no stamps, so times are counted in ticks of 1 ms. Only ages are by the wall.\n"
+                "Lockstep: messages have no stamps, so times are counted in ticks of 1 ms. Only ages are wall-clock times.\n"
             }
         };
-        text += &self.told;
+        text += &self.closed;
         if let Some(open) = self.open.as_ref().filter(|open| open.number <= IN_FULL) {
             // Writing to a string cannot fail.
-            let _ = open.tell(&mut text);
+            let _ = open.write(&mut text);
         }
         if self.count > IN_FULL {
-            text += &format!("\n{} further incidents are not told here; the log has them all.\n", self.count - IN_FULL);
+            text += &format!("\n{} further incidents are not described here; the log has them all.\n", self.count - IN_FULL);
         }
         text
     }
 }
 
-/// Writes a file beside, has it written to the disk, and gives it its name: whoever looks finds the old one or the new one, whole.
+/// Replaces a file atomically: writes and syncs a temporary file beside it, and renames that.
 fn replace(path: &Path, content: &[u8]) -> io::Result<()> {
     let mut beside = path.file_name().unwrap_or_default().to_owned();
     beside.push(format!(".{}.part", std::process::id()));
     let part = path.with_file_name(beside);
     let _ = fs::remove_file(&part);
-    // Never through a link that somebody has put there.
+    // `create_new` does not follow a link that another user may have planted.
     let mut file = File::options().write(true).create_new(true).open(&part)?;
     let written = file.write_all(content).and_then(|()| file.sync_data()).and_then(|()| fs::rename(&part, path));
     if written.is_err() {
@@ -283,7 +284,7 @@ fn replace(path: &Path, content: &[u8]) -> io::Result<()> {
 }
 
 fn cannot(what: &str, path: &Path, cause: &io::Error) -> String {
-    format!("{}: cannot {what} the post-mortem: {cause}. Check the space and the permissions of its folder", path.display())
+    format!("{}: cannot {what} the post-mortem: {cause}. Hint: check the space and the permissions of its folder", path.display())
 }
 
 #[cfg(test)]

@@ -1,8 +1,8 @@
-//! The recorder: takes in every message of every tick, and writes them.
+//! The recorder: receives every message of every tick, and writes the log.
 //!
-//! Two threads, so that a disk that stalls does not stall the taking in: one drains shared memory every ten milliseconds, in
-//! lockstep every millisecond (`drain.rs`), and passes what it found on; the other encodes, sums up and writes (`write.rs`). Neither is a
-//! real-time thread.
+//! It has two threads, so that a stalled disk does not stall receiving. One drains shared memory every 10 ms, in lockstep
+//! every 1 ms (`drain.rs`). The other encodes, computes the metrics and writes (`write.rs`). Neither is a real-time
+//! thread.
 
 mod drain;
 mod incident;
@@ -22,11 +22,11 @@ use std::sync::Arc;
 use std::sync::mpsc::{channel, sync_channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
-use viewer_frames::Shown;
+use viewer_frames::ViewerFrames;
 use write::Write;
 
-/// A message on its way to the file.
-#[allow(clippy::large_enum_variant)] // A batch lives for milliseconds; a box for each message would cost more than the room.
+/// Message on its way to the log.
+#[allow(clippy::large_enum_variant)] // A batch lives for milliseconds; a box for each message would cost more than the memory.
 enum Record {
     State(State),
     Reference(Reference),
@@ -37,15 +37,17 @@ enum Record {
     Timing(Timing),
 }
 
-/// Batches that may wait for the writer, in realtime ten milliseconds each, in lockstep up to a hundred ticks. A disk that stalls for longer
-/// stalls the draining too; in lockstep the plant then waits for its credit, in realtime ticks are lost, and counted.
+/// Batches in flight to the writer: in realtime of 10 ms each, in lockstep of up to 100 ticks.
+///
+/// A disk that stalls for longer stalls the draining too. In lockstep the plant then waits for its credit; in realtime
+/// ticks are lost, and counted.
 const QUEUE_REALTIME: usize = 512;
 const QUEUE_LOCKSTEP: usize = 64;
-/// Empty batches kept to be filled again.
+/// Empty batches kept for reuse.
 const EMPTIES: usize = 4;
 
 impl Record {
-    /// The tick it belongs to; parameters come before everything they may govern.
+    /// Tick of the message; parameters come before all messages to which they may apply.
     fn tick(&self) -> i64 {
         match self {
             Self::State(m) => m.tick,
@@ -59,44 +61,44 @@ impl Record {
     }
 }
 
-/// What a recorder starts with.
+/// Arguments of [`Recorder::start`].
 pub struct RecorderStart {
-    /// The run's domain.
+    /// Domain of the run.
     pub domain: Domain,
-    /// How time passes.
+    /// Clock of the run.
     pub clock: Clock,
     /// Ticks the plant may be ahead, in lockstep.
     pub credit_ticks: u32,
-    /// The open log.
+    /// Writer of the open log.
     pub writer: Writer,
-    /// What viewers get.
+    /// Encoder of the viewer frames.
     pub viewer: Viewer,
-    /// For the poses of the links.
+    /// Kinematic chain, for the poses of the links.
     pub chain: Chain,
-    /// How often the file is flushed.
+    /// Interval at which the file is flushed.
     pub flush_every: Duration,
-    /// Where the log is.
+    /// Path of the log.
     pub log: PathBuf,
-    /// Shared with the rest of the supervisor.
+    /// Status shared with the other threads of the supervisor.
     pub shared: Arc<SharedStatus>,
 }
 
-/// What was recorded.
+/// Result of the recording.
 #[derive(Clone, Copy, Debug)]
 pub struct Recorded {
-    /// The figures of the run.
+    /// Metrics of the run.
     pub metrics: MetricsSummary,
     /// Messages written.
     pub messages: u64,
-    /// Whether any request was ever accepted.
+    /// Whether the gate ever accepted a request.
     pub active: bool,
-    /// Of them, states and commands.
+    /// States and commands among the messages.
     pub ticks: [u64; 2],
-    /// Size of the file, bytes.
+    /// Size of the file [bytes].
     pub file_bytes: u64,
 }
 
-/// What the writing half ends with: the file's size, the figures, the brakes and stops.
+/// Result of the writer thread: size of the file, metrics, brakes and stops.
 type Written = (Result<u64, LogError>, Recorded, Option<IncidentSummary>);
 
 /// A running recorder.
@@ -106,20 +108,20 @@ pub struct Recorder {
 }
 
 impl Recorder {
-    /// Starts both threads; returns when the recorder is connected.
+    /// Starts both threads; returns when the ports are open.
     ///
     /// # Errors
-    /// If threads or ports cannot be had.
+    /// If the threads cannot be started or the ports cannot be opened.
     pub fn start(start: RecorderStart) -> Result<Self> {
         let (sender, receiver) = sync_channel(if start.clock == Clock::Lockstep { QUEUE_LOCKSTEP } else { QUEUE_REALTIME });
-        let (done_with, empties) = sync_channel(EMPTIES);
+        let (recycle, empties) = sync_channel(EMPTIES);
         let (ready, connected) = channel();
         let RecorderStart { domain, clock, credit_ticks, writer, viewer, chain, flush_every, log, shared } = start;
-        let drain_live = Arc::clone(&shared);
+        let drain_status = Arc::clone(&shared);
         let drain = std::thread::Builder::new()
             .name("hapfic-recorder".to_owned())
             .spawn(move || {
-                let opened = Drain::open(&domain, clock, credit_ticks, drain_live, sender, empties);
+                let opened = Drain::open(&domain, clock, credit_ticks, drain_status, sender, empties);
                 match opened {
                     Ok(mut drain) => {
                         let _ = ready.send(Ok(()));
@@ -141,28 +143,29 @@ impl Recorder {
                     chain,
                     shared,
                     metrics: Metrics::new(),
-                    shown: Shown::default(),
+                    frames: ViewerFrames::default(),
                     missed: 0,
                     braked: 0,
                     active: false,
                     timing_at: 0,
                     incidents: Incidents::new(&log, clock),
                 }
-                .run(&receiver, &done_with, flush_every)
+                .run(&receiver, &recycle, flush_every)
             })
             .context("cannot start the recorder")?;
-        connected.recv().context("the recorder ended at once")??;
+        connected.recv().context("the recorder ended immediately")??;
         Ok(Self { drain, write })
     }
 
-    /// Whether it has ended by itself, which only an error makes it do.
+    /// Whether a thread of the recorder has ended early, which only an error causes.
     #[must_use]
     pub fn failed(&self) -> bool {
         self.drain.is_finished() || self.write.is_finished()
     }
 
-    /// Waits for the end; [`SharedStatus::drain`] asks for it. Returns what was recorded, the brakes and stops, and what went wrong, if
-    /// anything did.
+    /// Waits for both threads to end, which [`SharedStatus::drain`] requests.
+    ///
+    /// Returns the result, the brakes and stops, and the first error.
     #[must_use]
     pub fn finish(self) -> (Option<Recorded>, Option<IncidentSummary>, Option<String>) {
         let drained = match self.drain.join() {
@@ -180,5 +183,5 @@ impl Recorder {
 
 pub use incident::IncidentSummary;
 
-/// The process whose heartbeats stand for the gate.
+/// The process under whose code the gate sends its heartbeats.
 pub const GATE: Process = Process::Supervisor;

@@ -1,70 +1,69 @@
-//! What viewers are shown of a tick.
+//! The messages of a viewer frame, collected by tick.
 
 use hapfic_ipc::topic;
 use hapfic_log::proto;
 use hapfic_messages::{Parameters, Reference, State};
 use std::collections::VecDeque;
 
-/// Ticks that may be waiting for their command at once, and parameter sets that may be in force among them.
+/// Ticks that may wait for their command, and parameter sets that may be in force among them.
 const WAITING: usize = 2 * topic::RECORDER_DEPTH;
 
-/// What has come of the ticks that are to be shown. A tick is put together when its command has come: everything else of it has
-/// then, too.
+/// Collects the messages of viewer frames. The command of a tick comes last and completes its frame.
 #[derive(Default)]
-pub(super) struct Shown {
+pub(super) struct ViewerFrames {
     states: VecDeque<(State, proto::State)>,
     references: VecDeque<Reference>,
     operators: VecDeque<Parameters>,
 }
 
-/// A tick as it is shown.
-pub(super) struct Picture {
+/// Viewer frame of a tick.
+pub(super) struct ViewerFrame {
     pub(super) state: State,
     pub(super) logged: proto::State,
     pub(super) reference: Option<[f64; 3]>,
-    /// In force at the tick.
+    /// Parameters in force at the tick.
     pub(super) parameters: Option<Parameters>,
 }
 
-fn keep<T>(queue: &mut VecDeque<T>, value: T) {
+fn push_bounded<T>(queue: &mut VecDeque<T>, value: T) {
     if queue.len() == WAITING {
         queue.pop_front();
     }
     queue.push_back(value);
 }
 
-impl Shown {
+impl ViewerFrames {
     pub(super) fn state(&mut self, state: &State, logged: proto::State) {
-        keep(&mut self.states, (*state, logged));
+        push_bounded(&mut self.states, (*state, logged));
     }
 
     pub(super) fn reference(&mut self, reference: &Reference) {
-        keep(&mut self.references, *reference);
+        push_bounded(&mut self.references, *reference);
     }
 
-    /// Keeps a parameter set that is newer than all others. Says whether it was.
+    /// Adds a parameter set if it is newer than all others; returns whether it was.
     pub(super) fn parameters(&mut self, set: &Parameters) -> bool {
         let newer = self.operators.back().is_none_or(|last| set.version > last.version);
         if newer {
-            keep(&mut self.operators, *set);
+            push_bounded(&mut self.operators, *set);
         }
         newer
     }
 
-    /// A tick whose command has come; forgets what is older.
-    pub(super) fn take(&mut self, tick: i64) -> Option<Picture> {
+    /// Takes the frame of a tick whose command has come, and drops older ones.
+    pub(super) fn take(&mut self, tick: i64) -> Option<ViewerFrame> {
         while self.states.front().is_some_and(|(s, _)| s.tick < tick) {
             self.states.pop_front();
         }
         while self.references.front().is_some_and(|r| r.tick < tick) {
             self.references.pop_front();
         }
-        // The last one in force stays.
+        // The set in force stays.
         while self.operators.get(1).is_some_and(|p| p.effective_tick <= tick) {
             self.operators.pop_front();
         }
         let (state, logged) = self.states.pop_front_if(|(s, _)| s.tick == tick)?;
         let reference = self.references.front().filter(|r| r.tick == tick).map(|r| r.position);
-        Some(Picture { state, logged, reference, parameters: self.operators.front().copied() })
+        Some(ViewerFrame { state, logged, reference, parameters: self.operators.front().copied() })
     }
 }

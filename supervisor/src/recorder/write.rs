@@ -1,7 +1,7 @@
-//! The writing half.
+//! The writer thread: encodes and writes messages, computes the metrics, and keeps the post-mortem.
 
 use super::incident::Incidents;
-use super::viewer_frames::Shown;
+use super::viewer_frames::ViewerFrames;
 use super::{Record, Recorded, Written};
 use hapfic_gate_process::shared_status::{SharedStatus, StatusSnapshot};
 use hapfic_log::{LogError, Metrics, Topic, Viewer, Writer, scene};
@@ -12,14 +12,14 @@ use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender};
 use std::time::{Duration, Instant};
 
-/// The log, and what is made of it on the way.
+/// Writer of the log, with the metrics and the viewer frames of the run.
 pub(super) struct Write {
     pub(super) writer: Writer,
     pub(super) viewer: Viewer,
     pub(super) chain: Chain,
     pub(super) shared: Arc<SharedStatus>,
     pub(super) metrics: Metrics,
-    pub(super) shown: Shown,
+    pub(super) frames: ViewerFrames,
     pub(super) missed: u64,
     pub(super) braked: u64,
     pub(super) active: bool,
@@ -31,14 +31,14 @@ impl Write {
     pub(super) fn run(
         mut self,
         receiver: &Receiver<Vec<Record>>,
-        done_with: &SyncSender<Vec<Record>>,
+        recycle: &SyncSender<Vec<Record>>,
         flush_every: Duration,
     ) -> Written {
         let mut failed = None;
         let mut flushed = Instant::now();
         loop {
             match receiver.recv_timeout(flush_every) {
-                // After an error the figures go on; only the file does not.
+                // After a write error only the metrics continue.
                 Ok(mut batch) => {
                     let mut sync = false;
                     for record in &batch {
@@ -46,15 +46,15 @@ impl Write {
                         failed = failed.or(written.err());
                         sync |= self.incidents.observe(record, &self.shared);
                     }
-                    // What led to a brake is on the disk before anything else happens.
+                    // The messages before a brake reach the disk before any further ones.
                     if sync && failed.is_none() {
                         failed = self.writer.sync().err();
                         flushed = Instant::now();
                     }
                     self.incidents.settle();
                     batch.clear();
-                    // More than are needed are given back to the system.
-                    let _ = done_with.try_send(batch);
+                    // A full channel drops the batch and frees its memory.
+                    let _ = recycle.try_send(batch);
                 }
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => break,
@@ -87,14 +87,14 @@ impl Write {
                 let state = if write { self.writer.state(m)? } else { hapfic_log::convert::state(m, self.writer.names()) };
                 self.metrics.push_state(&state);
                 if self.viewer.due(m.tick) {
-                    self.shown.state(m, state);
+                    self.frames.state(m, state);
                 }
             }
             Record::Reference(m) => {
                 let reference = if write { self.writer.reference(m)? } else { hapfic_log::convert::reference(m) };
                 self.metrics.push_reference(&reference);
                 if self.viewer.due(m.tick) {
-                    self.shown.reference(m);
+                    self.frames.reference(m);
                 }
             }
             Record::Request(m) => {
@@ -103,7 +103,7 @@ impl Write {
                 }
             }
             Record::Command(m) => {
-                // The command before the first tick only starts things.
+                // The command before the first tick only starts the run.
                 if m.tick < 0 {
                     return Ok(());
                 }
@@ -125,11 +125,11 @@ impl Write {
                 }
             }
             Record::Timing(m) => {
-                // Several processes send here, each at its own pace: readers want one order.
+                // Several processes send at their own pace; readers need ascending times.
                 self.timing_at = self.timing_at.max(self.writer.time_of(m.tick.max(0)));
                 let at = self.timing_at;
                 let timing = if write { self.writer.timing(m, at)? } else { hapfic_log::convert::timing(m) };
-                // A heartbeat in between is no tick's account.
+                // A heartbeat without a published message has no tick times.
                 if m.publish_ns > 0 {
                     self.metrics.push_timing(&timing);
                 }
@@ -138,10 +138,10 @@ impl Write {
         Ok(())
     }
 
-    /// Each set is logged once, when it is announced.
+    /// Logs each parameter set once, when it is announced.
     fn operator(&mut self, m: &Operator, write: bool) -> Result<(), LogError> {
         for set in [&m.current, &m.next] {
-            if self.shown.parameters(set) {
+            if self.frames.parameters(set) {
                 let operator = if write { self.writer.operator(set)? } else { hapfic_log::convert::operator(set) };
                 self.metrics.push_operator(&operator);
             }
@@ -150,13 +150,13 @@ impl Write {
     }
 
     fn show(&mut self, tick: i64, mode: u32, write: bool) -> Result<(), LogError> {
-        let Some(picture) = self.shown.take(tick) else { return Ok(()) };
-        let (m, parameters) = (&picture.state, picture.parameters);
+        let Some(frame) = self.frames.take(tick) else { return Ok(()) };
+        let (m, parameters) = (&frame.state, frame.parameters);
         if write {
             let transforms = self.viewer.transforms(tick, &scene::poses(&self.chain, m));
             self.writer.transforms(tick, &transforms)?;
             let target = parameters.map(|p| p.target_position);
-            let update = self.viewer.scene_update(tick, &picture.logged.contacts, picture.reference, target);
+            let update = self.viewer.scene_update(tick, &frame.logged.contacts, frame.reference, target);
             self.writer.scene(tick, &update)?;
         }
         if let Ok(mut snapshot) = self.shared.snapshot.lock() {
@@ -169,7 +169,7 @@ impl Write {
                 late: m.slipped,
                 braked: self.braked,
                 mode,
-                tracking: picture.reference.map_or([0.0; 3], |x_d| std::array::from_fn(|i| m.foot_position[i] - x_d[i])),
+                tracking: frame.reference.map_or([0.0; 3], |x_d| std::array::from_fn(|i| m.foot_position[i] - x_d[i])),
                 bound: parameters.map_or([0.0; 3], |p| p.position_bound),
                 version: parameters.map_or(0, |p| p.version),
             };

@@ -1,7 +1,7 @@
-//! Faults on purpose: those of the scenario at their ticks, and those that an operator asks for.
+//! Fault injection: faults of the scenario at their ticks, and faults that an operator requests.
 //!
-//! What the operating system does to processes is done to them in earnest: signals, hogs on every core, a full disk, a limit on
-//! locked memory. What a process does wrong in its messages it is told ahead of the tick.
+//! Faults of the operating system are real: signals, busy processes on every core, a full disk, a limit on locked
+//! memory. A fault in messages is published before its tick, and the process itself applies it.
 
 use super::slot::ProcessSlot;
 use crate::children::this_program;
@@ -17,39 +17,40 @@ use std::process::{Child, Stdio};
 use std::sync::mpsc::Receiver;
 use std::time::{Duration, Instant};
 
-/// Ticks by which a process is told ahead of a fault in its messages, and how many it is told of at a time: it looks once a tick.
+/// Ticks by which a fault in messages is published before its tick.
 const AHEAD: i64 = 100;
-const AT_A_TIME: usize = 4;
-/// Largest file system that is filled up, bytes: only one that was made for it.
+/// Faults in messages published at a time: a process reads one a tick.
+const PUBLISHED_AT_A_TIME: usize = 4;
+/// Largest file system that a fault may fill [bytes]: one made for the purpose.
 const LARGEST_DISK: u64 = 256 << 20;
-/// Bytes of memory a process may lock when that is exhausted.
-const LITTLE_MEMORY: u64 = 64 << 10;
+/// Limit of locked memory under the fault `memory_lock` [bytes].
+const MEMORY_LOCK_LIMIT: u64 = 64 << 10;
 
 /// The faults of a run.
 pub struct Injections {
-    /// Signals, limits and hogs still to come, in the action of time.
-    outer: VecDeque<Fault>,
-    /// Those whose time has come, or that were asked for, and that wait for somebody to be there.
+    /// Future faults of the operating system, in the order of time.
+    system: VecDeque<Fault>,
+    /// Due or requested faults of the operating system that wait for their processes.
     due: Vec<Fault>,
-    /// Faults in messages that have not been told of yet, in the action of time.
-    inner: VecDeque<Fault>,
-    /// Those that were told of and whose tick has not come.
+    /// Faults in messages not published yet, in the order of time.
+    message: VecDeque<Fault>,
+    /// Published faults in messages before their tick.
     coming: Vec<Fault>,
-    asked: Receiver<Fault>,
+    requests: Receiver<Fault>,
     output: Output<Injection>,
-    /// Faults in messages that were told of and may still be to come.
-    told: Vec<Injection>,
+    /// Published injections that may still be in the future.
+    published: Vec<Injection>,
     number: u64,
-    /// Halted processes, and when they go on.
+    /// Halted processes, their generations, and the times at which they continue.
     halted: Vec<(Process, u32, Instant)>,
-    helpers: Vec<Child>,
+    stressors: Vec<Child>,
     log: PathBuf,
     filler: Option<PathBuf>,
-    /// Done so far.
+    /// Faults injected so far.
     pub done: u64,
 }
 
-/// What a fault does wrong in messages, if it does.
+/// The corruption of messages that a fault means, if any.
 fn tampering(kind: FaultKind) -> Option<Tampering> {
     Some(match kind {
         FaultKind::Slow => Tampering::Slow,
@@ -62,7 +63,7 @@ fn tampering(kind: FaultKind) -> Option<Tampering> {
     })
 }
 
-/// The processes a fault happens to.
+/// The processes that a fault affects.
 fn targets(target: FaultTarget) -> &'static [Process] {
     match target {
         FaultTarget::Plant => &[Process::Plant],
@@ -75,10 +76,10 @@ fn targets(target: FaultTarget) -> &'static [Process] {
     }
 }
 
-/// Checks what a scenario's faults need of the machine and of the run.
+/// Checks that machine and run allow the faults of a scenario.
 ///
 /// # Errors
-/// What cannot be done here.
+/// The first fault that they do not allow.
 pub fn check(faults: &[Fault], log: &Path, standby: bool) -> Result<()> {
     for fault in faults {
         possible(fault, log, standby)?;
@@ -86,25 +87,25 @@ pub fn check(faults: &[Fault], log: &Path, standby: bool) -> Result<()> {
     Ok(())
 }
 
-/// Whether a fault can be made here.
+/// Checks that machine and run allow a fault.
 ///
 /// # Errors
-/// Why not.
+/// The reason if they do not.
 pub fn possible(fault: &Fault, log: &Path, standby: bool) -> Result<()> {
     let name = fault.kind.name();
     if !standby && matches!(fault.target, FaultTarget::Standby | FaultTarget::Controllers) {
         bail!("fault '{name}' of process '{}': found no standby, expected supervisor.standby = true", fault.target.name());
     }
     if fault.kind == FaultKind::FullDisk {
-        // The log's folder is made later, in the nearest one that is there.
+        // The log's folder is created later, in the nearest existing one.
         let folder = log.ancestors().skip(1).find(|f| f.is_dir()).unwrap_or(Path::new("."));
-        let fs = rustix::fs::statfs(folder).with_context(|| format!("fault '{name}': cannot look at {}", folder.display()))?;
+        let fs = rustix::fs::statfs(folder).with_context(|| format!("fault '{name}': cannot examine {}", folder.display()))?;
         let size = fs.f_blocks as u64 * fs.f_bsize as u64;
         let tmpfs = fs.f_type as u64 == 0x0102_1994;
         if !tmpfs || size > LARGEST_DISK {
             bail!(
-                "fault '{name}': the log's folder {} is on a {} of {} MB, expected a tmpfs of its own of at most {} MB, since it is filled \
-                 up. Hint: mount -t tmpfs -o size=8m tmpfs DIR",
+                "fault '{name}': the log's folder {} is on a {} of {} MB, expected a tmpfs of its own of at most {} MB, since the \
+                 fault fills it. Hint: mount -t tmpfs -o size=8m tmpfs DIR",
                 folder.display(),
                 if tmpfs { "tmpfs" } else { "disk" },
                 size >> 20,
@@ -115,7 +116,7 @@ pub fn possible(fault: &Fault, log: &Path, standby: bool) -> Result<()> {
     Ok(())
 }
 
-/// What a fault does, in words.
+/// Describes a fault.
 pub fn describe(fault: &Fault) -> String {
     let mut text = format!("{} {}", fault.kind.name(), fault.target.name());
     if fault.ticks > 0 {
@@ -128,57 +129,57 @@ pub fn describe(fault: &Fault) -> String {
 }
 
 impl Injections {
-    /// Those of a scenario, and a way in for others.
-    pub fn new(faults: &[Fault], asked: Receiver<Fault>, output: Output<Injection>, log: &Path) -> Self {
-        let (inner, outer) = faults.iter().copied().partition(|f| tampering(f.kind).is_some());
+    /// Takes the faults of a scenario, and a channel for requested ones.
+    pub fn new(faults: &[Fault], requests: Receiver<Fault>, output: Output<Injection>, log: &Path) -> Self {
+        let (message, system) = faults.iter().copied().partition(|f| tampering(f.kind).is_some());
         Self {
-            outer,
+            system,
             due: Vec::new(),
-            inner,
+            message,
             coming: Vec::new(),
-            asked,
+            requests,
             output,
-            told: Vec::new(),
+            published: Vec::new(),
             number: 0,
             halted: Vec::new(),
-            helpers: Vec::new(),
+            stressors: Vec::new(),
             log: log.to_owned(),
             filler: None,
             done: 0,
         }
     }
 
-    /// Whether something happens soon, so that the supervisor should look more often.
+    /// Whether a fault is near, so that the supervisor should poll fast.
     #[must_use]
     pub fn near(&self, gated: i64, within: i64) -> bool {
         let soon = |faults: &VecDeque<Fault>| faults.front().is_some_and(|f| f.tick <= gated + within);
-        !self.halted.is_empty() || !self.due.is_empty() || !self.coming.is_empty() || soon(&self.outer) || soon(&self.inner)
+        !self.halted.is_empty() || !self.due.is_empty() || !self.coming.is_empty() || soon(&self.system) || soon(&self.message)
     }
 
-    /// Does what is due. Returns what was done, in words, and to whom.
+    /// Injects the due faults. Returns them with their descriptions.
     ///
     /// # Errors
-    /// If something that should be possible is not.
+    /// If a fault that was checked cannot be injected.
     pub fn act(&mut self, slots: &mut [ProcessSlot], shared: &SharedStatus, gated: i64) -> Result<Vec<(Fault, String)>> {
         let mut done = Vec::new();
-        self.wake(slots);
-        while let Ok(fault) = self.asked.try_recv() {
+        self.resume_halted(slots);
+        while let Ok(fault) = self.requests.try_recv() {
             match tampering(fault.kind) {
                 Some(tampering) => {
-                    self.instruct(&fault, tampering, gated + 1)?;
+                    self.publish(&fault, tampering, gated + 1)?;
                     self.coming.push(Fault { tick: gated + 1, ..fault });
                 }
                 None => self.due.push(fault),
             }
         }
-        for _ in 0..AT_A_TIME {
-            let Some(fault) = self.inner.pop_front_if(|f| f.tick <= gated + AHEAD) else { break };
+        for _ in 0..PUBLISHED_AT_A_TIME {
+            let Some(fault) = self.message.pop_front_if(|f| f.tick <= gated + AHEAD) else { break };
             if let Some(tampering) = tampering(fault.kind) {
-                self.instruct(&fault, tampering, fault.tick)?;
+                self.publish(&fault, tampering, fault.tick)?;
                 self.coming.push(fault);
             }
         }
-        // Told of when it happens, not when it is arranged.
+        // Reported at its tick, not when it is published.
         self.coming.retain(|fault| {
             let later = fault.tick > gated + 1;
             if !later {
@@ -186,13 +187,13 @@ impl Injections {
             }
             later
         });
-        while let Some(fault) = self.outer.pop_front_if(|f| f.tick <= gated + 1) {
+        while let Some(fault) = self.system.pop_front_if(|f| f.tick <= gated + 1) {
             self.due.push(fault);
         }
-        // Whoever is not there yet cannot be hit: it is, as soon as it is there; others need not wait for that.
+        // A fault waits for a process that does no ticks; the other faults do not wait for it.
         for fault in std::mem::take(&mut self.due) {
             if ready(&fault, slots, shared) {
-                self.happen(&fault, slots)?;
+                self.apply(&fault, slots)?;
                 done.push((fault, describe(&fault)));
             } else {
                 self.due.push(fault);
@@ -202,10 +203,10 @@ impl Injections {
         Ok(done)
     }
 
-    fn instruct(&mut self, fault: &Fault, tampering: Tampering, tick: i64) -> Result<(), IpcError> {
+    fn publish(&mut self, fault: &Fault, tampering: Tampering, tick: i64) -> Result<(), IpcError> {
         for process in targets(fault.target) {
             self.number += 1;
-            let told = Injection {
+            let injection = Injection {
                 number: self.number,
                 tick,
                 ticks: fault.ticks,
@@ -213,41 +214,41 @@ impl Injections {
                 tampering: tampering.code(),
                 by_us: fault.by_us,
             };
-            self.output.send(&told)?;
+            self.output.send(&injection)?;
             self.output.preloan();
-            self.told.push(told);
+            self.published.push(injection);
         }
         Ok(())
     }
 
-    /// Tells a process that was started again of the faults that are still to come.
+    /// Republishes the future faults in messages of a restarted process.
     ///
     /// # Errors
-    /// If it cannot be told.
+    /// If publishing fails.
     pub fn republish(&mut self, process: Process, gated: i64) -> Result<(), IpcError> {
-        self.told.retain(|told| told.tick > gated + 1);
-        for told in self.told.iter().filter(|told| told.process == process.code()) {
-            self.output.send(told)?;
+        self.published.retain(|injection| injection.tick > gated + 1);
+        for injection in self.published.iter().filter(|injection| injection.process == process.code()) {
+            self.output.send(injection)?;
             self.output.preloan();
         }
         Ok(())
     }
 
-    fn happen(&mut self, fault: &Fault, slots: &mut [ProcessSlot]) -> Result<()> {
+    fn apply(&mut self, fault: &Fault, slots: &mut [ProcessSlot]) -> Result<()> {
         let until = Instant::now() + Duration::from_millis(fault.ticks.into());
         match fault.kind {
             FaultKind::Hog => {
                 for _ in 0..std::thread::available_parallelism().map_or(1, usize::from) {
-                    self.helper(&["hog", &fault.ticks.to_string()])?;
+                    self.start_stressor(&["hog", &fault.ticks.to_string()])?;
                 }
             }
             FaultKind::FullDisk => {
                 let filler = self.log.with_extension("filler");
-                self.helper(&["fill", &filler.to_string_lossy()])?;
+                self.start_stressor(&["fill", &filler.to_string_lossy()])?;
                 self.filler = Some(filler);
             }
             FaultKind::Kill if fault.target == FaultTarget::Supervisor => {
-                // Nothing after this happens.
+                // Ends this process.
                 let _ = rustix::process::kill_process(rustix::process::getpid(), Signal::KILL);
             }
             kind => {
@@ -263,8 +264,8 @@ impl Injections {
                             self.halted.push((slot.process, slot.generation, until));
                         }
                         FaultKind::MemoryLock => {
-                            let little = Rlimit { current: Some(LITTLE_MEMORY), maximum: Some(LITTLE_MEMORY) };
-                            prlimit(Some(child.pid()), Resource::Memlock, little).context("cannot limit locked memory")?;
+                            let limit = Rlimit { current: Some(MEMORY_LOCK_LIMIT), maximum: Some(MEMORY_LOCK_LIMIT) };
+                            prlimit(Some(child.pid()), Resource::Memlock, limit).context("cannot limit locked memory")?;
                         }
                         _ => {}
                     }
@@ -274,8 +275,8 @@ impl Injections {
         Ok(())
     }
 
-    /// Lets those go on that have been halted long enough.
-    fn wake(&mut self, slots: &[ProcessSlot]) {
+    /// Continues the halted processes whose time is up.
+    fn resume_halted(&mut self, slots: &[ProcessSlot]) {
         let now = Instant::now();
         self.halted.retain(|(process, generation, until)| {
             let same = slots.iter().find(|s| s.process == *process && s.generation == *generation && s.child.is_some());
@@ -287,30 +288,30 @@ impl Injections {
             }
             false
         });
-        self.helpers.retain_mut(|helper| matches!(helper.try_wait(), Ok(None)));
+        self.stressors.retain_mut(|stressor| matches!(stressor.try_wait(), Ok(None)));
     }
 
-    /// Starts this program as something that is in everybody's way.
-    fn helper(&mut self, arguments: &[&str]) -> Result<()> {
+    /// Starts this program as a stressor.
+    fn start_stressor(&mut self, arguments: &[&str]) -> Result<()> {
         let child = this_program()?
-            .arg("nuisance")
+            .arg("stressor")
             .arg(std::process::id().to_string())
             .args(arguments)
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             .spawn()
-            .context("cannot start what is to be in the way")?;
-        self.helpers.push(child);
+            .context("cannot start a stressor")?;
+        self.stressors.push(child);
         Ok(())
     }
 }
 
 impl Drop for Injections {
     fn drop(&mut self) {
-        for helper in &mut self.helpers {
-            // Gone already is as good.
-            let _ = helper.kill();
-            let _ = helper.wait();
+        for stressor in &mut self.stressors {
+            // Fails only if it has ended already.
+            let _ = stressor.kill();
+            let _ = stressor.wait();
         }
         if let Some(filler) = &self.filler {
             let _ = std::fs::remove_file(filler);
@@ -318,7 +319,7 @@ impl Drop for Injections {
     }
 }
 
-/// Whether all that a fault should hit are there.
+/// Whether all processes that a fault affects do ticks.
 fn ready(fault: &Fault, slots: &[ProcessSlot], shared: &SharedStatus) -> bool {
     targets(fault.target).iter().all(|process| {
         *process == Process::Supervisor

@@ -1,4 +1,4 @@
-//! The main thread during a run: starts the processes, watches them with three detectors, starts them again, and ends them.
+//! The main thread during a run: starts, watches, restarts and ends the processes.
 
 mod detect;
 mod handover_cache;
@@ -30,51 +30,51 @@ use std::time::{Duration, Instant};
 
 pub use inject::{check as check_faults, describe as describe_fault, possible as fault_possible};
 
-/// Priority of the main thread in realtime: below all that tick, and below those who join.
-const WATCHING: u32 = 5;
-/// How often the supervisor looks at its processes when nothing calls.
+/// Priority of the main thread in realtime: below all ticking and all starting processes.
+const WATCH_PRIORITY: u32 = 5;
+/// Interval at which the supervisor polls its processes.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
-/// How often while somebody joins, or a fault on purpose is near.
+/// The same while a process starts, or an injected fault is near.
 const FAST_POLL_INTERVAL: Duration = Duration::from_millis(1);
-/// Ticks before a fault on purpose from which on it looks closely.
-const NEAR: i64 = 200;
-/// How long processes may take to do their last tick after the gate's.
-const LAST_TICK: Duration = Duration::from_secs(1);
+/// Ticks before an injected fault in which the supervisor polls fast.
+const NEAR_TICKS: i64 = 200;
+/// Time that processes may take for their last tick after the gate's.
+const LAST_TICK_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// When a run started and ended.
+/// Times of a run, and whether it completed.
 #[derive(Default)]
 pub struct RunTimes {
-    /// From the start of the program to the first tick, s.
+    /// Time from the start of the program to the first tick [s].
     pub launch_s: f64,
-    /// From the first tick to the last, by the clock on the wall, s.
+    /// Wall-clock time from the first to the last tick [s].
     pub wall_s: f64,
-    /// Time the host took away meanwhile, ms.
+    /// Steal time during the run [ms].
     pub steal_ms: u64,
-    /// Ticks that the gate's spare has done.
+    /// Ticks by the spare gate thread.
     pub spare_ticks: u64,
     /// Whether the run reached its end.
     pub completed: bool,
 }
 
-/// What the main thread starts with.
+/// Arguments of [`Watch::open`].
 pub struct WatchStart<'a> {
-    /// What was asked for.
+    /// Request of the run.
     pub request: &'a RunRequest,
-    /// Shared with the rest of the supervisor.
+    /// Status shared with the other threads of the supervisor.
     pub shared: Arc<SharedStatus>,
-    /// The gate's thread.
+    /// Thread of the gate.
     pub gate: JoinHandle<Result<(), IpcError>>,
-    /// The recorder.
+    /// Recorder of the run.
     pub recorder: &'a Recorder,
-    /// Set by signals.
+    /// Flag that signals set to end the run.
     pub stop: Arc<AtomicBool>,
-    /// What the processes need.
+    /// Path of the run file, which the processes read.
     pub run_file: &'a Path,
     /// Cores of the real-time threads.
     pub cores: Cores,
-    /// Faults that operators ask for.
-    pub asked: std::sync::mpsc::Receiver<hapfic_config::Fault>,
-    /// The way to the service manager.
+    /// Faults that operators request.
+    pub fault_requests: std::sync::mpsc::Receiver<hapfic_config::Fault>,
+    /// Connection to the service manager.
     pub notify: &'a Notify,
 }
 
@@ -90,7 +90,7 @@ pub struct Watch<'a> {
     stop: Arc<AtomicBool>,
     run_file: &'a Path,
     cores: Cores,
-    /// Code of the primary controller whose place was given last.
+    /// Code of the primary controller that got its priority and core last.
     primary: u32,
     notify: &'a Notify,
     bus: &'a Bus,
@@ -99,31 +99,31 @@ pub struct Watch<'a> {
     doorbells: Vec<Doorbell>,
     events: Output<Event>,
     begun: Instant,
-    /// Re-armings that have been taken in.
+    /// Re-armings handled so far.
     rearms: u64,
-    /// Dead processes whose places have not been swept yet.
+    /// Dead processes whose nodes are not cleaned up yet.
     not_cleaned_up: u32,
-    /// Meetings that gate and recorder could not make so far.
+    /// Failed connections of gate and recorder so far.
     failed_connections: u32,
-    /// Whether a latched stop was asked for because a budget was spent, and not left since.
+    /// Whether a spent budget requested a latched stop, and no re-arming followed.
     stopped_by_budget: bool,
-    /// What went wrong so far that the run cannot get over.
+    /// Faults so far that the run does not survive.
     pub faults: Vec<RunFault>,
-    /// Since the last tick: whether the plant has not been started anew yet, and whether all the others have.
-    spare_the_plant: bool,
-    all_started_anew: bool,
-    /// Last tick that had been gated, and when that was first seen.
+    /// Since the last tick: whether the plant may still be restarted, and whether all others have been.
+    plant_restart_left: bool,
+    all_restarted: bool,
+    /// Last gated tick, and the time at which it was first seen.
     advanced: (i64, Instant),
 }
 
 impl<'a> Watch<'a> {
-    /// Opens the main thread's ports; nobody is started yet.
+    /// Opens the main thread's ports, before any process starts.
     ///
     /// # Errors
-    /// [`IpcError`] if they cannot be had.
-    pub fn open(bus: &'a Bus, begin: WatchStart<'a>) -> Result<Self, IpcError> {
+    /// [`IpcError`] if the ports cannot be opened.
+    pub fn open(bus: &'a Bus, start: WatchStart<'a>) -> Result<Self, IpcError> {
         use hapfic_ipc::topic;
-        let WatchStart { request, shared, gate, recorder, stop, run_file, cores, asked, notify } = begin;
+        let WatchStart { request, shared, gate, recorder, stop, run_file, cores, fault_requests, notify } = start;
         Ok(Self {
             request,
             settings: &request.settings,
@@ -138,7 +138,7 @@ impl<'a> Watch<'a> {
             notify,
             bus,
             cache: HandOverCache::open(bus)?,
-            injections: Injections::new(&request.settings.faults, asked, bus.output(&topic::INJECTION)?, &request.log),
+            injections: Injections::new(&request.settings.faults, fault_requests, bus.output(&topic::INJECTION)?, &request.log),
             doorbells: [
                 topic::STATE.doorbell,
                 topic::REFERENCE.doorbell,
@@ -148,7 +148,7 @@ impl<'a> Watch<'a> {
             ]
             .into_iter()
             .flatten()
-            .map(|place| bus.doorbell(place))
+            .map(|index| bus.doorbell(index))
             .collect(),
             events: bus.output(&topic::EVENT)?,
             begun: Instant::now(),
@@ -157,14 +157,14 @@ impl<'a> Watch<'a> {
             failed_connections: 0,
             stopped_by_budget: false,
             faults: Vec::new(),
-            spare_the_plant: true,
-            all_started_anew: false,
+            plant_restart_left: true,
+            all_restarted: false,
             advanced: (-1, Instant::now()),
             shared,
         })
     }
 
-    /// Starts all processes, waits until they are ready, and follows the run to its end.
+    /// Starts all processes, waits until they are ready, and watches the run to its end.
     ///
     /// # Errors
     /// If a process cannot be started or polled.
@@ -176,10 +176,10 @@ impl<'a> Watch<'a> {
         let ready = self.wait_until_ready()?;
         let begun = Instant::now();
         let launch_s = self.request.since.elapsed().as_secs_f64();
-        let stolen = summary::steal_ms();
+        let steal_before_ms = summary::steal_ms();
         let mut completed = false;
         if ready {
-            if self.clock == Clock::Realtime && !self.has_what_it_requires() {
+            if self.clock == Clock::Realtime && !self.has_required_privileges() {
                 return Ok(RunTimes { launch_s, ..RunTimes::default() });
             }
             if self.clock == Clock::Realtime {
@@ -200,8 +200,8 @@ impl<'a> Watch<'a> {
             if self.clock == Clock::Realtime
                 && SchedGrants(self.shared.heartbeat(recorder::GATE).realtime()).has(SchedGrants::FIFO)
             {
-                // Who is to start others again must not wait for the rest of the machine. What cannot be had is had without.
-                let _ = realtime::set_fifo(WATCHING);
+                // Restarts must not wait for other processes of the machine; without the privilege they do.
+                let _ = realtime::set_fifo(WATCH_PRIORITY);
             }
             self.shared.go.store(true, Ordering::Release);
             completed = self.follow()?;
@@ -213,13 +213,13 @@ impl<'a> Watch<'a> {
         Ok(RunTimes {
             launch_s,
             wall_s: begun.elapsed().as_secs_f64(),
-            steal_ms: summary::steal_ms().saturating_sub(stolen),
+            steal_ms: summary::steal_ms().saturating_sub(steal_before_ms),
             spare_ticks: self.shared.spare_ticks.load(Ordering::Relaxed),
             completed,
         })
     }
 
-    /// Takes note of something that the run cannot get over.
+    /// Records a fault that the run does not survive.
     pub fn fault(&mut self, process: &str, what: String, detector: &'static str) {
         let tick = self.shared.gated.load(Ordering::Relaxed);
         let (kind, seen) = match detector {
@@ -236,19 +236,19 @@ impl<'a> Watch<'a> {
         self.faults.push(RunFault { process: process.to_owned(), what, detector, tick });
     }
 
-    /// Into the log. Whoever cannot be told is the recorder, and its own failure is reported elsewhere.
+    /// Sends an event to the log. Sending fails only with the recorder, whose failure `healthy` detects.
     fn report(&mut self, tick: i64, about: Process, kind: EventKind, severity: Severity, seen: Detector, text: &str) {
         let stamp_ns = if self.clock == Clock::Realtime { hapfic_ipc::clock::now_ns() } else { 0 };
         let _ = self.events.send(&Event { stamp_ns, ..Event::new(tick, about, kind, severity, seen, text) });
     }
 
-    /// An event of now, with the severity there is.
+    /// Sends an event of the current tick and severity.
     fn note(&mut self, about: Process, kind: EventKind, seen: Detector, text: &str) {
         let severity = Severity::from_code(self.shared.severity.load(Ordering::Relaxed)).unwrap_or(Severity::Nominal);
         self.report(self.shared.gated.load(Ordering::Relaxed), about, kind, severity, seen, text);
     }
 
-    /// Waits until all have said that they are ready. `false` if one does not get there.
+    /// Waits until all processes report that they are ready; `false` if one does not.
     fn wait_until_ready(&mut self) -> Result<bool> {
         let deadline = Instant::now() + Duration::from_millis(self.settings.supervisor.ready_timeout_ms.into());
         loop {
@@ -274,7 +274,7 @@ impl<'a> Watch<'a> {
         }
     }
 
-    /// Follows the run to its end. Whether it got there.
+    /// Watches the run; returns whether it completed.
     fn follow(&mut self) -> Result<bool> {
         let mut progress = Progress::new(self.settings.duration_ticks as f64 * PERIOD_S);
         loop {
@@ -301,55 +301,55 @@ impl<'a> Watch<'a> {
                     doorbell.notify();
                 }
             }
-            let near = joining || self.injections.near(self.shared.gated.load(Ordering::Relaxed), NEAR);
+            let near = joining || self.injections.near(self.shared.gated.load(Ordering::Relaxed), NEAR_TICKS);
             self.pause(if near { FAST_POLL_INTERVAL } else { POLL_INTERVAL });
         }
     }
 
-    /// Waits until a process ends, or for so long.
+    /// Waits until a process ends, or for `time`.
     fn pause(&self, time: Duration) {
         children::watch(self.slots.iter().filter_map(|s| s.child.as_ref()), time);
     }
 
-    /// Does the faults that are due.
+    /// Injects the faults that are due.
     fn inject(&mut self) -> Result<()> {
         let gated = self.shared.gated.load(Ordering::Acquire);
         for (fault, what) in self.injections.act(&mut self.slots, &self.shared, gated)? {
             let about = Process::from_name(fault.target.name()).unwrap_or(Process::Supervisor);
-            self.note(about, EventKind::Injected, Detector::None, &format!("fault on purpose: {what}"));
+            self.note(about, EventKind::Injected, Detector::None, &format!("injected fault: {what}"));
         }
         Ok(())
     }
 
-    /// With `--realtime require`: whether every thread has got what it asked for.
-    fn has_what_it_requires(&mut self) -> bool {
+    /// With `--realtime require`: whether every thread has all privileges that it requested.
+    fn has_required_privileges(&mut self) -> bool {
         if self.request.realtime != RealtimeMode::Require {
             return true;
         }
         let missing = privileges::missing(self.settings, self.cores, &self.shared);
         for (process, what) in &missing {
-            self.fault(process, format!("did not get {what}, which --realtime require asks for"), "start");
+            self.fault(process, format!("did not get {what}, which --realtime require demands"), "start");
         }
         missing.is_empty()
     }
 
-    /// What the run got over.
+    /// Losses and injected faults of the run.
     #[must_use]
     pub fn losses(&self) -> Losses {
         Losses::new(self.slots.iter().map(|s| (s.process, s.losses, s.longest)), self.injections.done)
     }
 
-    /// Ends everyone, then lets the recorder take in what is left.
+    /// Ends gate and processes, then lets the recorder drain the remaining messages.
     ///
     /// # Errors
-    /// If the system does not tell how one ended.
+    /// If the system does not report how a process ended.
     pub fn end(&mut self, completed: bool) -> Result<()> {
         self.notify.stopping();
         if completed {
-            // Controllers whose request was not needed for the last tick still send it.
-            let asked = Instant::now();
+            // A controller whose request the last tick did not need still sends it.
+            let begun = Instant::now();
             let done = |s: &ProcessSlot| s.child.is_none() || self.shared.heartbeat(s.process).phase() == Some(Phase::Finished);
-            while !self.slots.iter().all(done) && asked.elapsed() < LAST_TICK {
+            while !self.slots.iter().all(done) && begun.elapsed() < LAST_TICK_TIMEOUT {
                 self.pause(FAST_POLL_INTERVAL);
             }
         }
@@ -362,16 +362,16 @@ impl<'a> Watch<'a> {
             }
         }
         if completed {
-            // What they published last is still theirs: let the recorder have it before they go.
-            let asked = Instant::now();
+            // Their last messages lie in their own memory: the recorder drains them before the processes end.
+            let begun = Instant::now();
             let seen = self.shared.rounds();
-            while self.shared.rounds() < seen + 2 && asked.elapsed() < LAST_TICK {
+            while self.shared.rounds() < seen + 2 && begun.elapsed() < LAST_TICK_TIMEOUT {
                 self.pause(FAST_POLL_INTERVAL);
             }
         }
         let children: Vec<Child> = self.slots.iter_mut().filter_map(|s| s.child.take()).collect();
         for process in children::end(children)? {
-            self.fault(process.name(), "did not end when asked to, and was killed".to_owned(), "exit");
+            self.fault(process.name(), "did not end on request, and was killed".to_owned(), "exit");
         }
         self.shared.drain.store(true, Ordering::Release);
         Ok(())
@@ -380,12 +380,12 @@ impl<'a> Watch<'a> {
 
 impl Drop for Watch<'_> {
     fn drop(&mut self) {
-        // Nothing to report to: whoever cared has called `end`.
+        // Errors have no receiver here: `end` reports them.
         let _ = children::end(self.slots.iter_mut().filter_map(|s| s.child.take()).collect());
     }
 }
 
-/// A process's place in a set of processes.
+/// Bit of a process in a set of processes.
 fn bit(process: Process) -> u32 {
     1 << process.code()
 }

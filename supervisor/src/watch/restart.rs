@@ -1,4 +1,4 @@
-//! What is done about a lost process: noted, handed over, started again, welcomed; or given up.
+//! Restart of a lost process: event, hand-over, start and rejoining; or a latched stop once its budget is spent.
 
 use super::slot::{DetectorLimits, ProcessSlot};
 use super::{Watch, bit};
@@ -14,15 +14,15 @@ use rustix::process::Signal;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
-/// Refused requests in a row after which a controller is as good as dead.
-const GARBAGE: u32 = 20;
-/// Priority of a process that joins, until it takes its own: below all that tick.
-const JOINING: u32 = 10;
-/// Dead processes whose places have to be swept, whoever is joining.
-const MANY_DEAD: u32 = 3;
+/// Rejected requests in a row after which a controller counts as lost.
+const REJECTED_LIMIT: u32 = 20;
+/// Priority of a starting process until it sets its own: below all ticking processes.
+const JOINING_PRIORITY: u32 = 10;
+/// Dead nodes above which the clean-up does not wait for a starting process.
+const MOST_DEAD_NODES: u32 = 3;
 
 impl Watch<'_> {
-    /// Looks at every process and does what its restart orders. `false` if the run has to end.
+    /// Checks every process and performs its restart actions; `false` if the run must end.
     pub(super) fn check_processes(&mut self) -> Result<bool> {
         let supervisor = &self.settings.supervisor;
         let limits = DetectorLimits {
@@ -42,18 +42,18 @@ impl Watch<'_> {
         if !self.shared.go.load(Ordering::Relaxed) {
             return Ok(true);
         }
-        for place in ControllerSlot::BOTH {
-            let bad = &self.shared.bad_requests[place as usize];
-            if bad.load(Ordering::Relaxed) >= GARBAGE {
+        for slot in ControllerSlot::BOTH {
+            let bad = &self.shared.bad_requests[slot as usize];
+            if bad.load(Ordering::Relaxed) >= REJECTED_LIMIT {
                 bad.store(0, Ordering::Relaxed);
-                let what = format!("has asked for what was rejected {GARBAGE} ticks in a row");
-                if !self.on_lost(place.process(), Detector::Check, &what)? {
+                let what = format!("has sent rejected requests {REJECTED_LIMIT} ticks in a row");
+                if !self.on_lost(slot.process(), Detector::Check, &what)? {
                     return Ok(false);
                 }
             }
         }
         self.update_primary();
-        self.cache.listen(&self.shared.gated)?;
+        self.cache.receive(&self.shared.gated)?;
         let rearms = self.shared.rearms.load(Ordering::Acquire);
         if rearms != std::mem::replace(&mut self.rearms, rearms) {
             self.stopped_by_budget = false;
@@ -67,24 +67,25 @@ impl Watch<'_> {
             self.advance(index, signal)?;
             self.report_rejected(index);
         }
-        self.let_all_meet()?;
+        self.reconnect_all()?;
         if self.shared.cleanup_requested.swap(false, Ordering::AcqRel) {
             self.clean_up()?;
         }
-        // When all are back: it takes milliseconds and is in the way of those who join. Topics have places for some dead ones.
+        // Clean-up takes milliseconds and delays starting processes, so it waits for them; topics hold some dead nodes.
         let joining = self.slots.iter().any(ProcessSlot::joining);
-        if self.not_cleaned_up > MANY_DEAD || (self.not_cleaned_up > 0 && !joining) {
+        if self.not_cleaned_up > MOST_DEAD_NODES || (self.not_cleaned_up > 0 && !joining) {
             self.clean_up()?;
         }
         Ok(true)
     }
 
-    /// Where somebody could not be met, as he was killed while he made the connection, or was put aside for too long: removes what
-    /// the dead have left, and lets all look round once more.
-    fn let_all_meet(&mut self) -> Result<()> {
+    /// Cleans up dead nodes and forces all ports to reconnect after a failed connection.
+    ///
+    /// A connection fails if a process is killed or preempted for too long while it makes the connection.
+    fn reconnect_all(&mut self) -> Result<()> {
         let mut more = false;
         for slot in &mut self.slots {
-            // Counts begin anew with a process.
+            // A restarted process counts from zero.
             let failed_connections = self.shared.heartbeat(slot.process).failed_connections();
             more |= failed_connections > std::mem::replace(&mut slot.failed_connections, failed_connections);
         }
@@ -104,19 +105,14 @@ impl Watch<'_> {
         self.bus.force_reconnect(&topic::TIMING)?;
         self.bus.force_reconnect(&topic::CREDIT)?;
         self.bus.force_reconnect(&topic::INJECTION)?;
-        self.note(
-            Process::Supervisor,
-            EventKind::Note,
-            Detector::None,
-            "a connection was left half-made: all look round once more",
-        );
+        self.note(Process::Supervisor, EventKind::Note, Detector::None, "a connection failed: all ports reconnect");
         Ok(())
     }
 
-    /// Removes what the dead have left; what they said last is taken in before.
+    /// Removes dead nodes, after the hand-over cache has received their last messages.
     fn clean_up(&mut self) -> Result<()> {
         self.not_cleaned_up = 0;
-        self.cache.listen(&self.shared.gated)?;
+        self.cache.receive(&self.shared.gated)?;
         self.bus.clean_up_dead_nodes();
         Ok(())
     }
@@ -130,15 +126,15 @@ impl Watch<'_> {
         }
     }
 
-    /// Time for the lives, ms.
+    /// Time of the restart states [ms].
     fn now_ms(&self) -> u64 {
         self.begun.elapsed().as_millis() as u64
     }
 
-    /// A process is lost. `false` if the run has to end.
+    /// Handles the loss of a process; `false` if the run must end.
     pub(super) fn on_lost(&mut self, process: Process, detector: Detector, what: &str) -> Result<bool> {
         let Some(index) = self.slots.iter().position(|s| s.process == process) else { return Ok(true) };
-        // Gone for the gate before anything else is done.
+        // First, so that the gate stops waiting for the process.
         self.shared.present.fetch_and(!bit(process), Ordering::AcqRel);
         let ends_the_run = match process {
             _ if !self.shared.go.load(Ordering::Relaxed) => true,
@@ -157,13 +153,13 @@ impl Watch<'_> {
         slot.lost = Some(Instant::now());
         slot.losses += 1;
         if let Some(child) = slot.child.take() {
-            // Whatever it still is or has started: its place is needed.
+            // The process may still run, or have started others.
             child.signal(Signal::KILL);
             children::end(vec![child])?;
         }
         self.note(process, EventKind::Lost, detector, &format!("{process} {what}"));
         self.advance(index, RestartSignal::Lost)?;
-        // In lockstep nobody is there to be waited for, and without a plant no tick is done any more in which the gate could stop.
+        // In lockstep the clock would wait forever; without a plant no tick is left in which the gate could stop.
         if self.stopped_by_budget && (self.clock == Clock::Lockstep || process == Process::Plant) {
             return Ok(false);
         }
@@ -171,14 +167,14 @@ impl Watch<'_> {
         Ok(true)
     }
 
-    /// Lets a place's restart go on, and does what it orders.
+    /// Advances the restart state of a slot and performs the resulting action.
     fn advance(&mut self, index: usize, signal: RestartSignal) -> Result<()> {
         let (policy, now) = (self.policy(), self.now_ms());
         let slot = &mut self.slots[index];
         let (restart, action) = std::mem::take(&mut slot.restart).after(signal, now, &policy);
         slot.restart = restart;
         match action {
-            Some(RestartAction::Start) => self.start_again(index),
+            Some(RestartAction::Start) => self.restart(index),
             Some(RestartAction::Stop) => {
                 self.trip_latched_stop(index);
                 Ok(())
@@ -188,7 +184,7 @@ impl Watch<'_> {
         }
     }
 
-    fn start_again(&mut self, index: usize) -> Result<()> {
+    fn restart(&mut self, index: usize) -> Result<()> {
         let process = self.slots[index].process;
         let resume = self.cache.hand_over(process, &self.shared.gated)?;
         let slot = &mut self.slots[index];
@@ -200,7 +196,7 @@ impl Watch<'_> {
         let start = ProcessStart { generation: slot.generation, resume };
         let child = match Child::start(process, self.settings, self.run_file, start) {
             Ok(child) => child,
-            // As when it dies at once: out of memory, or of processes.
+            // Out of memory or processes: handled like a process that ends immediately.
             Err(e) => {
                 self.note(process, EventKind::Lost, Detector::Exit, &format!("{process} cannot be started: {e:#}"));
                 return self.advance(index, RestartSignal::Lost);
@@ -212,10 +208,9 @@ impl Watch<'_> {
             prioritise_joining(&child, self.cores.reserve);
         }
         slot.child = Some(child);
-        let from = resume.map_or(String::new(), |tick| format!(", goes on from tick {tick}"));
+        let from = resume.map_or(String::new(), |tick| format!(", continues from tick {tick}"));
         let (number, waited) = (slot.restart.restarts(), slot.lost.map_or(0, |lost| lost.elapsed().as_millis()));
-        let text =
-            format!("{process} is started again, {waited} ms after it was found lost (number {number} of its budget){from}");
+        let text = format!("{process} restarts {waited} ms after the detected loss (number {number} of its budget){from}");
         self.note(process, EventKind::Restarted, Detector::None, &text);
         self.not_cleaned_up += 1;
         Ok(())
@@ -230,14 +225,14 @@ impl Watch<'_> {
         self.shared.missing.fetch_and(!bit(process), Ordering::AcqRel);
         if generation > 0 {
             self.swap_roles();
-            let text = format!("{process} does ticks again, {:.1} ms after it was found lost", out.as_secs_f64() * 1e3);
+            let text = format!("{process} does ticks again, {:.1} ms after the detected loss", out.as_secs_f64() * 1e3);
             self.note(process, EventKind::Joined, Detector::None, &text);
             self.injections.republish(process, self.shared.gated.load(Ordering::Acquire))?;
         }
         Ok(())
     }
 
-    /// Gives controllers that have changed roles each other's place.
+    /// Swaps priorities and cores of the controllers after the gate has changed the primary.
     pub(super) fn update_primary(&mut self) {
         let primary = self.shared.primary.load(Ordering::Relaxed);
         if std::mem::replace(&mut self.primary, primary) != primary {
@@ -245,8 +240,9 @@ impl Watch<'_> {
         }
     }
 
-    /// The primary controller runs before the other one and on the core of all, whichever place it is in. One that joins is left alone
-    /// until it is there.
+    /// Gives the primary controller the higher priority and the shared core, the standby the other core.
+    ///
+    /// A starting controller keeps its own until it does ticks.
     fn swap_roles(&mut self) {
         if self.clock == Clock::Lockstep {
             return;
@@ -262,7 +258,7 @@ impl Watch<'_> {
                 if first { realtime.core_controller.or(self.cores.shared) } else { realtime.core_standby.or(self.cores.reserve) };
             let Some(child) = &slot.child else { continue };
             let granted = SchedGrants(self.shared.heartbeat(slot.process).realtime());
-            // One that has just died needs neither.
+            // Both calls fail only if the controller has just ended.
             if granted.has(SchedGrants::FIFO) {
                 let _ = realtime::set_priority_of(child.pid(), priority);
             }
@@ -278,16 +274,16 @@ impl Watch<'_> {
         let window_s = f64::from(self.settings.supervisor.restart_window_ms) * 1e-3;
         self.stopped_by_budget = true;
         self.shared.stop_latched(Detector::Budget);
-        let what = format!("was lost once more after {budget} restarts within {window_s} s: it is not started again");
+        let what = format!("was lost once more after {budget} restarts within {window_s} s: it does not restart");
         self.fault(process.name(), what.clone(), "budget");
         if self.clock == Clock::Realtime && process != Process::Plant {
-            crate::say(&format!(
+            crate::log_line(&format!(
                 "hapfic: LATCHED STOP: {process} {what}. The drive brakes. Hint: `hapfic rearm` tries again, `hapfic stop` ends the run"
             ));
         }
     }
 
-    /// Messages that a process has rejected, once there are more of them.
+    /// Reports the messages that a process has rejected since the last report.
     fn report_rejected(&mut self, index: usize) {
         let slot: &mut ProcessSlot = &mut self.slots[index];
         let process = slot.process;
@@ -300,14 +296,14 @@ impl Watch<'_> {
     }
 }
 
-/// Lets a process that joins do so undisturbed: on another core than the living, before all that is not real-time.
+/// Puts a starting process on the reserve core, with a priority above all non-real-time processes.
 ///
-/// Whoever meets it while it makes a connection waits until that is made. If it were put aside in the middle, on the core of a
-/// real-time thread that waits for it, that one would keep it from going on: the gate was seen to wait for 15 ms so.
+/// A port that connects to the process waits until it has made the connection. Preempted midway on the core of a waiting
+/// real-time thread, the process could not continue: the gate was seen to wait for 15 ms.
 fn prioritise_joining(child: &Child, core: Option<u32>) {
-    // One that has died at once needs neither.
+    // Both calls fail only if the process has already ended.
     if let Some(core) = core {
         let _ = realtime::pin(Some(child.pid()), core as usize);
     }
-    let _ = realtime::set_priority_of(child.pid(), JOINING);
+    let _ = realtime::set_priority_of(child.pid(), JOINING_PRIORITY);
 }

@@ -1,4 +1,4 @@
-//! A process's place in a run: the process in it, its restart, and the detectors that look at it.
+//! The slot of a process in a run: the process, the state of its restart, and the detectors.
 
 use crate::children::{Child, describe};
 use anyhow::Result;
@@ -7,46 +7,46 @@ use hapfic_gate_process::shared_status::SharedStatus;
 use hapfic_messages::{Detector, Phase, Process};
 use std::time::{Duration, Instant};
 
-/// The detectors' limits.
+/// Limits of the detectors.
 #[derive(Clone, Copy, Debug)]
 pub struct DetectorLimits {
-    /// How long a process may take to get ready, and from there to its first tick.
+    /// Time from the start of a process to its first tick.
     pub ready: Duration,
-    /// Age of the last signal of restart, ns.
+    /// Heartbeat age [ns].
     pub silence_ns: u64,
-    /// Ticks that others may do while it does none; `None`: the clock waits for it.
+    /// Ticks of the others during which a process may do none; `None`: the clock waits for it.
     pub behind: Option<i64>,
 }
 
-/// A process's place.
+/// Slot of a process, kept over its restarts.
 #[derive(Debug)]
 pub struct ProcessSlot {
-    /// Which process.
+    /// Role of the process.
     pub process: Process,
-    /// The one that is there.
+    /// Current process, if there is one.
     pub child: Option<Child>,
-    /// Where it stands.
+    /// State of the restart.
     pub restart: RestartState,
     /// Number of the start.
     pub generation: u32,
-    /// When the present process was started.
+    /// Start of the current process.
     pub started: Instant,
-    /// When its forerunner was found lost.
+    /// Time at which the loss of its predecessor was detected.
     pub lost: Option<Instant>,
     /// Losses so far.
     pub losses: u32,
     /// Longest time from a loss to the successor's first tick.
     pub longest: Duration,
-    /// Whether the present process has been killed on purpose and its end not been seen yet.
+    /// Whether an injected fault has killed the current process and no detector has seen it yet.
     pub kill_pending: bool,
-    /// Meetings that the present process could not make.
+    /// Failed connections of the current process.
     pub failed_connections: u32,
-    /// Refused messages that have been told of.
+    /// Rejected messages already reported.
     pub rejected: u32,
 }
 
 impl ProcessSlot {
-    /// A place whose process is about to be started for the first time.
+    /// Makes the slot of a process in its first start.
     #[must_use]
     pub fn new(process: Process, child: Child) -> Self {
         Self {
@@ -64,24 +64,25 @@ impl ProcessSlot {
         }
     }
 
-    /// Whether a process is being started again, or is about to be.
+    /// Whether a process is restarting, or waits for its restart.
     #[must_use]
     pub fn joining(&self) -> bool {
         self.generation > 0 && matches!(self.restart.stage, RestartStage::Starting)
             || matches!(self.restart.stage, RestartStage::BackOff(_))
     }
 
-    /// Whether its process does ticks.
+    /// Whether the process does ticks.
     #[must_use]
     pub fn ticks(&self, shared: &SharedStatus) -> bool {
         self.child.is_some() && matches!(shared.heartbeat(self.process).phase(), Some(Phase::Running | Phase::Finished))
     }
 
-    /// Whether its process is lost: what happened, and which detector saw it. Three detectors look independently of each other,
-    /// and a fourth at the start.
+    /// Runs the detectors; returns the first that finds the process lost, and a description.
+    ///
+    /// Exit, heartbeat and tick detector are independent of each other; a fourth check covers the start.
     ///
     /// # Errors
-    /// If the system does not tell.
+    /// If the system does not report the process's state.
     pub fn check(&mut self, shared: &SharedStatus, limits: &DetectorLimits) -> Result<Option<(Detector, String)>> {
         let Some(child) = &mut self.child else { return Ok(None) };
         if let Some(status) = child.ended()? {
@@ -95,7 +96,7 @@ impl ProcessSlot {
         if let Some(age) = shared.silence_ns(self.process)
             && age > limits.silence_ns
         {
-            return Ok(Some((Detector::Heartbeat, format!("has not been heard of for {} ms", age / 1_000_000))));
+            return Ok(Some((Detector::Heartbeat, format!("has sent no heartbeat for {} ms", age / 1_000_000))));
         }
         if self.restart.stage == RestartStage::Starting && self.generation > 0 && self.started.elapsed() > limits.ready {
             let what = if phase.is_none() { "did not get ready in time" } else { "got ready and did no tick in time" };

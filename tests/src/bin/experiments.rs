@@ -1,9 +1,10 @@
-//! Makes the tables of `docs/experiments.md`: the floor over a range of wished forces with each law, and all scenarios.
+//! Makes the tables of `docs/experiments.md`: the floor over a range of desired forces with each law, and all
+//! scenarios.
 //!
-//! `experiments FILE...` writes each table into the files that have its marker, such as `<!-- floor -->`, between it and the next
-//! `<!-- end -->`. Every row is a lockstep run of the real stack, so the same command gives the same tables on every machine of
-//! the same kind. What the defaults must reach is checked after all tables are written: it then ends with 1 and says what fell
-//! short. It ends with 2 if the file is not as it must be.
+//! `experiments FILE...` writes each table into the files with its marker, such as `<!-- floor -->`, between it and the
+//! next `<!-- end -->`. Every row is a lockstep run of the real stack, so the same command gives the same tables on
+//! every machine of the same kind. After all tables it checks the limits of the defaults, and ends with 1 and a line
+//! for each shortfall. It ends with 2 after a bad file.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stderr)]
 
 #[path = "experiments/changes.rs"]
@@ -42,7 +43,7 @@ fn main() -> ExitCode {
     }
 }
 
-/// Runs everything and writes all tables. Returns what fell short.
+/// Runs everything and writes all tables. Returns the shortfalls.
 fn make(files: &[String]) -> Result<Vec<String>, String> {
     let read = |file: &String| std::fs::read_to_string(file).map_err(|error| format!("{file}: cannot be read: {error}"));
     let fill = |file: &String, mut text: String, table: &dyn Fn(usize) -> String| {
@@ -53,7 +54,7 @@ fn make(files: &[String]) -> Result<Vec<String>, String> {
         }
         Ok::<_, String>(text)
     };
-    // Before minutes of running: all places are there.
+    // Checks all markers before minutes of runs.
     let texts = files.iter().map(read).collect::<Result<Vec<_>, _>>()?;
     for (name, _) in tables::TABLES {
         if !texts.iter().any(|text| document::has(text, name)) {
@@ -65,12 +66,12 @@ fn make(files: &[String]) -> Result<Vec<String>, String> {
     let results = runs::all();
     let shortfalls = verdict::shortfalls(&results);
     if !runs::complete(&results) {
-        // Half a run's figures would pass for figures.
+        // Figures of an incomplete run would look like valid ones.
         return Ok(shortfalls);
     }
     let tables: Vec<String> = tables::TABLES.iter().map(|(_, table)| table(&results)).collect();
     for file in files {
-        // Anew: the file may have been edited meanwhile.
+        // Reads the file again, since it may have changed meanwhile.
         let text = fill(file, read(file)?, &|place| tables[place].clone())?;
         std::fs::write(file, text).map_err(|error| format!("{file}: cannot be written: {error}"))?;
     }

@@ -1,9 +1,9 @@
-//! Makes the tables of `docs/faults.md`: what came of faults on purpose in the real stack.
+//! Makes the tables of `docs/faults.md`: the reaction of the real stack to injected faults.
 //!
-//! `faults FILE` makes four parts and writes each into the places with its markers, such as `<!-- soak -->`, up to the next
-//! `<!-- end -->`, as soon as it is done: the matrix of processes, faults and phases; kills of the supervisor; many
-//! faults in a few minutes; messages that are rejected. It ends with 1 if something fell short of what is expected, with a line for
-//! each, and with 2 if it was asked for something that cannot be.
+//! `faults FILE` makes four parts: the matrix of processes, faults and phases; kills of the supervisor; many faults in
+//! a few minutes; rejected messages. It writes each part, once complete, between its markers, such as `<!-- soak -->`,
+//! and the next `<!-- end -->`. It ends with 1 and a line for each figure that fell short, and with 2 after a bad
+//! command line or file.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stderr)]
 
 #[path = "faults/arguments.rs"]
@@ -35,7 +35,7 @@ mod soak;
 #[path = "faults/trace.rs"]
 mod trace;
 
-use arguments::{Arguments, Which};
+use arguments::{Arguments, PartName};
 use part::{Expectation, Part};
 use rustix::fs::{FlockOperation, flock};
 use std::process::ExitCode;
@@ -64,14 +64,14 @@ fn main() -> ExitCode {
     }
 }
 
-/// Makes the parts that were asked for. Returns what fell short.
+/// Makes the requested parts. Returns the expectations that fell short.
 fn make(arguments: &Arguments, words: &[String]) -> Result<Vec<Expectation>, String> {
-    // Before an hour of running: all places are there.
+    // Checks all markers before an hour of runs.
     for which in &arguments.parts {
         let empty = which.markers().iter().map(|marker| (*marker, String::new())).collect();
         fill(&arguments.file, &Part { tables: empty, expectations: Vec::new() }, "")?;
     }
-    // As the tests do it: one realtime run at a time.
+    // One realtime run at a time, as in the tests.
     let lock = hapfic_tests::hapfic().with_file_name("realtime-tests.lock");
     let lock = std::fs::OpenOptions::new().create(true).truncate(false).write(true).open(lock).expect("the tests' lock");
     flock(&lock, FlockOperation::LockExclusive).expect("the tests' lock");
@@ -79,10 +79,10 @@ fn make(arguments: &Arguments, words: &[String]) -> Result<Vec<Expectation>, Str
     for which in &arguments.parts {
         let before = machine::steal_ms();
         let part = match which {
-            Which::Matrix => matrix::make(arguments.quick),
-            Which::Supervisor => orphans::make(arguments.quick),
-            Which::Soak => soak::make(arguments.minutes),
-            Which::Refusals => refusals::make(),
+            PartName::Matrix => matrix::make(arguments.quick),
+            PartName::Supervisor => orphans::make(arguments.quick),
+            PartName::Soak => soak::make(arguments.minutes),
+            PartName::Rejections => refusals::make(),
         };
         let note = machine::note(&format!("faults {}", words.join(" ")), machine::steal_ms().saturating_sub(before));
         let text = fill(&arguments.file, &part, &note)?;
@@ -92,7 +92,7 @@ fn make(arguments: &Arguments, words: &[String]) -> Result<Vec<Expectation>, Str
     Ok(shortfalls)
 }
 
-/// The document with a part's tables in their places. The first one says where and when they were made.
+/// Returns the document with the tables of a part. The first table has a note on machine and date.
 fn fill(file: &str, part: &Part, note: &str) -> Result<String, String> {
     let mut text = std::fs::read_to_string(file).map_err(|error| format!("{file}: cannot be read: {error}"))?;
     for (place, (marker, table)) in part.tables.iter().enumerate() {

@@ -1,9 +1,9 @@
-//! `fuzz TARGET|all --seconds N`: feeds decoders with mutated inputs and ends with 1 if one of them panics, hangs, or takes too
-//! much memory.
+//! `fuzz TARGET|all --seconds N`: executes decoders with mutated inputs. Ends with 1 if a decoder panics, hangs, or
+//! takes too much memory.
 //!
-//! Each campaign is a process of its own that may take 1 GiB, so that an abort ends that campaign alone; its input is saved as any
-//! other's that finds something, in `fuzz-findings/TARGET-HASH`. Such a file belongs into `tests/corpus/TARGET/` as soon as its
-//! cause is gone: the tests execute what is there. `--seconds 0` executes a corpus and nothing else.
+//! Each campaign is a process of its own with a limit of 1 GiB, so an abort ends that campaign alone. The tool saves
+//! the input of each finding in `fuzz-findings/TARGET-HASH`. Once its cause is fixed, the file belongs into
+//! `tests/corpus/TARGET/`, since the tests execute that corpus. `--seconds 0` executes a corpus and nothing else.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 #[path = "fuzz/arguments.rs"]
@@ -18,9 +18,9 @@ use std::io::Write;
 use std::path::Path;
 use std::process::{Child, Command, ExitCode, Stdio};
 
-/// Where inputs go that find something.
+/// Folder for inputs with a finding.
 const FINDINGS: &str = "fuzz-findings";
-/// What was asked for is no good.
+/// Exit code for a bad command line.
 const BAD_INPUT: u8 = 2;
 
 fn main() -> ExitCode {
@@ -33,18 +33,18 @@ fn main() -> ExitCode {
             Ok(0) => ExitCode::SUCCESS,
             Ok(_) => ExitCode::FAILURE,
             Err(error) => {
-                say(&format!("fuzz: {error}"));
+                print_error(&format!("fuzz: {error}"));
                 ExitCode::FAILURE
             }
         },
         Err(message) => {
-            say(&message);
+            print_error(&message);
             ExitCode::from(BAD_INPUT)
         }
     }
 }
 
-/// Runs all campaigns and says what they came to. Returns how many findings there are.
+/// Runs all campaigns and prints their results. Returns the number of findings.
 fn run(arguments: &Arguments) -> std::io::Result<u64> {
     print(&format!("{:<9} {:>10} {:>9} {:>9} {:>7} {:>9}", "target", "executions", "per s", "accepted", "shapes", "findings"));
     let mut total = 0;
@@ -53,35 +53,36 @@ fn run(arguments: &Arguments) -> std::io::Result<u64> {
         let workers: Vec<Child> =
             (0..arguments.jobs).map(|job| start(target, arguments, job, scratch.path())).collect::<std::io::Result<_>>()?;
         let (mut executions, mut accepted, mut findings, mut rate) = (0, 0, 0, 0.0);
-        let (mut shapes, mut told) = (BTreeSet::new(), BTreeSet::new());
+        let (mut shapes, mut reports) = (BTreeSet::new(), BTreeSet::new());
         for (job, worker) in workers.into_iter().enumerate() {
             let output = worker.wait_with_output()?;
-            let result: Option<worker::Told> =
-                serde_json::from_slice::<serde_json::Value>(&output.stdout).ok().and_then(|value| worker::Told::read(&value));
+            let result: Option<worker::WorkerResult> = serde_json::from_slice::<serde_json::Value>(&output.stdout)
+                .ok()
+                .and_then(|value| worker::WorkerResult::read(&value));
             if let Some(result) = result {
                 executions += result.executions;
                 accepted += result.accepted;
                 findings += result.finding_count;
                 rate += result.executions as f64 / result.seconds.max(1e-3);
                 shapes.extend(result.shapes);
-                told.extend(result.findings);
+                reports.extend(result.findings);
             } else {
                 findings += 1;
                 let input = std::fs::read(worker::notebook(scratch.path(), job)).unwrap_or_default();
                 let file = save(Path::new(FINDINGS), target.name, &input)?;
                 let cause = String::from_utf8_lossy(&output.stderr).trim().to_owned();
-                told.insert(format!("{}: {} ({cause})", file.display(), output.status));
+                reports.insert(format!("{}: {} ({cause})", file.display(), output.status));
             }
         }
         let name = target.name;
         print(&format!("{name:<9} {executions:>10} {rate:>9.0} {accepted:>9} {:>7} {findings:>9}", shapes.len()));
-        told.iter().for_each(|finding| print(&format!("  {finding}")));
+        reports.iter().for_each(|finding| print(&format!("  {finding}")));
         total += findings;
     }
     Ok(total)
 }
 
-/// Starts a campaign.
+/// Starts the process of a campaign.
 fn start(target: &Target, arguments: &Arguments, job: usize, scratch: &Path) -> std::io::Result<Child> {
     Command::new(std::env::current_exe()?)
         .args([worker::COMMAND, target.name])
@@ -93,18 +94,18 @@ fn start(target: &Target, arguments: &Arguments, job: usize, scratch: &Path) -> 
         .spawn()
 }
 
-/// A folder in memory, where there is one: a recovery waits for the disk.
+/// Folder in memory, if there is one: a recovery waits for the disk.
 fn fast_folder() -> std::path::PathBuf {
     let memory = Path::new("/dev/shm");
     if memory.is_dir() { memory.to_owned() } else { std::env::temp_dir() }
 }
 
-/// To standard output. A reader that has gone away is no reason to fail.
+/// Prints a line to standard output. A closed pipe is no failure.
 fn print(text: &str) {
     let _ = writeln!(std::io::stdout(), "{text}");
 }
 
-/// To standard error.
-fn say(text: &str) {
+/// Prints a line to standard error.
+fn print_error(text: &str) {
     let _ = writeln!(std::io::stderr(), "{text}");
 }

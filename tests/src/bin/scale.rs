@@ -1,9 +1,9 @@
-//! Makes a section of a document: how many legs a machine carries, and how fast it simulates.
+//! Makes the tables of `docs/performance.md` on scaling: legs per machine, and simulation speed.
 //!
-//! `scale FILE` starts one, two, four and eight independent realtime stacks at once, measures what each takes of the machine and what
-//! becomes of its ticks, and then how fast lockstep runs with processes and in one process. It writes the tables between the lines
-//! `<!-- scale -->` and `<!-- end -->`. It ends with 1 if a run did not get to its end, with a line for each, and with 2 if it was
-//! asked for something that cannot be.
+//! `scale FILE` runs one, two, four and eight independent realtime stacks side by side, and measures their resources
+//! and missed ticks. Then it measures the speed of lockstep, with processes and in one process. It writes the tables
+//! between the lines `<!-- scale -->` and `<!-- end -->`. It ends with 1 and a line for each incomplete run, and with 2
+//! after a bad command line or file.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stderr)]
 
 #[path = "scale/arguments.rs"]
@@ -28,9 +28,9 @@ use arguments::Arguments;
 use rustix::fs::{FlockOperation, flock};
 use std::process::ExitCode;
 
-/// The place of the tables.
+/// Marker of the tables.
 const MARKER: &str = "scale";
-/// Stacks at once.
+/// Numbers of simultaneous stacks.
 const LEGS: [usize; 4] = [1, 2, 4, 8];
 
 fn main() -> ExitCode {
@@ -48,24 +48,24 @@ fn main() -> ExitCode {
     }
 }
 
-/// Measures everything and writes the tables. Returns what fell short.
+/// Measures everything and writes the tables. Returns the shortfalls.
 fn make(arguments: &Arguments, words: &[String]) -> Result<Vec<String>, String> {
-    // Before minutes of running: the place is there.
+    // Checks the marker before minutes of runs.
     fill(&arguments.file, "")?;
-    // As the tests do it: nobody else's realtime run meanwhile.
+    // No other realtime run meanwhile, as in the tests.
     let lock = hapfic_tests::hapfic().with_file_name("realtime-tests.lock");
     let lock = std::fs::OpenOptions::new().create(true).truncate(false).write(true).open(lock).expect("the tests' lock");
     flock(&lock, FlockOperation::LockExclusive).expect("the tests' lock");
     let before = machine::steal_ms();
-    let (mut counts, mut speeds) = (LEGS.map(legs::Count::new), speed::WAYS.map(speed::Speed::new));
-    // Round by round, so that what the machine does meanwhile falls on all alike.
+    let (mut counts, mut speeds) = (LEGS.map(legs::LegCount::new), speed::MODES.map(speed::SpeedResult::new));
+    // Round by round, so other load of the machine affects all alike.
     for round in 1..=arguments.rounds {
         for count in &mut counts {
             eprintln!("round {round} of {}: {} legs", arguments.rounds, count.legs);
             count.measure(arguments.seconds);
         }
         for speed in &mut speeds {
-            eprintln!("round {round} of {}: {}", arguments.rounds, speed.way.name);
+            eprintln!("round {round} of {}: {}", arguments.rounds, speed.mode.name);
             speed.measure(arguments.seconds);
         }
     }
@@ -80,7 +80,7 @@ fn make(arguments: &Arguments, words: &[String]) -> Result<Vec<String>, String> 
         .collect())
 }
 
-/// The document with the tables in their place.
+/// Returns the document with the new tables.
 fn fill(file: &str, tables: &str) -> Result<String, String> {
     let text = std::fs::read_to_string(file).map_err(|error| format!("{file}: cannot be read: {error}"))?;
     if !document::has(&text, MARKER) {

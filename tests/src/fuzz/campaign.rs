@@ -1,4 +1,4 @@
-//! Feeds a target with mutated inputs and looks what happens.
+//! Campaign: executes a target with mutated inputs, and collects the findings.
 
 use super::corpus;
 use super::mutate::mutated;
@@ -14,94 +14,94 @@ use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// An execution that takes longer is a finding.
+/// Longest execution that is not a finding.
 pub const SLOW: Duration = Duration::from_secs(5);
-/// Most inputs that are kept to be mutated; further ones take the place of earlier ones.
+/// Largest number of inputs kept for mutation; further ones replace earlier ones.
 const MOST_INPUTS: usize = 2000;
 
-/// How long a campaign goes on after every seed and every file of the corpus was executed once as it is.
+/// Length of a campaign, beside one execution of every seed and corpus file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Budget {
-    /// So many executions: the same ones each time, for the same seed.
+    /// Number of executions: the same ones each time for the same seed.
     Executions(u64),
-    /// So long.
+    /// Duration.
     Time(Duration),
 }
 
-/// How to run a campaign.
+/// Options of a campaign.
 #[derive(Clone, Debug)]
 pub struct Options {
-    /// Its length.
+    /// Length.
     pub budget: Budget,
-    /// Of all random draws.
+    /// Seed of the random numbers.
     pub seed: u64,
     /// Folder of the corpus.
     pub corpus: PathBuf,
-    /// An empty folder for the target's files.
+    /// Empty folder for the target's files.
     pub scratch: PathBuf,
-    /// Folder for inputs that find something; made if one does.
+    /// Folder for inputs with a finding; made with the first one.
     pub findings: PathBuf,
-    /// A file that always holds the input under way, for whoever outlives this process.
+    /// File that holds the present input, for the parent process after an abort.
     pub notebook: Option<PathBuf>,
 }
 
-/// Something that must not be.
+/// Failure of a target.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Finding {
-    /// What happened.
+    /// Cause.
     pub what: String,
-    /// Where its input is.
+    /// Path of its input.
     pub file: PathBuf,
 }
 
-/// What a campaign came to.
+/// Result of a campaign.
 #[derive(Clone, Debug, Default)]
-pub struct Tally {
-    /// Executions.
+pub struct CampaignResult {
+    /// Number of executions.
     pub executions: u64,
-    /// Of them, those whose input was accepted.
+    /// Executions with an accepted input.
     pub accepted: u64,
-    /// Refusals that differ in more than numbers and quotations.
+    /// Rejections that differ in more than numbers and quotations.
     pub shapes: BTreeSet<String>,
-    /// How long it took.
+    /// Duration.
     pub elapsed: Duration,
-    /// Findings, each kind once.
+    /// Findings, one of each kind.
     pub findings: Vec<Finding>,
-    /// All findings, those of a kind that was there before, too.
+    /// Number of findings, repeated kinds included.
     pub finding_count: u64,
 }
 
 /// Runs a campaign.
 ///
 /// # Errors
-/// If the corpus cannot be read, or a finding or the notebook not be written.
-pub fn campaign(target: &'static Target, options: &Options) -> io::Result<Tally> {
+/// If the corpus cannot be read, or a finding or the notebook cannot be written.
+pub fn campaign(target: &'static Target, options: &Options) -> io::Result<CampaignResult> {
     let mut inputs = (target.seeds)();
     inputs.extend(corpus::load(&options.corpus, target.name)?.into_iter().map(|(_, input)| input));
     let kept = inputs.len();
-    let mut bench = Bench {
+    let mut state = CampaignState {
         target,
         scratch: &options.scratch,
         findings: &options.findings,
         notebook: options.notebook.as_ref().map(File::create).transpose()?,
         watch: Watchdog::start(target.name, options.findings.clone()),
         kinds: BTreeSet::new(),
-        tally: Tally::default(),
+        result: CampaignResult::default(),
     };
     let start = Instant::now();
     for input in &inputs {
-        bench.execute(input)?;
+        state.execute(input)?;
     }
     let mut rng = Rng::with_seed(options.seed);
     let mut executed = 0_u64;
-    let goes_on = |executed: u64| match options.budget {
+    let continues = |executed: u64| match options.budget {
         Budget::Executions(most) => executed < most,
         Budget::Time(most) => start.elapsed() < most,
     };
-    while goes_on(executed) {
+    while continues(executed) {
         let input = mutated(&mut rng, target, &inputs);
         executed += 1;
-        if bench.execute(&input)? {
+        if state.execute(&input)? {
             if inputs.len() < kept + MOST_INPUTS {
                 inputs.push(input);
             } else {
@@ -110,23 +110,23 @@ pub fn campaign(target: &'static Target, options: &Options) -> io::Result<Tally>
             }
         }
     }
-    bench.tally.elapsed = start.elapsed();
-    Ok(bench.tally)
+    state.result.elapsed = start.elapsed();
+    Ok(state.result)
 }
 
-struct Bench<'a> {
+struct CampaignState<'a> {
     target: &'static Target,
     scratch: &'a Path,
     findings: &'a Path,
     notebook: Option<File>,
     watch: Watchdog,
-    /// Of findings.
+    /// Kinds of the findings so far.
     kinds: BTreeSet<String>,
-    tally: Tally,
+    result: CampaignResult,
 }
 
-impl Bench<'_> {
-    /// Executes an input; says whether the answer is a new one.
+impl CampaignState<'_> {
+    /// Executes an input; returns whether its rejection has a new shape.
     fn execute(&mut self, input: &[u8]) -> io::Result<bool> {
         if let Some(file) = &self.notebook {
             file.set_len(input.len() as u64)?;
@@ -134,19 +134,19 @@ impl Bench<'_> {
         }
         self.watch.begins(input);
         let since = Instant::now();
-        let verdict = caught(|| (self.target.execute)(input, self.scratch));
+        let outcome = caught(|| (self.target.execute)(input, self.scratch));
         let took = since.elapsed();
         self.watch.ended();
-        self.tally.executions += 1;
+        self.result.executions += 1;
         if took > SLOW {
             self.found(input, &format!("slow: took {:.1} s", took.as_secs_f64()))?;
         }
-        match verdict {
+        match outcome {
             Ok(FuzzOutcome::Accepted) => {
-                self.tally.accepted += 1;
+                self.result.accepted += 1;
                 Ok(false)
             }
-            Ok(FuzzOutcome::Refused(message)) => Ok(self.tally.shapes.insert(shape(&message))),
+            Ok(FuzzOutcome::Rejected(message)) => Ok(self.result.shapes.insert(shape(&message))),
             Err(panic) => {
                 self.found(input, &panic)?;
                 Ok(false)
@@ -155,13 +155,13 @@ impl Bench<'_> {
     }
 
     fn found(&mut self, input: &[u8], what: &str) -> io::Result<()> {
-        self.tally.finding_count += 1;
-        // The place of a panic is in its first line, and the line of the source tells kinds apart.
+        self.result.finding_count += 1;
+        // The first line of a panic has its source line, which is its kind.
         let kind = what.lines().next().unwrap_or_default().to_owned();
         let kind = if kind.starts_with("slow") { "slow".to_owned() } else { kind };
         if self.kinds.insert(kind) {
             let file = corpus::save(self.findings, self.target.name, input)?;
-            self.tally.findings.push(Finding { what: what.to_owned(), file });
+            self.result.findings.push(Finding { what: what.to_owned(), file });
         }
         Ok(())
     }

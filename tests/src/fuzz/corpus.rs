@@ -1,13 +1,13 @@
-//! Inputs in files: those that a campaign begins with, and those it found something with.
+//! Input files: the first inputs of a campaign, and those with a finding.
 
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// The corpus of this repository: a folder for each target, with small inputs, among them each that ever found something.
+/// Corpus of this repository: a folder of small inputs for each target, with all inputs that ever had a finding.
 pub const FOLDER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/corpus");
 
-/// The inputs of a target in a corpus, by file name and in its order; none if the corpus has no folder for it.
+/// Loads the inputs of a target, sorted by file name; none if the corpus has no folder for the target.
 ///
 /// # Errors
 /// If the folder or a file in it cannot be read.
@@ -27,7 +27,7 @@ pub fn load(corpus: &Path, target: &str) -> io::Result<Vec<(String, Vec<u8>)>> {
     Ok(inputs)
 }
 
-/// What the file of an input that found something is called.
+/// File name of an input with a finding.
 #[must_use]
 pub fn file_name(target: &str, input: &[u8]) -> String {
     // FNV-1a: the same in every version.
@@ -36,10 +36,10 @@ pub fn file_name(target: &str, input: &[u8]) -> String {
     format!("{target}-{hash:016x}")
 }
 
-/// Saves an input that found something, and says where.
+/// Saves an input with a finding, and returns its path.
 ///
 /// # Errors
-/// If the folder cannot be made or the file not be written.
+/// If the folder cannot be made, or the file cannot be written.
 pub fn save(findings: &Path, target: &str, input: &[u8]) -> io::Result<PathBuf> {
     fs::create_dir_all(findings)?;
     let path = findings.join(file_name(target, input));

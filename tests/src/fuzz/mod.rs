@@ -1,13 +1,15 @@
-//! Fuzzing of every decoder that reads what comes from outside: scenarios, robot descriptions, changes, run files, logs, and the
-//! messages of other processes.
+//! Fuzzing of every decoder of outside data: scenarios, robot descriptions, changes, run files, logs, and the messages
+//! of other processes.
 //!
-//! There is no feedback from coverage: that takes a nightly compiler. In its place an input that is answered in a way not met
-//! before joins the inputs that are mutated, where an answer is the text of the refusal without its numbers and quotations. It
-//! follows the branches that refuse, and is blind to the others.
+//! Coverage feedback would take a nightly compiler. Instead, an input with a new rejection joins the inputs that are
+//! mutated. The [`shape`] of a rejection is its text without numbers and quotations. So the search follows the
+//! rejecting branches, and is blind to the others.
 //!
-//! What counts as a finding: a panic (a [`Target`] asserts what it promises of an input that is accepted), an execution that takes
-//! longer than [`SLOW`], and, where each campaign has a process of its own as in the program `fuzz`, an abort, which is what running
-//! out of stack or of the memory it is allowed comes to.
+//! Three things count as a finding:
+//! - a panic (a [`Target`] asserts what it promises of an accepted input);
+//! - an execution that takes longer than [`SLOW`];
+//! - an abort, by the end of stack or memory. Only the program `fuzz`, which runs each campaign in its own process,
+//!   finds these.
 
 mod campaign;
 mod corpus;
@@ -18,7 +20,7 @@ mod target;
 mod targets;
 mod watch;
 
-pub use campaign::{Budget, Finding, Options, SLOW, Tally, campaign};
+pub use campaign::{Budget, CampaignResult, Finding, Options, SLOW, campaign};
 pub use corpus::{FOLDER, file_name, load, save};
 pub use shape::shape;
 pub use target::{FuzzOutcome, Target};

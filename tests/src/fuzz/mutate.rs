@@ -1,17 +1,17 @@
-//! Makes new inputs out of old ones: bit by bit, and where an input is text also word by word and line by line.
+//! Mutation of inputs: by bits and bytes, and for text also by words and lines.
 
 use super::target::Target;
 use fastrand::Rng;
 use std::ops::Range;
 
-/// Most edits of one input.
+/// Largest number of edits of one input.
 const MOST_EDITS: usize = 6;
-/// Most repetitions of a piece: deep nesting, long lists.
+/// Largest number of repetitions of a piece: deep nesting, long lists.
 const MOST_REPEATS: usize = 3000;
-/// Length of most pieces, bytes.
+/// Length of most pieces [bytes].
 const PIECE: usize = 32;
 
-/// Numbers at which something changes, as text.
+/// Boundary numbers, as text.
 const NUMBERS: &[&str] = &[
     "0",
     "-0.0",
@@ -51,7 +51,7 @@ const NUMBERS: &[&str] = &[
     "true",
 ];
 
-/// Numbers at which something changes, as they stand in a record.
+/// Boundary numbers, as they stand in a record.
 const WORDS: &[u64] = &[
     0,
     1,
@@ -81,15 +81,15 @@ const WORDS: &[u64] = &[
     f64::MAX.to_bits(),
 ];
 
-/// What opens, closes and separates.
+/// Brackets, quotes and separators.
 const SIGNS: &[&str] = &[
     "[", "]", "[[", "]]", "{", "}", "\"", "'", "\"\"\"", "\n", "=", ".", ",", ":", "<", "/>", "</", ">", "<!--", "\0", " ",
     "\\u0000", "\u{feff}", "é", "a.", "{a=", "[1,", "<a>", "{\"a\":",
 ];
 
-/// An input made from those there are.
+/// Makes an input from the existing ones.
 pub(super) fn mutated(rng: &mut Rng, target: &Target, inputs: &[Vec<u8>]) -> Vec<u8> {
-    let mut input = picked(rng, inputs).to_vec();
+    let mut input = chosen(rng, inputs).to_vec();
     for _ in 0..rng.usize(1..=MOST_EDITS) {
         if target.text && rng.u8(0..4) > 0 {
             edit_text(rng, target.dictionary, inputs, &mut input);
@@ -101,7 +101,7 @@ pub(super) fn mutated(rng: &mut Rng, target: &Target, inputs: &[Vec<u8>]) -> Vec
     input
 }
 
-fn picked<'a>(rng: &mut Rng, inputs: &'a [Vec<u8>]) -> &'a [u8] {
+fn chosen<'a>(rng: &mut Rng, inputs: &'a [Vec<u8>]) -> &'a [u8] {
     rng.choice(inputs).map_or(&[], Vec::as_slice)
 }
 
@@ -133,7 +133,7 @@ fn edit_bytes(rng: &mut Rng, dictionary: &[&str], inputs: &[Vec<u8>], input: &mu
             replace(input, to..to, &piece);
         }
         5 => {
-            let other = picked(rng, inputs);
+            let other = chosen(rng, inputs);
             let from = rng.usize(0..=other.len());
             input.truncate(at);
             input.extend_from_slice(&other[from..]);
@@ -196,7 +196,7 @@ fn edit_text(rng: &mut Rng, dictionary: &[&str], inputs: &[Vec<u8>], input: &mut
             }
         }
         8 => {
-            let other = picked(rng, inputs);
+            let other = chosen(rng, inputs);
             if let Some(line) = rng.choice(lines(other)) {
                 let at = rng.choice(lines(input)).map_or(0, |line| line.start);
                 replace(input, at..at, &other[line]);
@@ -215,18 +215,18 @@ fn replace(input: &mut Vec<u8>, span: Range<usize>, new: &[u8]) {
     drop(input.splice(span, new.iter().copied()));
 }
 
-/// Where a piece that begins at `at` ends: most are short.
+/// End of a piece that begins at `at`: most pieces are short.
 fn end_from(rng: &mut Rng, at: usize, length: usize) -> usize {
     let most = if rng.u8(0..8) == 0 { length - at } else { PIECE };
     (at + rng.usize(0..=most)).min(length)
 }
 
-/// Longest runs of bytes of a kind.
-fn spans(input: &[u8], is_one: impl Fn(u8) -> bool) -> Vec<Range<usize>> {
+/// Longest runs of bytes that match.
+fn spans(input: &[u8], matches: impl Fn(u8) -> bool) -> Vec<Range<usize>> {
     let mut spans = Vec::new();
     let mut start = None;
     for (at, &byte) in input.iter().enumerate() {
-        match (is_one(byte), start) {
+        match (matches(byte), start) {
             (true, None) => start = Some(at),
             (false, Some(from)) => {
                 spans.push(from..at);
@@ -239,7 +239,7 @@ fn spans(input: &[u8], is_one: impl Fn(u8) -> bool) -> Vec<Range<usize>> {
     spans
 }
 
-/// The lines, with their ends.
+/// Lines, with their line ends.
 fn lines(input: &[u8]) -> Vec<Range<usize>> {
     let mut at = 0;
     input

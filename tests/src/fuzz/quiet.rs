@@ -1,4 +1,4 @@
-//! Panics that are looked for: caught, and kept off the terminal.
+//! Catches panics of executions, and keeps them off the terminal.
 
 use std::cell::{Cell, RefCell};
 use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
@@ -6,27 +6,27 @@ use std::sync::Once;
 
 thread_local! {
     static QUIET: Cell<bool> = const { Cell::new(false) };
-    static SAID: RefCell<String> = const { RefCell::new(String::new()) };
+    static PANIC_TEXT: RefCell<String> = const { RefCell::new(String::new()) };
 }
 
-/// Does something that may panic; the error says where it did, and why.
+/// Calls a function that may panic; the error has place and cause of the panic.
 ///
-/// Only panics of this thread are meant: all others are shown as ever.
-pub(super) fn caught<T>(act: impl FnOnce() -> T) -> Result<T, String> {
+/// Panics of other threads print as usual.
+pub(super) fn caught<T>(execute: impl FnOnce() -> T) -> Result<T, String> {
     static HOOK: Once = Once::new();
     HOOK.call_once(|| {
         let before = take_hook();
         set_hook(Box::new(move |info| {
             if QUIET.get() {
-                SAID.set(info.to_string());
+                PANIC_TEXT.set(info.to_string());
             } else {
                 before(info);
             }
         }));
     });
     QUIET.set(true);
-    // Whatever a panic leaves half-done belongs to this execution alone.
-    let result = catch_unwind(AssertUnwindSafe(act));
+    // A panic leaves only this execution's own data half-done.
+    let result = catch_unwind(AssertUnwindSafe(execute));
     QUIET.set(false);
-    result.map_err(|_| SAID.take())
+    result.map_err(|_| PANIC_TEXT.take())
 }

@@ -1,9 +1,9 @@
-//! What remains of a message when everything that depends on the input's own words and numbers is left out.
+//! Shape of an error message: its text without the input's own words and numbers.
 
-/// Longer messages differ at their start.
+/// Largest shape [bytes]; longer messages differ at their start.
 const LONGEST: usize = 200;
 
-/// A message without digits and without what stands in quotes.
+/// Returns a message without digits and without quoted text.
 #[must_use]
 pub fn shape(message: &str) -> String {
     let mut shape = String::new();
@@ -28,7 +28,7 @@ pub fn shape(message: &str) -> String {
             in_number = true;
         } else if !(in_number && matches!(c, '.' | 'e' | 'E' | '+' | '-' | '_')) {
             in_number = false;
-            // An apostrophe inside a word is none.
+            // An apostrophe inside a word opens no quotation.
             if matches!(c, '"' | '`') || c == '\'' && !before.is_alphanumeric() {
                 quote = Some(c);
                 escaped = false;
@@ -45,7 +45,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_and_quotations_make_no_difference() {
+    fn shape_numbers_and_quotations_ignored() {
         let a =
             shape("floor.toml:17: controller.taper: found -1.5e-7, expected a number in (0, 1]. Hint: the robot's \"x\\\"y\"");
         let b = shape("floor.toml:3: controller.taper: found -8, expected a number in (0, 1]. Hint: the robot's \"\"");

@@ -1,29 +1,30 @@
-//! A decoder as the fuzzer sees it.
+//! Fuzz target: a decoder, its seeds and its dictionary.
 
 use std::path::Path;
 
-/// What a decoder made of an input.
+/// Result of an execution.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum FuzzOutcome {
-    /// It was taken, and whatever uses it did so.
+    /// The decoder accepted the input, and all its users processed it.
     Accepted,
-    /// It was rejected, in these words.
-    Refused(String),
+    /// The decoder rejected the input, with this message.
+    Rejected(String),
 }
 
-/// A decoder, and what to feed it.
+/// Decoder with its inputs.
 #[derive(Clone, Copy, Debug)]
 pub struct Target {
-    /// What it is called on the command line, and its folder in the corpus.
+    /// Name on the command line, and of its folder in the corpus.
     pub name: &'static str,
-    /// Inputs to begin with, beside those of the corpus.
+    /// First inputs, beside those of the corpus.
     pub seeds: fn() -> Vec<Vec<u8>>,
-    /// Words of its format.
+    /// Words of the format.
     pub dictionary: &'static [&'static str],
-    /// Whether lines, words and numbers mean something in it.
+    /// Whether the format is text, so that lines, words and numbers are mutated.
     pub text: bool,
-    /// Longest input, bytes.
+    /// Largest input [bytes].
     pub longest: usize,
-    /// Decodes an input and uses what comes out of it; panics if a promise is broken. The folder is empty at first and its own.
+    /// Decodes an input and uses the result; panics if a promise is broken. The folder, empty at first, is for its
+    /// files.
     pub execute: fn(&[u8], &Path) -> FuzzOutcome,
 }

@@ -1,4 +1,4 @@
-//! The decoders.
+//! Fuzz targets, one for each decoder.
 
 mod change;
 mod config;
@@ -12,10 +12,10 @@ mod urdf;
 
 use super::target::Target;
 
-/// All of them.
+/// All targets.
 pub static ALL: [Target; 6] = [config::TARGET, change::TARGET, urdf::TARGET, log::TARGET, message::TARGET, runfile::TARGET];
 
-/// The one of this name.
+/// Target with this name.
 #[must_use]
 pub fn named(name: &str) -> Option<&'static Target> {
     ALL.iter().find(|target| target.name == name)

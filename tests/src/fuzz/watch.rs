@@ -1,4 +1,4 @@
-//! Looks after executions that do not come back.
+//! Watchdog for executions that do not end.
 
 use super::corpus;
 use std::path::PathBuf;
@@ -6,63 +6,65 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// An execution that takes so long will not come back.
-const LOST: Duration = Duration::from_secs(60);
+/// Time after which an execution counts as hanging.
+const HANG_TIMEOUT: Duration = Duration::from_secs(60);
 const POLL_INTERVAL: Duration = Duration::from_millis(100);
 
-/// What is being done.
+/// Present activity of a campaign.
 #[derive(Debug, Default)]
-enum Doing {
+enum Activity {
     #[default]
-    Nothing,
-    /// An execution, since when and of what.
+    Idle,
+    /// Execution: start and input.
     Executing(Instant, Vec<u8>),
-    /// The campaign is over.
+    /// End of the campaign.
     Done,
 }
 
-/// Watches the executions of one campaign. One that never ends cannot be stopped: its input is saved and the process ends with 1.
+/// Watchdog of one campaign.
+///
+/// A hanging execution cannot be stopped: the watchdog saves its input and ends the process with exit code 1.
 #[derive(Debug)]
 pub(super) struct Watchdog {
-    doing: Arc<Mutex<Doing>>,
+    activity: Arc<Mutex<Activity>>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl Watchdog {
     pub(super) fn start(target: &'static str, findings: PathBuf) -> Self {
-        let doing = Arc::new(Mutex::new(Doing::Nothing));
-        let polled = Arc::clone(&doing);
+        let activity = Arc::new(Mutex::new(Activity::Idle));
+        let polled = Arc::clone(&activity);
         let thread = std::thread::spawn(move || {
             loop {
                 std::thread::park_timeout(POLL_INTERVAL);
                 match &*polled.lock().unwrap_or_else(PoisonError::into_inner) {
-                    Doing::Done => return,
-                    Doing::Executing(since, input) if since.elapsed() > LOST => {
-                        give_up(target, &findings, input);
+                    Activity::Done => return,
+                    Activity::Executing(since, input) if since.elapsed() > HANG_TIMEOUT => {
+                        report_and_exit(target, &findings, input);
                     }
-                    Doing::Executing(..) | Doing::Nothing => {}
+                    Activity::Executing(..) | Activity::Idle => {}
                 }
             }
         });
-        Self { doing, thread: Some(thread) }
+        Self { activity, thread: Some(thread) }
     }
 
     pub(super) fn begins(&self, input: &[u8]) {
-        self.set(Doing::Executing(Instant::now(), input.to_vec()));
+        self.set(Activity::Executing(Instant::now(), input.to_vec()));
     }
 
     pub(super) fn ended(&self) {
-        self.set(Doing::Nothing);
+        self.set(Activity::Idle);
     }
 
-    fn set(&self, doing: Doing) {
-        *self.doing.lock().unwrap_or_else(PoisonError::into_inner) = doing;
+    fn set(&self, activity: Activity) {
+        *self.activity.lock().unwrap_or_else(PoisonError::into_inner) = activity;
     }
 }
 
 impl Drop for Watchdog {
     fn drop(&mut self) {
-        self.set(Doing::Done);
+        self.set(Activity::Done);
         if let Some(thread) = self.thread.take() {
             thread.thread().unpark();
             let _ = thread.join();
@@ -70,12 +72,12 @@ impl Drop for Watchdog {
     }
 }
 
-fn give_up(target: &str, findings: &std::path::Path, input: &[u8]) -> ! {
+fn report_and_exit(target: &str, findings: &std::path::Path, input: &[u8]) -> ! {
     use std::io::Write;
-    let told = match corpus::save(findings, target, input) {
+    let saved = match corpus::save(findings, target, input) {
         Ok(path) => format!("its input is in {}", path.display()),
         Err(error) => format!("its input cannot be saved: {error}"),
     };
-    let _ = writeln!(std::io::stderr(), "{target}: an execution has not ended after {} s; {told}", LOST.as_secs());
+    let _ = writeln!(std::io::stderr(), "{target}: an execution has not ended after {} s; {saved}", HANG_TIMEOUT.as_secs());
     std::process::exit(1);
 }

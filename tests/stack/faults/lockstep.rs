@@ -1,4 +1,4 @@
-//! Lockstep: a death only pauses the clock.
+//! Lockstep: the loss of a process only pauses the clock.
 
 use super::trace::Trace;
 use crate::log_file::{Streams, expect_complete, streams};
@@ -6,8 +6,8 @@ use hapfic_tests::Stack;
 use prost::Message;
 
 const BASE: [&str; 4] = ["run", "floor", "--clock", "lockstep"];
-/// For runs in which processes die again and again on purpose.
-const PATIENT: [&str; 4] = ["--set", "supervisor.restart_budget=100000", "--set", "supervisor.restart_backoff_ms=0"];
+/// Settings for runs with many losses.
+const UNLIMITED_RESTARTS: [&str; 4] = ["--set", "supervisor.restart_budget=100000", "--set", "supervisor.restart_backoff_ms=0"];
 
 fn run(stack: &Stack, log: &str, more: &[&str]) -> Streams {
     stack.run(&[&BASE[..], &["--log", log], more].concat()).expect(0);
@@ -15,8 +15,8 @@ fn run(stack: &Stack, log: &str, more: &[&str]) -> Streams {
     streams(&stack.path(log))
 }
 
-/// Who a command's torque came from is the one thing that may differ.
-fn anonymous(streams: &Streams) -> Vec<Vec<u8>> {
+/// Commands without their controller, the only field that a fault may change.
+fn commands_without_controller(streams: &Streams) -> Vec<Vec<u8>> {
     let command = |(_, bytes): &(u64, Vec<u8>)| {
         let decoded = hapfic_log::proto::Command::decode(&bytes[..]).unwrap();
         hapfic_log::proto::Command { controller: String::new(), ..decoded }.encode_to_vec()
@@ -30,35 +30,35 @@ fn expect_undisturbed(disturbed: &Streams, undisturbed: &Streams) {
         let first = disturbed[topic].iter().zip(&undisturbed[topic]).position(|(a, b)| a != b);
         assert_eq!(first, None, "{topic}: the first message that differs");
     }
-    let (a, b) = (anonymous(disturbed), anonymous(undisturbed));
+    let (a, b) = (commands_without_controller(disturbed), commands_without_controller(undisturbed));
     assert_eq!(a.len(), b.len());
     assert_eq!(a.iter().zip(&b).position(|(a, b)| a != b), None, "/command: the first message that differs");
 }
 
 #[test]
-fn two_hundred_kills_of_controllers_and_planner_change_no_bit_of_the_torque() {
+fn lockstep_two_hundred_kills_same_torque() {
     let stack = Stack::new();
     let undisturbed = run(&stack, "undisturbed.mcap", &[]);
-    // 150 of one process and 25 of two at once.
+    // 150 kills of one process and 25 of both controllers.
     let faults = "fault=[{kind=\"kill\",process=[\"controller\",\"standby\",\"planner\"],random={count=150,from_s=0.0,to_s=9.5}},\
                   {kind=\"kill\",process=\"controllers\",random={count=25,from_s=0.0,to_s=9.5}}]";
-    let disturbed = run(&stack, "disturbed.mcap", &[&PATIENT[..], &["--set", faults]].concat());
+    let disturbed = run(&stack, "disturbed.mcap", &[&UNLIMITED_RESTARTS[..], &["--set", faults]].concat());
     expect_undisturbed(&disturbed, &undisturbed);
     let trace = Trace::read(&stack.path("disturbed.mcap"));
     let killed = trace.events.iter().filter(|e| e.kind == "lost" && e.text.contains("SIGKILL")).count();
     assert_eq!(killed, 200, "{}", trace.text());
     assert!(trace.commands.iter().all(|c| c.source == "fresh" && c.mode == "active"));
-    assert!(trace.fresh_from("controller") > 0 && trace.fresh_from("standby") > 0, "both have been the primary");
+    assert!(trace.fresh_from("controller") > 0 && trace.fresh_from("standby") > 0, "a controller was never the primary");
 }
 
 #[test]
-fn a_plant_that_is_started_again_goes_on_as_if_nothing_had_been() {
+fn lockstep_plant_restart_same_bytes() {
     let stack = Stack::new();
     let scenario = ["--duration", "4"];
     let undisturbed = run(&stack, "undisturbed.mcap", &scenario);
     let faults = "fault=[{kind=\"kill\",process=\"plant\",random={count=12,from_s=0.0,to_s=3.9}},\
                   {kind=\"kill\",process=[\"controller\",\"planner\",\"standby\"],random={count=6,from_s=0.0,to_s=3.9}}]";
-    let more = [&PATIENT[..], &scenario, &["--set", "plant.on_loss=restart", "--set", faults]].concat();
+    let more = [&UNLIMITED_RESTARTS[..], &scenario, &["--set", "plant.on_loss=restart", "--set", faults]].concat();
     let disturbed = run(&stack, "disturbed.mcap", &more);
     expect_undisturbed(&disturbed, &undisturbed);
     let trace = Trace::read(&stack.path("disturbed.mcap"));
@@ -66,7 +66,7 @@ fn a_plant_that_is_started_again_goes_on_as_if_nothing_had_been() {
 }
 
 #[test]
-fn a_process_that_hangs_is_noticed_by_its_heartbeat_and_replaced() {
+fn lockstep_hanging_process_replaced_by_heartbeat() {
     let stack = Stack::new();
     let scenario = ["--duration", "2"];
     let undisturbed = run(&stack, "undisturbed.mcap", &scenario);
@@ -84,7 +84,7 @@ fn a_process_that_hangs_is_noticed_by_its_heartbeat_and_replaced() {
 }
 
 #[test]
-fn bad_messages_are_refused_counted_and_logged_and_nothing_comes_of_them() {
+fn lockstep_bad_messages_rejected_without_effect() {
     let stack = Stack::new();
     let scenario = ["--duration", "1.5", "--set", "supervisor.stall_timeout_ms=500"];
     let undisturbed = run(&stack, "undisturbed.mcap", &scenario);
@@ -103,8 +103,8 @@ fn bad_messages_are_refused_counted_and_logged_and_nothing_comes_of_them() {
         expect_undisturbed(&disturbed, &undisturbed);
         let trace = Trace::read(&stack.path("disturbed.mcap"));
         let rejected = trace.events.iter().filter(|e| e.kind == "rejected" && e.detector == "check").count();
-        // The gate tells of each bad request, and after one of no use at all the controller is started anew; the controllers have
-        // rejected the planner's references.
+        // The gate reports each bad request, and the supervisor restarts the controller after an unusable one. The
+        // controllers reject the planner's references.
         let each = process != "planner" && kind != "stale";
         assert!(rejected >= if each { 3 } else { 1 }, "{kind} of {process}:\n{}", trace.text());
         if each {
@@ -116,7 +116,7 @@ fn bad_messages_are_refused_counted_and_logged_and_nothing_comes_of_them() {
 }
 
 #[test]
-fn a_controller_that_asks_for_nothing_but_garbage_is_replaced() {
+fn lockstep_controller_invalid_requests_replaced() {
     let stack = Stack::new();
     let scenario = ["--duration", "1.5"];
     let undisturbed = run(&stack, "undisturbed.mcap", &scenario);
@@ -130,7 +130,7 @@ fn a_controller_that_asks_for_nothing_but_garbage_is_replaced() {
 }
 
 #[test]
-fn a_process_that_dies_again_and_again_is_given_up_with_a_clear_report() {
+fn lockstep_restart_budget_spent_ends_run() {
     let stack = Stack::new();
     let faults = "fault=[{kind=\"kill\",process=\"planner\",random={count=50,from_s=0.1,to_s=1.0}}]";
     let end = stack.run(&[&BASE[..], &["--log", "run.mcap", "--set", faults, "--set", "supervisor.restart_budget=3"]].concat());

@@ -1,14 +1,15 @@
-//! Faults of the machine: a full disk, hogs, no memory to lock.
+//! Faults of the machine: a full disk, CPU hogs, a limit on locked memory.
 
 use super::trace::Trace;
 use crate::log_file::expect_complete;
 use hapfic_tests::Stack;
 use std::process::Command;
 
-/// A small file system in memory; unmounted when dropped. `None` where this user may not mount.
+/// Small file system in memory, unmounted when dropped.
 struct SmallDisk<'a>(&'a std::path::Path);
 
 impl<'a> SmallDisk<'a> {
+    /// Mounts it; `None` if this user may not mount.
     fn mount(folder: &'a std::path::Path) -> Option<Self> {
         std::fs::create_dir(folder).unwrap();
         let mounted = Command::new("mount").args(["-t", "tmpfs", "-o", "size=4m", "tmpfs"]).arg(folder).status();
@@ -23,7 +24,7 @@ impl Drop for SmallDisk<'_> {
 }
 
 #[test]
-fn a_full_disk_ends_the_run_in_order_and_what_was_logged_can_be_read() {
+fn full_disk_ends_run_log_readable() {
     let stack = Stack::new();
     let folder = stack.path("small");
     let Some(_disk) = SmallDisk::mount(&folder) else {
@@ -35,8 +36,8 @@ fn a_full_disk_ends_the_run_in_order_and_what_was_logged_can_be_read() {
     end.expect(3);
     assert!(end.out.contains("FAULT              recorder cannot write the log any further"), "{}", end.out);
     let log = folder.join("run.mcap");
-    assert!(!folder.join("run.filler").exists(), "the filler was left");
-    // Off the full disk, what is there is recovered, if it is not whole.
+    assert!(!folder.join("run.filler").exists(), "found run.filler, expected its removal");
+    // Recovered to another disk, if the log is not whole.
     let recovered = stack.path("recovered.mcap");
     stack.run(&["recover", "small/run.mcap", "--output", recovered.to_str().unwrap()]).expect(0);
     let trace = Trace::read(if recovered.exists() { &recovered } else { &log });
@@ -44,11 +45,11 @@ fn a_full_disk_ends_the_run_in_order_and_what_was_logged_can_be_read() {
 }
 
 #[test]
-fn a_full_disk_is_only_made_of_one_that_is_there_for_it() {
+fn full_disk_shared_disk_rejected() {
     let stack = Stack::new();
     let disk = rustix::fs::statfs(stack.path("")).unwrap();
     if disk.f_type as u64 == 0x0102_1994 && disk.f_blocks as u64 * disk.f_bsize as u64 <= 256 << 20 {
-        // The temporary folder is a small one of its own, which may be filled.
+        // The temporary folder is a small tmpfs, which the fault may fill.
         return;
     }
     let faults = "fault=[{kind=\"full_disk\",at_s=0.5}]";
@@ -59,7 +60,7 @@ fn a_full_disk_is_only_made_of_one_that_is_there_for_it() {
 }
 
 #[test]
-fn hogs_on_every_core_take_nothing_away_in_lockstep() {
+fn hog_every_core_lockstep_complete() {
     let stack = Stack::new();
     let faults = "fault=[{kind=\"hog\",at_s=0.2,for_ms=1000}]";
     stack.run(&["run", "floor", "--clock", "lockstep", "--duration", "2", "--log", "run.mcap", "--set", faults]).expect(0);
@@ -69,7 +70,7 @@ fn hogs_on_every_core_take_nothing_away_in_lockstep() {
 }
 
 #[test]
-fn a_limit_on_locked_memory_is_set_on_the_process() {
+fn memory_lock_running_process_limited() {
     let stack = Stack::new();
     let mut run = stack.start(&["run", "floor", "--clock", "lockstep", "--duration", "3600", "--log", "run.mcap"]);
     let children = run.children(&["plant", "planner", "controller", "standby"]);
@@ -80,8 +81,8 @@ fn a_limit_on_locked_memory_is_set_on_the_process() {
     };
     assert!(!limit().contains(" 65536 "), "{}", limit());
     run.wait_for(&stack.path("run.mcap"), 100_000);
-    let asked = stack.run(&["inject", "kind=memory_lock", "process=planner"]);
-    assert_eq!(asked.code, Some(0), "{}", asked.err);
+    let injected = stack.run(&["inject", "kind=memory_lock", "process=planner"]);
+    assert_eq!(injected.code, Some(0), "{}", injected.err);
     let begun = std::time::Instant::now();
     while !limit().contains(" 65536 ") {
         assert!(begun.elapsed() < std::time::Duration::from_secs(60), "{}", limit());

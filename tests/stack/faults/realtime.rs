@@ -1,4 +1,4 @@
-//! Realtime: what each loss leads to, by the events and commands of the log.
+//! Realtime: the reaction to each fault, by the events and commands of the log.
 
 use super::trace::Trace;
 use crate::log_file::expect_complete;
@@ -11,7 +11,7 @@ const RUN: [&str; 4] = ["run", "floor", "--log", "run.mcap"];
 fn run(faults: &str, seconds: &str, more: &[&str]) -> (Stack, Trace) {
     let stack = Stack::new();
     stack.run(&[&RUN[..], &["--set", faults, "--duration", seconds], more].concat()).expect(0);
-    // A state that is no good is rejected by the recorder, too.
+    // The recorder rejects invalid states too, so their ticks are missing.
     if !faults.contains("plant") {
         expect_complete(&stack.path("run.mcap"));
     }
@@ -19,7 +19,7 @@ fn run(faults: &str, seconds: &str, more: &[&str]) -> (Stack, Trace) {
     (stack, trace)
 }
 
-/// Lost by a detector, started again, back.
+/// Asserts that a process was lost by a detector, restarted, and joined again.
 fn expect_replaced(trace: &Trace, process: &str, detector: &str) {
     let text = trace.text();
     let lost = trace.events("lost", process);
@@ -29,7 +29,7 @@ fn expect_replaced(trace: &Trace, process: &str, detector: &str) {
 }
 
 #[test]
-fn the_standby_takes_over_and_a_new_one_is_started() {
+fn controller_kill_standby_takes_over() {
     let _alone = alone();
     let (_stack, trace) = run("fault=[{kind=\"kill\",process=\"controller\",at_s=1.0}]", "3", &[]);
     expect_replaced(&trace, "controller", "exit");
@@ -39,7 +39,7 @@ fn the_standby_takes_over_and_a_new_one_is_started() {
 }
 
 #[test]
-fn a_halted_controller_is_replaced_by_its_heartbeat_and_a_short_halt_is_borne() {
+fn controller_halt_replaced_by_heartbeat() {
     let _alone = alone();
     let faults = "fault=[{kind=\"stop\",process=\"controller\",at_s=0.5,for_ms=600000},{kind=\"stop\",process=\"planner\",at_s=2.5,for_ms=30}]";
     let (_stack, trace) =
@@ -49,31 +49,31 @@ fn a_halted_controller_is_replaced_by_its_heartbeat_and_a_short_halt_is_borne() 
 }
 
 #[test]
-fn a_planner_goes_on_from_its_last_reference() {
+fn planner_restart_continues_from_last_reference() {
     let _alone = alone();
     let (_stack, trace) = run("fault=[{kind=\"kill\",process=\"planner\",at_s=1.0}]", "3", &[]);
     expect_replaced(&trace, "planner", "exit");
-    assert!(trace.events("restarted", "planner")[0].text.contains("goes on from tick"), "{}", trace.text());
+    assert!(trace.events("restarted", "planner")[0].text.contains("continues from tick"), "{}", trace.text());
 }
 
 #[test]
-fn without_controllers_the_drive_brakes_and_the_torque_ramps_in_again() {
+fn both_controllers_kill_brakes_then_ramps() {
     let _alone = alone();
     let faults = "fault=[{kind=\"kill\",process=\"controllers\",at_s=3.3}]";
-    // With the leg's weight to hold there is a torque to ramp in.
+    // Gravity compensation gives a torque that ramps in.
     let (stack, trace) = run(faults, "4.5", &["--set", "controller.gravity_compensation=true"]);
     for process in ["controller", "standby"] {
         expect_replaced(&trace, process, "exit");
     }
     assert_eq!(trace.events("injected", "supervisor").len(), 1);
-    // The event is written some time after the signal; on a busy machine a tick may have gone by.
+    // The event follows the signal after some time; on a busy machine a tick may pass in between.
     let after = trace.commands.iter().filter(|c| c.tick >= 3300);
     let sources: Vec<_> =
         after.clone().skip_while(|c| c.source == "fresh").take(2).map(|c| (&c.source[..], &c.mode[..])).collect();
-    assert_eq!(sources, [("repeated", "active"), ("none", "brake")], "once more, then brake:\n{}", trace.text());
-    // 20 good ticks, then the torque again.
+    assert_eq!(sources, [("repeated", "active"), ("none", "brake")], "expected one repetition, then a brake:\n{}", trace.text());
+    // 20 good ticks before the torque returns.
     let good = after.clone().filter(|c| c.source == "withheld").count();
-    assert!(good >= 19, "{good} ticks were good before the torque came back");
+    assert!(good >= 19, "found {good} good ticks before the torque, expected 19 or more");
     assert!(after.clone().any(|c| c.ramped != 0), "the torque does not ramp in");
     let step = trace.largest_ramped_step();
     assert!(step <= 2.0 + 1e-9, "a ramp step of {step} N m, the rate allows 2");
@@ -94,14 +94,14 @@ fn without_controllers_the_drive_brakes_and_the_torque_ramps_in_again() {
 }
 
 #[test]
-fn a_plant_is_started_again_if_that_is_wished() {
+fn plant_kill_on_loss_restart_replaced() {
     let _alone = alone();
     let (_stack, trace) = run("fault=[{kind=\"kill\",process=\"plant\",at_s=1.0}]", "3", &["--set", "plant.on_loss=restart"]);
     expect_replaced(&trace, "plant", "exit");
 }
 
 #[test]
-fn bad_messages_are_refused_counted_and_logged() {
+fn bad_messages_rejected_and_logged() {
     let _alone = alone();
     for (process, kind) in [
         ("controller", "nan"),
@@ -122,13 +122,13 @@ fn bad_messages_are_refused_counted_and_logged() {
     }
 }
 
-/// Waits until `status` says what is wished.
-fn until(stack: &Stack, wished: impl Fn(&serde_json::Value) -> bool) -> serde_json::Value {
+/// Waits until `hapfic status` satisfies a condition, and returns it.
+fn until(stack: &Stack, condition: impl Fn(&serde_json::Value) -> bool) -> serde_json::Value {
     let begun = Instant::now();
     loop {
         let end = stack.run(&["status", "--json"]);
         if let Ok(status) = serde_json::from_str(&end.out)
-            && wished(&status)
+            && condition(&status)
         {
             return status;
         }
@@ -143,13 +143,13 @@ fn ask(stack: &Stack, words: &[&str], code: i32) -> String {
 }
 
 fn start(stack: &Stack, clock: &str) -> Started {
-    // With the leg's weight to hold there is a torque to ramp in.
+    // Gravity compensation gives a torque that ramps in.
     let weight = "controller.gravity_compensation=true";
     stack.start(&["run", "floor", "--duration", "3600", "--clock", clock, "--log", "run.mcap", "--set", weight])
 }
 
 #[test]
-fn an_emergency_stop_is_latched_and_left_only_by_rearming() {
+fn estop_latched_until_rearm() {
     let _alone = alone();
     for clock in ["realtime", "lockstep"] {
         let stack = Stack::new();
@@ -160,7 +160,7 @@ fn an_emergency_stop_is_latched_and_left_only_by_rearming() {
         let answer = ask(&stack, &["estop"], 0);
         assert!(answer.contains("latched stop at tick"), "{answer}");
         let stopped = until(&stack, |s| s["severity"] == "stopped" && s["mode"] == "stopped");
-        // Ticks go on, and it stays stopped.
+        // Ticks continue, and the stop stays.
         let tick = stopped["tick"].as_i64().unwrap();
         let later = until(&stack, |s| s["tick"].as_i64().unwrap() > tick + 100);
         assert_eq!(later["severity"], "stopped");
@@ -180,7 +180,7 @@ fn an_emergency_stop_is_latched_and_left_only_by_rearming() {
 }
 
 #[test]
-fn a_spent_budget_is_a_latched_stop_which_the_operator_can_leave() {
+fn restart_budget_spent_latched_until_rearm() {
     let _alone = alone();
     let stack = Stack::new();
     let faults = "fault=[{kind=\"kill\",process=\"planner\",random={count=4,from_s=0.2,to_s=0.5}}]";
@@ -206,12 +206,12 @@ fn a_spent_budget_is_a_latched_stop_which_the_operator_can_leave() {
     let trace = Trace::read(&stack.path("run.mcap"));
     let stopped = trace.events("transition", "supervisor").into_iter().find(|e| e.severity == "stopped").unwrap().clone();
     assert_eq!(stopped.detector, "budget", "{}", trace.text());
-    // Three before the stop, one after it was re-armed.
+    // Three restarts before the stop, one after `rearm`.
     assert_eq!(trace.events("restarted", "planner").len(), 4, "{}", trace.text());
 }
 
 #[test]
-fn faults_can_be_made_in_a_running_stack() {
+fn inject_running_stack_faults_happen() {
     let _alone = alone();
     let stack = Stack::new();
     let run = start(&stack, "realtime");

@@ -1,4 +1,4 @@
-//! A short soak: the survivors do not grow, whoever dies around them. `just soak` is the long one.
+//! Short soak: the surviving processes do not grow while others are lost. `just soak` is the long one.
 
 use super::trace::Trace;
 use crate::log_file::expect_complete;
@@ -7,26 +7,26 @@ use hapfic_tests::{Stack, children_of};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-/// What a process holds: memory in kB, threads, open files.
+/// Resources of a process: resident memory [kB], threads, open files.
 #[derive(Clone, Copy, Debug)]
-struct Held {
+struct ProcessResources {
     resident_kb: u64,
     threads: u64,
     files: usize,
 }
 
-fn held(pid: u32) -> Held {
+fn resources(pid: u32) -> ProcessResources {
     let status = std::fs::read_to_string(format!("/proc/{pid}/status")).unwrap();
     let number = |name: &str| {
         let line = status.lines().find_map(|l| l.strip_prefix(name)).unwrap();
         line.split_whitespace().next().unwrap().parse().unwrap()
     };
     let files = std::fs::read_dir(format!("/proc/{pid}/fd")).unwrap().count();
-    Held { resident_kb: number("VmRSS:"), threads: number("Threads:"), files }
+    ProcessResources { resident_kb: number("VmRSS:"), threads: number("Threads:"), files }
 }
 
-/// Files of a run in shared memory, and in its folder.
-fn shared(run: &str) -> usize {
+/// Number of files of a run in shared memory, and in its folder.
+fn shared_files(run: &str) -> usize {
     fn below(folder: &Path) -> usize {
         let Ok(entries) = std::fs::read_dir(folder) else { return 0 };
         entries.flatten().map(|e| 1 + below(&e.path())).sum()
@@ -36,7 +36,7 @@ fn shared(run: &str) -> usize {
 }
 
 #[test]
-fn survivors_do_not_grow() {
+fn soak_survivors_do_not_grow() {
     let _alone = alone();
     let stack = Stack::new();
     let faults = "fault=[{kind=\"kill\",process=[\"controller\",\"standby\",\"planner\"],random={count=60,from_s=1.0,to_s=12.0}},\
@@ -54,10 +54,10 @@ fn survivors_do_not_grow() {
         while begun.elapsed() < Duration::from_secs(seconds) {
             std::thread::sleep(Duration::from_millis(20));
         }
-        (survivors.map(held), shared(&name), children_of(survivors[0]).len())
+        (survivors.map(resources), shared_files(&name), children_of(survivors[0]).len())
     };
     let begun = Instant::now();
-    // What is made for the first losses stays, and serves the others.
+    // Resources of the first losses stay, and serve the later ones.
     let before = at(4, begun);
     let after = at(15, begun);
     run.finish().expect(0);
@@ -65,7 +65,7 @@ fn survivors_do_not_grow() {
     let trace = Trace::read(&stack.path("run.mcap"));
     let lost = trace.events.iter().filter(|e| e.kind == "lost").count();
     assert!(lost >= 70, "{lost} losses");
-    assert_eq!(after.2, 4, "all are there at the end");
+    assert_eq!(after.2, 4, "found {} children at the end, expected 4", after.2);
     for (before, after) in before.0.iter().zip(&after.0) {
         assert_eq!(before.threads, after.threads);
         assert!(after.files <= before.files + 2, "{before:?} -> {after:?}");

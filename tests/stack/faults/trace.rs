@@ -1,9 +1,9 @@
-//! What a log says of a run with faults.
+//! Commands and events of a log.
 
 use hapfic_log::{Reader, Record, proto};
 use std::path::Path;
 
-/// The commands and events of a log.
+/// Commands and events of a log.
 #[derive(Default)]
 pub struct Trace {
     pub commands: Vec<proto::Command>,
@@ -28,18 +28,18 @@ impl Trace {
         self.events.iter().filter(|e| e.kind == kind && e.process == process).collect()
     }
 
-    /// Events as lines, for messages of failed tests.
+    /// Events as lines of text, for messages of failed tests.
     pub fn text(&self) -> String {
         let line = |e: &proto::Event| format!("{} {} {} {} {}: {}\n", e.tick, e.process, e.kind, e.severity, e.detector, e.text);
         self.events.iter().map(line).collect()
     }
 
-    /// Commands whose torque comes from a request of their own tick, by the place it came from.
-    pub fn fresh_from(&self, place: &str) -> usize {
-        self.commands.iter().filter(|c| c.source == "fresh" && c.controller == place).count()
+    /// Number of commands with fresh torque from a controller.
+    pub fn fresh_from(&self, controller: &str) -> usize {
+        self.commands.iter().filter(|c| c.source == "fresh" && c.controller == controller).count()
     }
 
-    /// The largest step of any joint's torque from one active command to the next, among those that the rate limit held back.
+    /// Largest step of any joint's torque between consecutive commands, among steps under the rate limit [N m].
     pub fn largest_ramped_step(&self) -> f64 {
         let steps = self.commands.windows(2).filter(|pair| pair[1].ramped != 0 && pair[1].tick == pair[0].tick + 1);
         steps.flat_map(|pair| pair[0].torque.iter().zip(&pair[1].torque).map(|(a, b)| (b - a).abs())).fold(0.0, f64::max)

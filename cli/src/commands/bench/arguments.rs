@@ -3,32 +3,32 @@
 use clap::{Args, Subcommand};
 use std::path::PathBuf;
 
-/// What to measure.
+/// Measurements of `hapfic bench`.
 #[derive(Debug, Subcommand)]
 pub enum Bench {
-    /// The stack's own chain, hop by hop, beside chains over what the kernel offers, in the same milliseconds.
+    /// Measure the stack's chain hop by hop, interleaved with chains over transports of the kernel.
     Latency(LatencyArgs),
 }
 
-/// How to measure latencies.
+/// Arguments of `hapfic bench latency`.
 #[derive(Args, Debug)]
 pub struct LatencyArgs {
     /// Name of an embedded scenario, or path of a file.
     #[arg(default_value = "floor")]
     pub scenario: String,
-    /// How long to measure, s, after a warm-up.
+    /// Duration of the measurement after a warm-up [s].
     #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u64).range(1..=86_400))]
     pub seconds: u64,
-    /// All figures as JSON.
+    /// File for all results as JSON.
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
-    /// The distributions as a picture, PNG.
+    /// File for the latency histograms as PNG.
     #[arg(long, value_name = "FILE")]
     pub plot: Option<PathBuf>,
-    /// A program with chains of its own, see the crate hapfic-diagnostics; may be given again.
+    /// Program with chains of its own, see the crate hapfic-diagnostics; may be given repeatedly.
     #[arg(long, value_name = "PROGRAM")]
     pub peers: Vec<PathBuf>,
-    /// Keep every core busy meanwhile, with programs that are not real-time.
+    /// Keep every core busy during the measurement, with processes that are not real-time.
     #[arg(long)]
     pub load: bool,
     /// Replace a value of the scenario: `supervisor.standby=false`.

@@ -1,6 +1,6 @@
-//! The chains beside the stack's own, and the witnesses: started, heard, ended.
+//! The chains of the comparison and the reference timers: start, reception of their results, end.
 
-use super::stack::Found;
+use super::stack::RunTiming;
 use anyhow::{Context, Result, bail, ensure};
 use hapfic_config::{Placement, Settings};
 use hapfic_diagnostics::{Core, Measured, Plan, TIMER};
@@ -15,36 +15,40 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
 /// The hidden command that drives a chain of this program's own.
-pub(super) const OWN: &str = "bench-chain";
+pub(super) const CHAIN_COMMAND: &str = "bench-chain";
 
-/// When in the period the chains begin, ns after the plant's timer. Two of the witness's periods: so it is as far away from the
-/// stack's chain, which begins at 0, as from these. The plant has simulated by then.
+/// Start of the chains after the plant's timer, in each period [ns].
+///
+/// Two periods of the reference timer: so that timer is as far from the stack's chain, which begins at 0, as from these.
+/// The plant has simulated by then.
 const CHAIN_PHASE_NS: u64 = 500_000;
-/// When in the period the timer at the plant's priority is due.
+/// Due time of the timer at the plant's priority, after the plant's timer [ns].
 const TIMER_PHASE_NS: u64 = 850_000;
-/// The witness: how often, and when after the plant's timer.
-const WITNESS_EVERY_NS: u64 = 250_000;
-const WITNESS_PHASE_NS: u64 = 190_000;
-/// For how many more it stays than the measurement lasts, so that what makes the last ticks late is seen.
-const WITNESS_LONGER: u64 = 400;
-/// The witness tells only of what is later than this, ns.
-const WITNESS_ABOVE_NS: u64 = 50_000;
-/// How long a chain may take to hand its figures over after its last message.
-const HAND_OVER: Duration = Duration::from_secs(30);
+/// Period of the reference timer, and its first due time after the plant's timer [ns].
+const REFERENCE_PERIOD_NS: u64 = 250_000;
+const REFERENCE_PHASE_NS: u64 = 190_000;
+/// Periods of the reference timer after the measurement, so that it covers the late last ticks.
+const REFERENCE_EXTRA_PERIODS: u64 = 400;
+/// Lateness above which the reference timer reports a sample [ns].
+const REFERENCE_ABOVE_NS: u64 = 50_000;
+/// Time a chain may take to report its results after its last message.
+const REPORT_TIMEOUT: Duration = Duration::from_secs(30);
 
-/// Cores and priorities of plant, controller and gate: places 0, 1 and 2.
+/// Cores and priorities of plant, controller and gate, at the indices 0, 1 and 2.
 #[derive(Clone, Debug)]
-pub(super) struct Where {
+pub(super) struct Placing {
     pub(super) cores: [Option<u32>; 3],
-    /// Core of the stack's gate. The chains' third process is on that of the others unless the settings say where the gate is to be: who
-    /// sleeps is woken soonest there.
+    /// Core of the stack's gate.
+    ///
+    /// The chains' third process is on the core of the others unless the settings assign one to the gate: the wake-up of
+    /// a sleeping process is fastest there.
     pub(super) gate: Option<u32>,
     pub(super) priorities: [u32; 3],
 }
 
-impl Where {
-    /// As the settings say, and as was found in the run where they say nothing.
-    pub(super) fn new(settings: &Settings, found: Found) -> Self {
+impl Placing {
+    /// Takes the cores from the settings, and from the run where the settings assign none.
+    pub(super) fn new(settings: &Settings, found: RunTiming) -> Self {
         let rt = &settings.realtime;
         let shared = found.core.filter(|_| rt.placement == Placement::OneCore);
         Self {
@@ -54,8 +58,8 @@ impl Where {
         }
     }
 
-    /// The stack's cores, each once; `None` alone where any will do.
-    pub(super) fn polled(&self) -> Vec<Option<u32>> {
+    /// The stack's cores, each once; a single `None` if the stack may use any.
+    pub(super) fn distinct_cores(&self) -> Vec<Option<u32>> {
         let mut cores: Vec<_> = [self.cores[0], self.cores[1], self.gate].into_iter().flatten().map(Some).collect();
         cores.sort_unstable();
         cores.dedup();
@@ -63,40 +67,40 @@ impl Where {
     }
 }
 
-/// A kind of chain, and who has it; none: this program.
+/// Kind of a chain, and the program that has it; `None`: this program.
 #[derive(Clone, Debug)]
-pub(super) struct Contender {
+pub(super) struct ChainKind {
     pub(super) program: Option<PathBuf>,
     pub(super) kind: String,
 }
 
-/// All kinds: this program's own, and those of its peers.
-pub(super) fn contenders(peers: &[PathBuf]) -> Result<Vec<Contender>> {
-    let own = hapfic_diagnostics::own().map(|kind| Contender { program: None, kind: kind.name().to_owned() });
+/// Lists all kinds: this program's own, and those of its peers.
+pub(super) fn chain_kinds(peers: &[PathBuf]) -> Result<Vec<ChainKind>> {
+    let own = hapfic_diagnostics::own().map(|kind| ChainKind { program: None, kind: kind.name().to_owned() });
     let mut all = Vec::from(own);
     for program in peers {
-        let asked = Command::new(program).arg("kinds").stdin(Stdio::null()).stderr(Stdio::inherit()).output();
-        let asked = asked.with_context(|| format!("--peers {}: cannot be started", program.display()))?;
-        ensure!(asked.status.success(), "--peers {}: does not know `kinds`, expected one name a line", program.display());
-        let text = String::from_utf8_lossy(&asked.stdout).into_owned();
+        let output = Command::new(program).arg("kinds").stdin(Stdio::null()).stderr(Stdio::inherit()).output();
+        let output = output.with_context(|| format!("--peers {}: cannot be started", program.display()))?;
+        ensure!(output.status.success(), "--peers {}: `kinds` has failed, expected one name a line", program.display());
+        let text = String::from_utf8_lossy(&output.stdout).into_owned();
         for kind in text.lines().map(str::trim).filter(|kind| !kind.is_empty()) {
             ensure!(
                 kind != TIMER && all.iter().all(|other| other.kind != kind),
-                "--peers {}: its kind '{kind}' is there already, expected another name",
+                "--peers {}: found the kind '{kind}' twice, expected another name",
                 program.display()
             );
-            all.push(Contender { program: Some(program.clone()), kind: kind.to_owned() });
+            all.push(ChainKind { program: Some(program.clone()), kind: kind.to_owned() });
         }
     }
     Ok(all)
 }
 
-/// Chains and witnesses at work; killed when dropped.
+/// Running chains and reference timers; killed when dropped.
 pub(super) struct Chains {
     drivers: Vec<Driver>,
-    /// How many of them are chains; then come the timer and the witnesses.
+    /// Number of chains among the drivers; the timer and the reference timers follow.
     chains: usize,
-    heard: Receiver<(usize, Option<String>)>,
+    lines: Receiver<(usize, Option<String>)>,
 }
 
 struct Driver {
@@ -106,19 +110,19 @@ struct Driver {
     line: Option<String>,
 }
 
-/// What all of them have measured.
+/// Results of all chains and timers.
 #[derive(Debug)]
-pub(super) struct Heard {
-    /// In the order of the contenders.
+pub(super) struct ChainResults {
+    /// Chains in the order of their kinds.
     pub(super) chains: Vec<Measured>,
-    /// At the plant's priority.
+    /// Timer at the plant's priority.
     pub(super) timer: Measured,
-    /// Just above it, on each core of the stack.
-    pub(super) witnesses: Vec<Measured>,
+    /// Reference timers above that priority, on each core of the stack.
+    pub(super) reference_timers: Vec<Measured>,
 }
 
-/// When chain `i` of `n` sends: in tick k where k modulo n is i.
-fn plans(kinds: &[Contender], place: &Where, start_ns: u64, seconds: u64) -> Vec<Plan> {
+/// Plans all chains and timers: chain `i` of `n` sends in the ticks k with k modulo n = i.
+fn plans(kinds: &[ChainKind], placing: &Placing, start_ns: u64, seconds: u64) -> Vec<Plan> {
     let n = kinds.len() as u64;
     let plan = |kind: &str, start_ns: u64, period_ns: u64, cores: &[Option<u32>], priority: Vec<u32>, above_ns: u64| Plan {
         kind: kind.to_owned(),
@@ -130,35 +134,36 @@ fn plans(kinds: &[Contender], place: &Where, start_ns: u64, seconds: u64) -> Vec
         sizes: [size_of::<State>(), size_of::<Request>(), size_of::<CommandMessage>()].map(|bytes| bytes as u32).to_vec(),
         above_ns,
     };
-    let priorities = place.priorities.to_vec();
+    let priorities = placing.priorities.to_vec();
     let mut plans: Vec<_> = (0..n)
         .zip(kinds)
         .map(|(i, c)| {
-            plan(&c.kind, start_ns + i * PERIOD_NS + CHAIN_PHASE_NS, n * PERIOD_NS, &place.cores, priorities.clone(), 0)
+            plan(&c.kind, start_ns + i * PERIOD_NS + CHAIN_PHASE_NS, n * PERIOD_NS, &placing.cores, priorities.clone(), 0)
         })
         .collect();
-    plans.push(plan(TIMER, start_ns + TIMER_PHASE_NS, PERIOD_NS, &place.cores, priorities, 0));
-    // Above the plant: whatever the stack does, only the machine can make it late.
-    let above = vec![(place.priorities[0] + 1).min(98)];
-    let witness = |core| {
-        let plan = plan(TIMER, start_ns + WITNESS_PHASE_NS, WITNESS_EVERY_NS, &[core; 3], above.clone(), WITNESS_ABOVE_NS);
-        Plan { count: plan.count + WITNESS_LONGER, ..plan }
+    plans.push(plan(TIMER, start_ns + TIMER_PHASE_NS, PERIOD_NS, &placing.cores, priorities, 0));
+    // Above the plant's priority only the machine can delay the reference timer, not the stack.
+    let above = vec![(placing.priorities[0] + 1).min(98)];
+    let reference = |core| {
+        let phase_ns = start_ns + REFERENCE_PHASE_NS;
+        let plan = plan(TIMER, phase_ns, REFERENCE_PERIOD_NS, &[core; 3], above.clone(), REFERENCE_ABOVE_NS);
+        Plan { count: plan.count + REFERENCE_EXTRA_PERIODS, ..plan }
     };
-    plans.extend(place.polled().into_iter().map(witness));
+    plans.extend(placing.distinct_cores().into_iter().map(reference));
     plans
 }
 
 impl Chains {
-    /// Starts them all, to begin at `start_ns`. To be called on the main thread: they end with the thread that starts them.
-    pub(super) fn start(kinds: &[Contender], place: &Where, start_ns: u64, seconds: u64) -> Result<Self> {
-        let (tell, heard) = channel();
-        let mut chains = Self { drivers: Vec::new(), chains: kinds.len(), heard };
-        for (i, plan) in plans(kinds, place, start_ns, seconds).iter().enumerate() {
+    /// Starts all chains and timers, to begin at `start_ns`. Only for the main thread: they end with their parent thread.
+    pub(super) fn start(kinds: &[ChainKind], placing: &Placing, start_ns: u64, seconds: u64) -> Result<Self> {
+        let (sender, lines) = channel();
+        let mut chains = Self { drivers: Vec::new(), chains: kinds.len(), lines };
+        for (i, plan) in plans(kinds, placing, start_ns, seconds).iter().enumerate() {
             let mut command = match kinds.get(i).and_then(|c| c.program.as_ref()) {
                 Some(program) => Command::new(program),
                 None => {
                     let mut command = this_program()?;
-                    command.arg(OWN);
+                    command.arg(CHAIN_COMMAND);
                     command
                 }
             };
@@ -166,21 +171,21 @@ impl Chains {
             let mut child = child.with_context(|| format!("cannot start the chain {}", plan.kind))?;
             let out = child.stdout.take();
             chains.drivers.push(Driver { name: plan.kind.clone(), child, ready: false, line: None });
-            let (out, tell) = (out.context("a chain has no output")?, tell.clone());
+            let (out, sender) = (out.context("a chain has no output")?, sender.clone());
             std::thread::spawn(move || {
                 for line in BufReader::new(out).lines().map_while(Result::ok) {
-                    if tell.send((i, Some(line))).is_err() {
+                    if sender.send((i, Some(line))).is_err() {
                         return;
                     }
                 }
-                // Nobody listens any more if the measurement has ended.
-                let _ = tell.send((i, None));
+                // Fails only after the measurement has ended.
+                let _ = sender.send((i, None));
             });
         }
         Ok(chains)
     }
 
-    /// Waits until all are ready. Says whether `stop` was set meanwhile.
+    /// Waits until all are ready; returns whether `stop` was set meanwhile.
     pub(super) fn ready(&mut self, until_ns: u64, stop: &AtomicBool) -> Result<bool> {
         while self.drivers.iter().any(|d| !d.ready) {
             let left = until_ns.saturating_sub(hapfic_ipc::clock::now_ns());
@@ -191,79 +196,80 @@ impl Chains {
             if stop.load(Ordering::Relaxed) {
                 return Ok(true);
             }
-            self.hear(Duration::from_nanos(left).min(Duration::from_millis(50)))?;
+            self.receive(Duration::from_nanos(left).min(Duration::from_millis(50)))?;
         }
         Ok(false)
     }
 
-    /// Takes in what one of them says, if one does.
-    pub(super) fn hear(&mut self, patience: Duration) -> Result<()> {
-        let (i, line) = match self.heard.recv_timeout(patience) {
-            Ok(heard) => heard,
+    /// Receives a line of one of them, or waits for `timeout`.
+    pub(super) fn receive(&mut self, timeout: Duration) -> Result<()> {
+        let (i, line) = match self.lines.recv_timeout(timeout) {
+            Ok(line) => line,
             Err(RecvTimeoutError::Timeout) => return Ok(()),
             Err(RecvTimeoutError::Disconnected) => {
-                std::thread::sleep(patience);
+                std::thread::sleep(timeout);
                 return Ok(());
             }
         };
         let driver = &mut self.drivers[i];
         match line {
             Some(line) if !driver.ready => {
-                ensure!(line.trim() == "ready", "{}: said '{line}', expected 'ready'", driver.name);
+                ensure!(line.trim() == "ready", "{}: found the line '{line}', expected 'ready'", driver.name);
                 driver.ready = true;
             }
             Some(line) => driver.line = Some(line),
-            None => ensure!(driver.line.is_some(), "the chain {} has ended without figures", driver.name),
+            None => ensure!(driver.line.is_some(), "the chain {} has ended without results", driver.name),
         }
         Ok(())
     }
 
-    /// Waits for all figures. `None` if `stop` was set meanwhile.
-    pub(super) fn finish(mut self, stop: &AtomicBool) -> Result<Option<Heard>> {
+    /// Waits for all results; `None` if `stop` was set meanwhile.
+    pub(super) fn finish(mut self, stop: &AtomicBool) -> Result<Option<ChainResults>> {
         let begun = Instant::now();
         while self.drivers.iter().any(|d| d.line.is_none()) {
             if stop.load(Ordering::Relaxed) {
                 return Ok(None);
             }
-            ensure!(begun.elapsed() < HAND_OVER, "not all chains have handed their figures over in {} s", HAND_OVER.as_secs());
-            self.hear(Duration::from_millis(50))?;
+            let timeout_s = REPORT_TIMEOUT.as_secs();
+            ensure!(begun.elapsed() < REPORT_TIMEOUT, "not all chains have reported their results in {timeout_s} s");
+            self.receive(Duration::from_millis(50))?;
         }
         let lines = self.drivers.iter().filter_map(|d| d.line.as_deref());
         let mut all = lines.map(Measured::parse).collect::<Result<Vec<_>, _>>()?;
-        ensure!(all.len() > self.chains, "the witnesses have not said anything");
-        let witnesses = all.split_off(self.chains + 1);
-        let timer = all.pop().context("the timer has not said anything")?;
-        Ok(Some(Heard { chains: all, timer, witnesses }))
+        ensure!(all.len() > self.chains, "the reference timers have reported nothing");
+        let reference_timers = all.split_off(self.chains + 1);
+        let timer = all.pop().context("the timer has reported nothing")?;
+        Ok(Some(ChainResults { chains: all, timer, reference_timers }))
     }
 }
 
 impl Drop for Chains {
     fn drop(&mut self) {
         for driver in &mut self.drivers {
-            // Its relays end with it.
+            // The relays of a driver end with it.
             let _ = driver.child.kill();
             let _ = driver.child.wait();
         }
     }
 }
 
-/// Privileges that a chain lacks.
-pub(super) fn lacks(name: &str, measured: &Measured, place: &Where) -> Vec<String> {
+/// Lists the privileges that a chain missing_privileges.
+pub(super) fn missing_privileges(name: &str, measured: &Measured, placing: &Placing) -> Vec<String> {
     let mut list = Vec::new();
     for i in 0..measured.granted.len() {
         let granted = measured.granted(i);
-        let mut lacking = Vec::new();
+        let mut missing = Vec::new();
         if !granted.has(SchedGrants::FIFO) {
-            lacking.push("not FIFO".to_owned());
+            missing.push("not FIFO".to_owned());
         }
         if !granted.has(SchedGrants::LOCKED) {
-            lacking.push("memory not locked".to_owned());
+            missing.push("memory not locked".to_owned());
         }
-        if let Some(core) = place.cores.get(i).copied().flatten().filter(|_| !granted.has(SchedGrants::PINNED)) {
-            lacking.push(format!("NOT on core {core}"));
+        if let Some(core) = placing.cores.get(i).copied().flatten().filter(|_| !granted.has(SchedGrants::PINNED)) {
+            missing.push(format!("NOT on core {core}"));
         }
-        if !lacking.is_empty() {
-            list.push(format!("{name}, place {i}: {}", lacking.join(", ")));
+        if !missing.is_empty() {
+            list.push(format!("{name}, placing {i}: {}", missing.join(", ")));
         }
     }
     list
@@ -274,10 +280,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn no_two_chains_send_in_the_same_tick_and_all_ticks_are_used() {
-        let kinds: Vec<_> = ["a", "b", "c"].map(|kind| Contender { program: None, kind: kind.to_owned() }).into_iter().collect();
-        let place = Where { cores: [Some(1), None, Some(1)], gate: Some(0), priorities: [80, 76, 78] };
-        let plans = plans(&kinds, &place, 7_000_000_000, 3);
+    fn plans_several_chains_share_all_ticks() {
+        let kinds: Vec<_> = ["a", "b", "c"].map(|kind| ChainKind { program: None, kind: kind.to_owned() }).into_iter().collect();
+        let placing = Placing { cores: [Some(1), None, Some(1)], gate: Some(0), priorities: [80, 76, 78] };
+        let plans = plans(&kinds, &placing, 7_000_000_000, 3);
         let mut ticks: Vec<u64> = Vec::new();
         for plan in &plans[..3] {
             assert_eq!(plan.start_ns % PERIOD_NS, CHAIN_PHASE_NS);
@@ -287,15 +293,15 @@ mod tests {
         assert_eq!(ticks, (7000..10_000).collect::<Vec<_>>());
         assert_eq!((plans[3].count, plans.len()), (3000, 6));
         let until = |plan: &Plan| plan.start_ns + plan.count * plan.period_ns;
-        assert!(plans[4..].iter().all(|witness| until(witness) > 10_000_000_000 + 50 * PERIOD_NS), "they stay longer");
-        assert_eq!((plans[4].core[0], plans[5].core[0]), (Core(Some(0)), Core(Some(1))), "a witness on each core of the stack");
+        assert!(plans[4..].iter().all(|timer| until(timer) > 10_000_000_000 + 50 * PERIOD_NS), "they outlast the measurement");
+        assert_eq!((plans[4].core[0], plans[5].core[0]), (Core(Some(0)), Core(Some(1))), "a timer on each core of the stack");
         assert!(plans[4].wishes().is_ok_and(|wishes| wishes[0].is_some_and(|w| w.priority == 81)));
     }
 
     #[test]
-    fn what_was_not_granted_is_told_place_by_place() {
-        let place = Where { cores: [Some(1); 3], gate: Some(1), priorities: [80, 76, 78] };
+    fn missing_privileges_are_listed_by_place() {
+        let placing = Placing { cores: [Some(1); 3], gate: Some(1), priorities: [80, 76, 78] };
         let measured = Measured { kind: "x".to_owned(), hops: 3, count: 0, granted: vec![7, 3, 4], samples: Vec::new() };
-        assert_eq!(lacks("x", &measured, &place), ["x, place 1: NOT on core 1", "x, place 2: not FIFO, memory not locked"]);
+        assert_eq!(missing_privileges("x", &measured, &placing), ["x, placing 1: NOT on core 1", "x, placing 2: not FIFO, memory not locked"]);
     }
 }

@@ -9,7 +9,7 @@ use super::stack::{Found, Stack};
 use super::steal::StealMonitor;
 use super::ticks::Ticks;
 use super::{figure, table};
-use crate::{Outcome, print, say};
+use crate::{Outcome, log_line, print};
 use anyhow::{Context, Result};
 use hapfic_config::Settings;
 use hapfic_diagnostics::cause::Span;
@@ -31,14 +31,14 @@ const NS_PER_S: u64 = 1_000_000_000;
 pub(super) fn latency(args: &LatencyArgs) -> Result<Outcome> {
     let (settings, kinds) = match prepare(args) {
         Ok(prepared) => prepared,
-        Err(e) => return Ok(Outcome::Refused(e)),
+        Err(e) => return Ok(Outcome::Rejected(e)),
     };
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP] {
         signal_hook::flag::register(signal, Arc::clone(&stop)).context("cannot handle signals")?;
     }
     let Some(results) = measure(args, &settings, &kinds, &stop)? else {
-        say("hapfic: interrupted, nothing was measured");
+        log_line("hapfic: interrupted, nothing was measured");
         return Ok(Outcome::Failed);
     };
     print(table::text(&results).trim_end());

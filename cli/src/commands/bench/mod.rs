@@ -30,7 +30,7 @@ pub fn bench(what: &Bench) -> Result<Outcome> {
 pub fn chain(words: &[String]) -> Result<Outcome> {
     Ok(match hapfic_diagnostics::program(&[chains::OWN], words, &hapfic_diagnostics::own()) {
         Ok(()) => Outcome::Done,
-        Err(e) => Outcome::Refused(e.into()),
+        Err(e) => Outcome::Rejected(e.into()),
     })
 }
 

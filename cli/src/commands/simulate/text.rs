@@ -1,22 +1,22 @@
-//! What the terminal shows of a study.
+//! Text output of a study.
 
 use hapfic_simulation::study::{Done, End};
 use hapfic_simulation::sweep::Grid;
 use std::fmt::Write;
 
-/// Name and width of the columns behind the swept values.
+/// Name and width of the columns after the swept values.
 const COLUMNS: [(&str, usize); 6] =
     [("|x - x_d| mm", 12), ("contact N", 10), ("settled %", 9), ("sliding %", 9), ("torque N m", 10), ("work J", 9)];
-/// Behind them, as long as it needs.
+/// Last column, of any width.
 const ENDED: &str = "ended";
 
-/// The table of a sweep, line by line as the runs end.
+/// Table of a sweep, printed line by line as the runs end.
 pub struct Table {
     widths: Vec<usize>,
 }
 
 impl Table {
-    /// Wide enough for all values.
+    /// Makes a table with columns wide enough for all values.
     #[must_use]
     pub fn new(grid: &Grid) -> Self {
         let longest = |texts: &[String]| texts.iter().map(|text| text.chars().count()).max().unwrap_or(0);
@@ -24,14 +24,14 @@ impl Table {
         Self { widths: grid.sweeps().iter().map(|sweep| width(&sweep.key, &sweep.values)).collect() }
     }
 
-    /// Its head.
+    /// Formats the head.
     #[must_use]
     pub fn head(&self, grid: &Grid) -> String {
         let keys: Vec<&str> = grid.sweeps().iter().map(|sweep| sweep.key.as_str()).collect();
         self.line(&keys, &COLUMNS.map(|(name, _)| name.to_owned()), ENDED)
     }
 
-    /// The line of a run: of what has three axes, the largest.
+    /// Formats the line of a run, with the largest value of the three axes.
     #[must_use]
     pub fn row(&self, values: &[&str], done: &Done) -> String {
         let force = &done.metrics.force;
@@ -59,7 +59,7 @@ impl Table {
     }
 }
 
-/// What came of one run.
+/// Formats the result of a single run.
 #[must_use]
 pub fn single(scenario: &str, done: &Done) -> String {
     let mut out = format!("{scenario} (in one process): {}, {:.3} s simulated\n", ended(done), done.simulated_s());
@@ -81,19 +81,19 @@ pub fn single(scenario: &str, done: &Done) -> String {
     out
 }
 
-/// How long it took, and how fast that is, with so many jobs on so many cores.
+/// Formats duration and speed of a study with so many jobs on so many cores.
 #[must_use]
 pub fn speed(runs: usize, simulated_s: f64, wall_s: f64, [jobs, cores]: [usize; 2]) -> String {
     let rate = rate(simulated_s, wall_s);
     let runs = if runs == 1 { "1 run".to_owned() } else { format!("{runs} runs") };
     let job = if jobs == 1 { "job" } else { "jobs" };
     format!(
-        "{runs}, {simulated_s:.3} s simulated in {wall_s:.2} s: {rate:.1} s a second, {:.1} on each core ({jobs} {job})",
+        "{runs}, {simulated_s:.3} s simulated in {wall_s:.2} s: {rate:.1} x real time, {:.1} x per core ({jobs} {job})",
         rate / cores as f64
     )
 }
 
-/// Simulated seconds per wall second; zero if there were none.
+/// Simulated time per wall-clock time; zero if that is zero.
 #[must_use]
 pub fn rate(simulated_s: f64, wall_s: f64) -> f64 {
     if wall_s > 0.0 { simulated_s / wall_s } else { 0.0 }
@@ -103,7 +103,7 @@ fn ended(done: &Done) -> String {
     match &done.end {
         End::Completed => "completed".to_owned(),
         End::Failed(error) => format!("NOT COMPLETED: {error}"),
-        End::Stopped => "NOT COMPLETED: it was ended".to_owned(),
+        End::Stopped => "NOT COMPLETED: interrupted".to_owned(),
     }
 }
 
@@ -121,7 +121,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn columns_stand_below_their_names() {
+    fn table_row_aligns_with_head() {
         let grid = Grid::read(&["controller.taper=0.1,0.25".to_owned(), "k=[0, 0, 50]".to_owned()]).unwrap();
         let table = Table::new(&grid);
         let mut done = Done { ticks: 10, ..Done::default() };
@@ -139,14 +139,14 @@ mod tests {
     }
 
     #[test]
-    fn speeds_are_told_in_total_and_for_each_core() {
+    fn speed_several_cores_gives_total_and_per_core() {
         let text = speed(12, 120.0, 3.0, [2, 2]);
-        assert_eq!(text, "12 runs, 120.000 s simulated in 3.00 s: 40.0 s a second, 20.0 on each core (2 jobs)");
-        assert!(speed(1, 0.0, 0.0, [1, 1]).ends_with("0.0 s a second, 0.0 on each core (1 job)"));
+        assert_eq!(text, "12 runs, 120.000 s simulated in 3.00 s: 40.0 x real time, 20.0 x per core (2 jobs)");
+        assert!(speed(1, 0.0, 0.0, [1, 1]).ends_with("0.0 x real time, 0.0 x per core (1 job)"));
     }
 
     #[test]
-    fn a_run_that_did_not_get_to_its_end_says_why() {
+    fn single_failed_run_names_cause() {
         let done = Done { end: End::Failed("tick 3: it overflowed".to_owned()), ..Done::default() };
         assert!(single("floor", &done).starts_with("floor (in one process): NOT COMPLETED: tick 3: it overflowed, 0.000 s"));
     }

@@ -1,4 +1,4 @@
-//! Which state a process works on next, and how it waits for it.
+//! Choice of the state that a process works on next, and the wait for it.
 
 use super::Context;
 use crate::arrival_predictor::ArrivalPredictor;
@@ -9,34 +9,36 @@ use crate::error::IpcError;
 use crate::realtime::SchedGrants;
 use hapfic_messages::{Check, Clock, PERIOD_NS, State};
 
-/// Whether a process may pass over states in lockstep.
+/// Whether a process may skip states in lockstep.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Gaps {
-    /// It answers each state by itself: one of two controllers, that may find ticks done by the other.
+    /// Its answer depends on one state alone: a controller, whose ticks the other controller may have answered.
     Allowed,
-    /// What it makes of a state needs the one before; it waits for a state that is missing, until the supervisor sees it hang.
+    /// Its answer depends on the state before; it waits for a missing state until the supervisor detects the hang.
     Never,
 }
 
 impl Context {
-    /// Has [`next_state`](Self::next_state) look out for states from `before_us` before they are due, instead of sleeping until they
-    /// come. Only a real-time thread on a core of its choice does: another would keep the plant from the processor. To be called when
+    /// Enables busy-poll in [`next_state`](Self::next_state), from `before_us` before a state is due. To be called when
     /// [ready](Self::ready).
+    ///
+    /// Only a real-time thread that is pinned to a core polls: another would keep the plant from the processor.
     pub fn enable_busy_poll(&mut self, before_us: u32) {
         if self.clock == Clock::Realtime && self.granted.has(SchedGrants::FIFO) && self.granted.has(SchedGrants::PINNED) {
             self.predictor = ArrivalPredictor::new(before_us);
         }
     }
 
-    /// Sleeps until shortly before the state of a tick is due, where it is looked out for. Says whether there is time for a rehearsal.
+    /// Sleeps until a tick's busy-poll window opens, if enabled. Returns whether there is time for a cache warm-up.
     #[must_use]
     pub fn sleep_until_window(&self, tick: i64) -> bool {
         self.predictor.as_ref().is_some_and(|predictor| predictor.sleep_until_window(tick))
     }
 
-    /// The state to work on after tick `seen`: in lockstep the next one, in realtime the newest. `None` when the process should
-    /// end. `slack` is called before each wait, which is for the states themselves or for something `instead`. States are
-    /// [looked out](Self::look_out) for where that is wished, but not `instead` of something else.
+    /// State to work on after tick `seen`: in lockstep the next, in realtime the newest. `None`: the process must end.
+    ///
+    /// Calls `idle_work` before each wait, which is for the states or for the input `instead`. If
+    /// [enabled](Self::enable_busy_poll), it polls for the states, but not for `instead`.
     ///
     /// # Errors
     /// [`IpcError`] if waiting or receiving fails.
@@ -46,7 +48,7 @@ impl Context {
         seen: i64,
         gaps: Gaps,
         instead: Option<&dyn Wakes>,
-        mut slack: impl FnMut(),
+        mut idle_work: impl FnMut(),
     ) -> Result<Option<State>, IpcError> {
         loop {
             let found = match self.clock {
@@ -56,10 +58,10 @@ impl Context {
             if found.is_some() {
                 return Ok(found);
             }
-            slack();
+            idle_work();
             if instead.is_none()
                 && let Some(predictor) = &self.predictor
-                && predictor.watch(&[&*input], seen.saturating_add(1), u64::MAX)
+                && predictor.poll(&[&*input], seen.saturating_add(1), u64::MAX)
                 && self.running()
             {
                 continue;
@@ -83,7 +85,7 @@ impl Context {
                 if let Some(predictor) = &mut self.predictor {
                     predictor.observe(&state, now);
                 }
-                // One that is not a period old is the newest.
+                // A state younger than a period is the newest.
                 if now.saturating_sub(state.stamp_ns) < PERIOD_NS {
                     break;
                 }
@@ -92,7 +94,8 @@ impl Context {
         Ok(found)
     }
 
-    /// States come from the plant and, after its death, from the supervisor as well, in no order between the two.
+    /// Next state after tick `seen`. States come from the plant and, after its death, also from the supervisor, in no
+    /// mutual order.
     fn state_after(&mut self, input: &mut Input<State>, seen: i64, gaps: Gaps) -> Result<Option<State>, IpcError> {
         while let Some(state) = input.next()? {
             if self.is_news(&state, seen) {
@@ -103,8 +106,8 @@ impl Context {
         Ok(next.copied())
     }
 
-    /// Counts what is damaged or older than what has been seen. The same once more is neither: a successor of the plant says again
-    /// what its forerunner said last.
+    /// Whether a state is new; rejects an invalid or older state. A repetition is neither new nor rejected: a restarted
+    /// plant republishes the last state of its predecessor.
     fn is_news(&mut self, state: &State, seen: i64) -> bool {
         let bad = state.check().is_err() || state.tick < seen;
         if bad {

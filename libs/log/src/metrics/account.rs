@@ -1,4 +1,4 @@
-//! Sums over ticks, which come in order.
+//! Sums over ticks, which arrive in order.
 
 use super::contacts::Contacts;
 use super::force::Force;
@@ -12,13 +12,13 @@ use super::summary::{ForceCommandSummary, ForceSummary, TickSummary, TrackingSum
 use super::tracking::Tracking;
 use super::window::{Slot, WINDOW};
 
-/// Most parameter sets kept: ticks are summed up to [`WINDOW`] ticks after they came, and sets come at least 5 ticks apart.
+/// Most parameter sets in memory: ticks are summed up to [`WINDOW`] ticks late, and sets are at least 5 ticks apart.
 const MOST_SETS: usize = WINDOW as usize / 5 + 8;
 
 /// Sums over the ticks that have left the window.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Account {
-    /// The set in force and those to come, by effective tick and version.
+    /// The set in force and the later sets, by effective tick and version.
     sets: Vec<ParameterSample>,
     tracking: Tracking,
     force: Force,
@@ -34,23 +34,23 @@ pub(super) struct Account {
     first: Option<i64>,
     last: Option<i64>,
     states: u64,
-    /// Commands since the first state, and the last of them.
+    /// Commands since the first state.
     commands: u64,
     last_command: Option<i64>,
 }
 
 impl Account {
-    /// A parameter set, in force from its effective tick on.
-    pub(super) fn announce(&mut self, set: ParameterSample) {
+    /// Adds a parameter set, in force from its effective tick on.
+    pub(super) fn add_set(&mut self, set: ParameterSample) {
         let key = |set: &ParameterSample| (set.effective_tick, set.version);
-        let place = self.sets.partition_point(|other| key(other) <= key(&set));
-        self.sets.insert(place, set);
+        let index = self.sets.partition_point(|other| key(other) <= key(&set));
+        self.sets.insert(index, set);
         if self.sets.len() > MOST_SETS {
             self.sets.remove(0);
         }
     }
 
-    /// The next tick.
+    /// Adds the next tick.
     pub(super) fn tick(&mut self, slot: &Slot) {
         let set = self.in_force(slot.tick);
         if let Some(reference) = &slot.reference {
@@ -60,7 +60,7 @@ impl Account {
             self.states += 1;
             self.first.get_or_insert(slot.tick);
             self.last = Some(slot.tick);
-            self.see(state, slot.command.as_ref(), set.as_ref());
+            self.on_state(state, slot.command.as_ref(), set.as_ref());
         }
         if let (Some(state), Some(reference)) = (&slot.state, &slot.reference) {
             self.tracking.tick(state, reference, slot.command.as_ref(), set.as_ref());
@@ -72,7 +72,7 @@ impl Account {
             self.force.gap();
         }
         if let Some(command) = &slot.command {
-            self.obey(slot.tick, command, set.as_ref());
+            self.on_command(slot.tick, command, set.as_ref());
         }
     }
 
@@ -82,8 +82,8 @@ impl Account {
         self.sets.first().filter(|_| begun > 0).copied()
     }
 
-    /// What happened in the scene.
-    fn see(&mut self, state: &StateSample, command: Option<&CommandSample>, set: Option<&ParameterSample>) {
+    /// Updates the metrics of the scene.
+    fn on_state(&mut self, state: &StateSample, command: Option<&CommandSample>, set: Option<&ParameterSample>) {
         let resolution = set.map_or(0.0, |set| set.force_resolution);
         let foot_free = state.force.iter().all(|force| force.abs() <= resolution);
         self.objects.tick(&state.objects);
@@ -95,7 +95,7 @@ impl Account {
         }
     }
 
-    fn obey(&mut self, tick: i64, command: &CommandSample, set: Option<&ParameterSample>) {
+    fn on_command(&mut self, tick: i64, command: &CommandSample, set: Option<&ParameterSample>) {
         if self.first.is_some() {
             self.commands += 1;
             self.last_command = Some(tick);
@@ -106,7 +106,7 @@ impl Account {
         if !command.active {
             self.force.inactive(tick);
         }
-        // In the other modes the content is that of an older request, and no force stands behind it.
+        // In the other modes the command repeats an older request, and its force does not act.
         if let (true, Some(set)) = (command.active, set) {
             self.force_command.tick(command, set);
         }

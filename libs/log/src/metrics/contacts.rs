@@ -1,25 +1,25 @@
-//! Who touched whom, for how long and how hard.
+//! Contact pairs: duration and peak force.
 
 use super::label::{Label, List};
 use super::moments::{MAX_PAIRS, PairSummary};
 use super::objects::norm;
 use super::sample::ContactSample;
 
-/// Pairs of bodies, in the order in which they first touched.
+/// Contact pairs, in the order of their first contact.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Contacts {
     pairs: List<PairSummary, MAX_PAIRS>,
 }
 
 impl Contacts {
-    /// The contacts of a tick; `foot_free`: the foot touches nothing.
+    /// Adds the contacts of a tick; `foot_free`: the foot touches nothing.
     pub(super) fn tick(&mut self, contacts: &[ContactSample], foot_free: bool) {
         for (i, contact) in contacts.iter().enumerate() {
             let pair = names(contact);
             if contacts[..i].iter().any(|before| names(before) == pair) {
                 continue;
             }
-            // A pair may touch in more places than one: what counts is the force between the two.
+            // A pair may have several contact points: their forces add up.
             let mut force = [0.0; 3];
             for part in contacts[i..].iter().filter(|other| names(other) == pair) {
                 force = std::array::from_fn(|axis| force[axis] + part.force[axis]);

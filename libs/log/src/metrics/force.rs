@@ -1,20 +1,20 @@
-//! F - F_d: how well it was held, and how soon it was back after a change.
+//! Metrics of the force error F - F_d: while a force is held, and its recovery after a change.
 
 use super::sample::{ParameterSample, ReferenceSample, StateSample};
 use super::sum::Sum;
 use super::summary::ForceSummary;
 
-/// How long nothing must have changed before the force counts as settled, ticks.
+/// Time without a change after which the force counts as settled [ticks].
 const SETTLING: u64 = 500;
 /// F_d counts as reached within this share of it.
 const REACHED: f64 = 0.01;
-/// F_d counts as recovered once it has been reached for so many ticks in a row.
+/// F_d counts as recovered after this time within reach [ticks].
 const RECOVERED: u64 = 100;
 
-/// Across its axis a foot faster than this has broken away from static friction, m/s.
-const GLIDING_M_PER_S: f64 = 0.01;
-/// How long it has to glide before what breaking away set off counts as over, ticks.
-const BROKEN_AWAY: u64 = 50;
+/// Speed across the axis above which a foot has broken away from static friction [m/s].
+const SLIDING_M_PER_S: f64 = 0.01;
+/// Time of sliding after which the transient of breaking away counts as over [ticks].
+const BREAKAWAY: u64 = 50;
 
 /// Sums of the three axes.
 #[derive(Clone, Copy, Debug, Default)]
@@ -27,19 +27,21 @@ pub(super) struct Force {
 /// Sums of one axis.
 #[derive(Clone, Copy, Debug, Default)]
 struct Axis {
-    wish: Option<Wish>,
+    target: Option<Target>,
     desired: Option<f64>,
     settled: Sum,
     settled_relative: Sum,
+    /// While the reference moves across the axis.
     sliding_relative: Sum,
-    gliding_relative: Sum,
-    gliding_since: Option<i64>,
-    /// The hold that goes on, if its count is not zero: a stretch of settled ticks with one wish.
+    /// While the foot slides, too, after breaking away.
+    steady_sliding_relative: Sum,
+    sliding_since: Option<i64>,
+    /// Present hold if its count is not zero: consecutive settled ticks with one target.
     hold: Sum,
     hold_force: f64,
     holds: u64,
     last_hold: Option<f64>,
-    /// Its error, and its F_d.
+    /// Error and F_d of the worst hold.
     worst_hold: Option<(f64, f64)>,
     overshoot: Option<f64>,
     recoveries: u64,
@@ -47,9 +49,9 @@ struct Axis {
     slowest: Option<u64>,
 }
 
-/// F_d on one axis, and the gains it is held with.
+/// F_d on one axis, and the gains that hold it.
 #[derive(Clone, Copy, Debug)]
-struct Wish {
+struct Target {
     force: f64,
     gains: [f64; 3],
     since: i64,
@@ -57,65 +59,65 @@ struct Wish {
     reached: bool,
     /// Reached since F_d was set, perhaps with other gains.
     matched: bool,
-    /// Whether the axis felt a contact.
-    felt: bool,
-    /// Tick since which it has been within reach.
+    /// Whether the axis had contact.
+    touched: bool,
+    /// First of the consecutive ticks within reach.
     within_since: Option<i64>,
     recovered: bool,
 }
 
-impl Wish {
+impl Target {
     fn new(tick: i64, force: f64, gains: [f64; 3]) -> Self {
-        Self { force, gains, since: tick, reached: false, matched: false, felt: false, within_since: None, recovered: false }
+        Self { force, gains, since: tick, reached: false, matched: false, touched: false, within_since: None, recovered: false }
     }
 
-    /// Felt, but neither reached nor kept.
-    fn is_missed(&self) -> bool {
-        self.force != 0.0 && self.felt && !self.recovered
+    /// Whether the axis had contact without recovery.
+    fn is_unrecovered(&self) -> bool {
+        self.force != 0.0 && self.touched && !self.recovered
     }
 }
 
 impl Force {
-    /// A reference of a tick.
+    /// Adds the reference of a tick.
     pub(super) fn reference(&mut self, tick: i64, reference: &ReferenceSample) {
         self.rest_since = if reference.at_rest() { self.rest_since.or(Some(tick)) } else { None };
     }
 
-    /// A tick with all that it takes.
+    /// Adds a tick with state, reference and parameters.
     pub(super) fn tick(&mut self, tick: i64, state: &StateSample, reference: &ReferenceSample, set: &ParameterSample) {
         let rested = self.rest_since.is_some_and(|since| tick.abs_diff(since) >= SETTLING);
         for (i, axis) in self.axes.iter_mut().enumerate() {
             let gains = [set.stiffness[i], set.max_force[i], set.position_bound[i]];
-            axis.wish(tick, set.desired_force[i], gains);
+            axis.set_target(tick, set.desired_force[i], gains);
             let at = At {
                 tick,
                 across: reference.moves_across(i),
-                gliding: state.speed_across(i) > GLIDING_M_PER_S,
+                slides: state.speed_across(i) > SLIDING_M_PER_S,
                 rested,
                 resolution: set.force_resolution,
             };
-            axis.feel(at, state.force[i]);
+            axis.add(at, state.force[i]);
         }
     }
 
-    /// A tick of which nothing is known: holds end before it.
+    /// Ends all holds before an unknown tick.
     pub(super) fn gap(&mut self) {
         self.axes.iter_mut().for_each(Axis::close_hold);
     }
 
-    /// No force is asked for: what was reached has to be reached anew.
+    /// Ends all holds and restarts the targets: no force is commanded.
     pub(super) fn inactive(&mut self, tick: i64) {
         self.rest_since = None;
         for axis in &mut self.axes {
             axis.close_hold();
-            axis.wish = axis.wish.map(|wish| Wish::new(tick, wish.force, wish.gains));
+            axis.target = axis.target.map(|target| Target::new(tick, target.force, target.gains));
         }
     }
 
     pub(super) fn summary(&self) -> ForceSummary {
         let axes = self.axes.map(|mut axis| {
             axis.close_hold();
-            axis.unrecovered += u64::from(axis.wish.is_some_and(|wish| wish.is_missed()));
+            axis.unrecovered += u64::from(axis.target.is_some_and(|target| target.is_unrecovered()));
             axis
         });
         let percent = |sum: Sum| sum.rms().map(|share| 100.0 * share);
@@ -130,8 +132,8 @@ impl Force {
             last_hold_rms_percent: axes.map(|axis| axis.last_hold.map(|share| 100.0 * share)),
             sliding_rms_percent: axes.map(|axis| percent(axis.sliding_relative)),
             sliding_ticks: axes.map(|axis| axis.sliding_relative.count),
-            gliding_rms_percent: axes.map(|axis| percent(axis.gliding_relative)),
-            gliding_ticks: axes.map(|axis| axis.gliding_relative.count),
+            gliding_rms_percent: axes.map(|axis| percent(axis.steady_sliding_relative)),
+            gliding_ticks: axes.map(|axis| axis.steady_sliding_relative.count),
             overshoot_n: axes.map(|axis| axis.overshoot),
             recoveries: axes.map(|axis| axis.recoveries),
             unrecovered: axes.map(|axis| axis.unrecovered),
@@ -140,64 +142,64 @@ impl Force {
     }
 }
 
-/// What an axis needs to know of a tick.
+/// Properties of a tick for one axis.
 #[derive(Clone, Copy)]
 struct At {
     tick: i64,
     /// The reference moves across the axis.
     across: bool,
-    /// The foot does.
-    gliding: bool,
+    /// The foot moves across the axis.
+    slides: bool,
     rested: bool,
     resolution: f64,
 }
 
 impl Axis {
-    /// Takes note of what is wished now.
-    fn wish(&mut self, tick: i64, force: f64, gains: [f64; 3]) {
-        let new = Wish::new(tick, force, gains);
-        match self.wish {
-            None => self.wish = Some(new),
+    /// Updates the target if F_d or a gain changed.
+    fn set_target(&mut self, tick: i64, force: f64, gains: [f64; 3]) {
+        let new = Target::new(tick, force, gains);
+        match self.target {
+            None => self.target = Some(new),
             Some(old) if old.force != force || old.gains != gains => {
-                self.unrecovered += u64::from(old.is_missed());
+                self.unrecovered += u64::from(old.is_unrecovered());
                 self.close_hold();
-                self.wish = Some(Wish { matched: old.matched && old.force == force, ..new });
+                self.target = Some(Target { matched: old.matched && old.force == force, ..new });
             }
             Some(_) => {}
         }
     }
 
-    fn feel(&mut self, at: At, felt: f64) {
-        let Some(wish) = &mut self.wish else { return };
-        let force = wish.force;
+    fn add(&mut self, at: At, measured: f64) {
+        let Some(target) = &mut self.target else { return };
+        let force = target.force;
         if force == 0.0 {
             return;
         }
-        let error = felt - force;
+        let error = measured - force;
         self.desired = Some(force);
         let within = error.abs() <= (REACHED * force.abs()).max(at.resolution);
-        wish.felt |= felt.abs() > at.resolution;
-        wish.reached |= within;
-        wish.matched |= within;
-        wish.within_since = if within { wish.within_since.or(Some(at.tick)) } else { None };
-        if let Some(since) = wish.within_since
-            && !wish.recovered
+        target.touched |= measured.abs() > at.resolution;
+        target.reached |= within;
+        target.matched |= within;
+        target.within_since = if within { target.within_since.or(Some(at.tick)) } else { None };
+        if let Some(since) = target.within_since
+            && !target.recovered
             && at.tick.abs_diff(since) >= RECOVERED
         {
-            wish.recovered = true;
+            target.recovered = true;
             self.recoveries += 1;
-            self.slowest = self.slowest.max(Some(since.abs_diff(wish.since)));
+            self.slowest = self.slowest.max(Some(since.abs_diff(target.since)));
         }
-        if wish.matched {
+        if target.matched {
             self.overshoot = Some(self.overshoot.unwrap_or(0.0).max(error * force.signum()));
         }
-        let held = wish.reached && at.tick.abs_diff(wish.since) >= SETTLING;
-        let glides = at.across && at.gliding;
-        self.gliding_since = if glides { self.gliding_since.or(Some(at.tick)) } else { None };
+        let held = target.reached && at.tick.abs_diff(target.since) >= SETTLING;
+        let slides = at.across && at.slides;
+        self.sliding_since = if slides { self.sliding_since.or(Some(at.tick)) } else { None };
         if held && at.across {
             self.sliding_relative.add(error / force);
-            if self.gliding_since.is_some_and(|since| at.tick.abs_diff(since) >= BROKEN_AWAY) {
-                self.gliding_relative.add(error / force);
+            if self.sliding_since.is_some_and(|since| at.tick.abs_diff(since) >= BREAKAWAY) {
+                self.steady_sliding_relative.add(error / force);
             }
         }
         if held && at.rested {

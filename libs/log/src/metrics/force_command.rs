@@ -1,4 +1,4 @@
-//! F_c against F_max.
+//! Metrics of F_c against F_max.
 
 use super::sample::{CommandSample, ParameterSample};
 use super::summary::ForceCommandSummary;

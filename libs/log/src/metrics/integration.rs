@@ -1,4 +1,4 @@
-//! What the plant's integrator had to do.
+//! Metrics of the plant's integrator.
 
 use super::moments::IntegrationSummary;
 use super::sample::PhysicsSample;
@@ -11,12 +11,13 @@ pub(super) struct Integration {
     contact_substeps: u64,
     newton_iterations: u64,
     unconverged: u64,
-    /// Of the work of the contacts, and of it with what they store.
+    /// Rise of the contact work.
     returned: Rise,
+    /// Rise of contact work and stored energy together.
     created: Rise,
 }
 
-/// The largest rise above the least before.
+/// Largest rise above the least value before.
 #[derive(Clone, Copy, Debug, Default)]
 struct Rise {
     least: Option<f64>,
@@ -24,7 +25,7 @@ struct Rise {
 }
 
 impl Rise {
-    fn see(&mut self, value: f64) {
+    fn update(&mut self, value: f64) {
         let least = self.least.map_or(value, |least| least.min(value));
         self.least = Some(least);
         self.largest = self.largest.max(value - least);
@@ -39,8 +40,8 @@ impl Integration {
         self.contact_substeps += physics.contact_substeps;
         self.newton_iterations += physics.newton_iterations;
         self.unconverged += physics.unconverged;
-        self.returned.see(physics.contact_work_j);
-        self.created.see(physics.contact_work_j + physics.contact_stored_j);
+        self.returned.update(physics.contact_work_j);
+        self.created.update(physics.contact_work_j + physics.contact_stored_j);
     }
 
     pub(super) fn summary(&self) -> IntegrationSummary {

@@ -1,13 +1,13 @@
-//! Names and lists in place: what a log may hold of any length takes a fixed room here, and no heap.
+//! Names and lists of a fixed size without heap, for log content of any length.
 
 use serde::{Serialize, Serializer};
 use std::fmt;
 use std::ops::Deref;
 
-/// Most bytes of a name that are kept.
+/// Most bytes of a name.
 const BYTES: usize = 31;
 
-/// A name, cut to 31 bytes.
+/// Name, cut to 31 bytes.
 #[derive(Clone, Copy, Default, PartialEq, Eq)]
 pub struct Label {
     bytes: [u8; BYTES],
@@ -15,7 +15,7 @@ pub struct Label {
 }
 
 impl Label {
-    /// The name, or as many whole characters of it as there is room for.
+    /// Copies the name, or as many whole characters of it as fit.
     #[must_use]
     pub fn new(name: &str) -> Self {
         let length = name.floor_char_boundary(BYTES);
@@ -24,7 +24,7 @@ impl Label {
         Self { bytes, length: length as u8 }
     }
 
-    /// As text.
+    /// Returns the name as text.
     #[must_use]
     pub fn as_str(&self) -> &str {
         std::str::from_utf8(&self.bytes[..usize::from(self.length)]).unwrap_or_default()
@@ -49,10 +49,10 @@ impl Serialize for Label {
     }
 }
 
-/// Up to `N` items; a slice for whoever reads it.
+/// List of up to `N` items that reads as a slice.
 #[derive(Clone, Copy, PartialEq)]
 pub struct List<T, const N: usize> {
-    /// Those from `length` on are default, so that equal lists are equal as a whole.
+    /// Items from `length` on are default, so that equal lists have equal arrays.
     items: [T; N],
     length: usize,
 }
@@ -64,22 +64,22 @@ impl<T: Copy + Default, const N: usize> Default for List<T, N> {
 }
 
 impl<T, const N: usize> List<T, N> {
-    /// Adds an item, if there is room.
+    /// Adds an item if the list is not full.
     fn push(&mut self, item: T) {
-        if let Some(place) = self.items.get_mut(self.length) {
-            *place = item;
+        if let Some(next) = self.items.get_mut(self.length) {
+            *next = item;
             self.length += 1;
         }
     }
 
-    /// The first item that `is` the one, or else a new one at the end; `None` if there is no room for it.
-    pub(super) fn entry(&mut self, is: impl FnMut(&T) -> bool, new: impl FnOnce() -> T) -> Option<&mut T> {
-        let place = self.iter().position(is).unwrap_or_else(|| {
-            let place = self.length;
+    /// Returns the first item that `matches`, or else a new one at the end; `None` if the list is full.
+    pub(super) fn entry(&mut self, matches: impl FnMut(&T) -> bool, new: impl FnOnce() -> T) -> Option<&mut T> {
+        let index = self.iter().position(matches).unwrap_or_else(|| {
+            let index = self.length;
             self.push(new());
-            place
+            index
         });
-        self.items.get_mut(place)
+        self.items.get_mut(index)
     }
 }
 
@@ -91,7 +91,7 @@ impl<T, const N: usize> Deref for List<T, N> {
     }
 }
 
-/// Keeps the first `N`.
+/// Collects the first `N` items.
 impl<T: Copy + Default, const N: usize> FromIterator<T> for List<T, N> {
     fn from_iter<I: IntoIterator<Item = T>>(items: I) -> Self {
         let mut list = Self::default();
@@ -117,7 +117,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_name_is_cut_between_characters() {
+    fn label_long_name_is_cut_between_characters() {
         assert_eq!(Label::new("shank").as_str(), "shank");
         // 30 bytes, then one character of two.
         let long = format!("{}é", "a".repeat(30));
@@ -126,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn a_full_list_takes_no_more_and_finds_what_it_has() {
+    fn list_full_finds_items_and_adds_none() {
         let mut list: List<u32, 2> = [1, 2, 3].into_iter().collect();
         assert_eq!(*list, [1, 2]);
         assert_eq!(list.entry(|&item| item == 2, || 9), Some(&mut 2));

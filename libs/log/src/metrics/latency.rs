@@ -1,15 +1,15 @@
-//! A distribution of durations.
+//! Distribution of durations.
 
 use super::summary::Quantiles;
 use hdrhistogram::Histogram;
 
-/// Durations above are counted as this, ns; the largest is kept exactly all the same.
+/// Limit above which durations count as this one [ns]; the largest is exact nevertheless.
 const LONGEST_NS: u64 = 60_000_000_000;
-/// Digits that a quantile is good for.
+/// Precision of a quantile [digits].
 const DIGITS: u8 = 3;
 const NS_PER_US: f64 = 1e3;
 
-/// A distribution of durations, to three digits, in a fixed 200 kB.
+/// Distribution of durations, to three digits, in a fixed 200 kB.
 #[derive(Clone, Debug)]
 pub struct Latencies {
     histogram: Histogram<u64>,
@@ -25,13 +25,13 @@ impl Default for Latencies {
 }
 
 impl Latencies {
-    /// Counts one.
+    /// Counts a duration.
     pub fn record(&mut self, duration_ns: u64) {
         self.histogram.saturating_record(duration_ns);
         self.largest_ns = self.largest_ns.max(duration_ns);
     }
 
-    /// In microseconds; `None` if nothing was recorded.
+    /// Returns the quantiles [us]; `None` if nothing was recorded.
     #[must_use]
     pub fn quantiles_us(&self) -> Option<Quantiles> {
         let quantile = |q| self.histogram.value_at_quantile(q).min(self.largest_ns) as f64 / NS_PER_US;
@@ -50,7 +50,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn quantiles_are_in_order_and_the_largest_is_exact() {
+    fn latencies_uniform_give_quantiles_and_exact_maximum() {
         assert_eq!(Latencies::default().quantiles_us(), None);
         let mut all = Latencies::default();
         (1..=10_000_u64).for_each(|us| all.record(us * 1000));
@@ -59,7 +59,7 @@ mod tests {
             assert!((found / expected - 1.0_f64).abs() < 2e-3, "{found} for {expected}");
         }
         assert_eq!(q.max, 10_000.0);
-        // Beyond what the histogram holds.
+        // Above the range of the histogram.
         all.record(100 * LONGEST_NS);
         assert_eq!(all.quantiles_us().unwrap().max, 100.0 * LONGEST_NS as f64 / 1e3);
     }

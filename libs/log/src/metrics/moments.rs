@@ -1,96 +1,96 @@
-//! The figures of what happened in the scene: objects, contacts, posture, and the integration behind them.
+//! Metrics of the scene: objects, contacts, posture, and the integration behind them.
 
 use super::label::{Label, List};
 use hapfic_messages::{MAX_JOINTS, MAX_OBJECTS};
 use serde::Serialize;
 
-/// Most pairs of bodies whose contacts are told apart; those that touch first count.
+/// Most contact pairs; the first ones count.
 pub const MAX_PAIRS: usize = 24;
 
-/// What happened in the scene.
+/// Metrics of the scene.
 ///
-/// The foot touches nothing where no component of its measured force is above the force resolution in force.
+/// The foot touches nothing where no component of its measured force is above the force resolution of that tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct MomentsSummary {
     /// Free bodies, in the order of the scenario.
     pub objects: List<ObjectSummary, MAX_OBJECTS>,
-    /// Pairs of bodies that touched, in the order in which they first did.
+    /// Contact pairs, in the order of their first contact.
     pub contacts: List<PairSummary, MAX_PAIRS>,
     /// Joints, from the base to the tip.
     pub joints: List<JointSummary, MAX_JOINTS>,
-    /// Wished forces while the foot touches nothing.
+    /// Axes with a desired force while the foot touches nothing.
     pub air: AirSummary,
 }
 
-/// How a free body turned and moved, against its first pose.
+/// Rotation and displacement of a free body against its first pose.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct ObjectSummary {
-    /// Its name in the scenario.
+    /// Name in the scenario.
     pub name: Label,
-    /// Largest angle of the turn from its first to a later orientation, degrees, 0 to 180.
+    /// Largest angle of rotation from the first to a later orientation, 0 to 180 [degrees].
     pub max_turn_deg: f64,
-    /// The same of its last orientation, degrees.
+    /// Angle of rotation from the first to the last orientation [degrees].
     pub final_turn_deg: f64,
-    /// Whether it ever rested on another face: its z axis 80 degrees or more from where it pointed first, for 0.2 s slower
-    /// than 1 mm/s and 0.01 rad/s.
+    /// Whether it ever rested on another face: its z axis at least 80 degrees from the first direction, for 0.2 s
+    /// slower than 1 mm/s and 0.01 rad/s.
     pub tipped_at_rest: bool,
-    /// Largest distance of its centre of mass from its first place, m.
+    /// Largest distance of the centre of mass from its first position [m].
     pub max_displacement_m: f64,
 }
 
-/// Contacts of two bodies.
+/// Contact pair.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct PairSummary {
     /// The first body: a link, or an object on something fixed.
     pub body: Label,
     /// The second body.
     pub against: Label,
-    /// Ticks in which they touched.
+    /// Ticks with contact between the two.
     pub ticks: u64,
     /// Of these, ticks in which the foot touched nothing.
     pub foot_free_ticks: u64,
-    /// Largest mean force of a tick between the two, N.
+    /// Largest mean force of a tick between the two [N].
     pub peak_n: f64,
 }
 
 /// One joint.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct JointSummary {
-    /// Smallest |q|, degrees (of a prismatic joint, its metres taken for radians).
+    /// Smallest |q| [degrees]; metres of a prismatic joint count as radians.
     pub smallest_deg: f64,
-    /// Ticks within one degree of zero: a knee is straight there.
+    /// Ticks within one degree of zero, where a knee is straight.
     pub straight_ticks: u64,
 }
 
-/// Axes with a wished force, at ticks in mode `active` at which the foot touches nothing: the law must not search there.
+/// Axes with a desired force, at ticks in mode `active` without contact of the foot: the law must not search there.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct AirSummary {
-    /// Ticks of it.
+    /// Number of such ticks.
     pub ticks: [u64; 3],
-    /// Largest |dx|, m; 0 if there is no drift.
+    /// Largest |dx| [m]; 0 if there is no drift.
     pub max_offset_m: [f64; 3],
-    /// Largest |e|, e = x_d + dx - x, m; also while the reference moves.
+    /// Largest |e|, e = x_d + dx - x [m]; also while the reference moves.
     pub max_error_m: [f64; 3],
 }
 
-/// What the plant's integrator had to do.
+/// Metrics of the plant's integrator.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct IntegrationSummary {
-    /// Ticks in which anything touched anything.
+    /// Ticks with any contact.
     pub contact_ticks: u64,
     /// Sub-steps.
     pub substeps: u64,
-    /// Of these, implicit ones: near a contact or a joint's stop.
+    /// Of these, implicit sub-steps: near a contact or a joint's stop.
     pub contact_substeps: u64,
-    /// Newton iterations of these.
+    /// Newton iterations of the implicit sub-steps.
     pub newton_iterations: u64,
-    /// Mean of Newton iterations per implicit sub-step.
+    /// Mean number of Newton iterations per implicit sub-step.
     pub newton_per_contact_substep: Option<f64>,
     /// Implicit sub-steps that ended above the tolerance.
     pub unconverged: u64,
-    /// Largest rise of the work done by the contacts above its least value so far, J: what compressed contacts gave back.
+    /// Largest rise of the contact work above its least value so far [J]: the energy that compressed contacts returned.
     pub contact_energy_returned_j: f64,
-    /// Largest rise of the work done by the contacts, and the elastic energy stored in them, above its least value so far, J.
-    /// Contacts only dissipate: any rise was created by the integration.
+    /// Largest rise of contact work and elastic contact energy together above their least value so far [J].
+    /// Contacts only dissipate: any rise is an error of the integration.
     pub contact_energy_created_j: f64,
 }

@@ -1,16 +1,16 @@
-//! How free bodies turned and moved.
+//! Rotation and displacement of the free bodies.
 
 use super::label::{Label, List};
 use super::moments::ObjectSummary;
 use super::sample::ObjectSample;
 use hapfic_messages::MAX_OBJECTS;
 
-/// A body lies on another face from this angle between its z axis then and now on, rad: 80 degrees.
+/// Angle between a body's first and present z axis from which it lies on another face [rad]: 80 degrees.
 const TIPPED_RAD: f64 = 80.0 * std::f64::consts::PI / 180.0;
-/// A body slower than both of these is at rest, m/s and rad/s.
+/// Speeds below which a body is at rest, both together [m/s] and [rad/s].
 const REST_M_PER_S: f64 = 1e-3;
 const REST_RAD_PER_S: f64 = 1e-2;
-/// How long it must be so, ticks.
+/// Duration of rest that counts [ticks].
 const REST_TICKS: u64 = 200;
 
 /// The free bodies, by name.
@@ -25,10 +25,10 @@ struct Body {
     name: Label,
     start_position: [f64; 3],
     start_orientation: [f64; 4],
-    turn: f64,
-    largest_turn: f64,
+    rotation: f64,
+    largest_rotation: f64,
     largest_displacement: f64,
-    /// Ticks for which it has been at rest on another face.
+    /// Ticks of rest on another face so far.
     tipped: u64,
     tipped_at_rest: bool,
 }
@@ -51,8 +51,8 @@ impl Objects {
     pub(super) fn summary(&self) -> List<ObjectSummary, MAX_OBJECTS> {
         let summary = |body: &Body| ObjectSummary {
             name: body.name,
-            max_turn_deg: body.largest_turn.to_degrees(),
-            final_turn_deg: body.turn.to_degrees(),
+            max_turn_deg: body.largest_rotation.to_degrees(),
+            final_turn_deg: body.rotation.to_degrees(),
             tipped_at_rest: body.tipped_at_rest,
             max_displacement_m: body.largest_displacement,
         };
@@ -62,19 +62,21 @@ impl Objects {
 
 impl Body {
     fn tick(&mut self, object: &ObjectSample) {
-        self.turn = angle_between(self.start_orientation, object.orientation);
-        self.largest_turn = self.largest_turn.max(self.turn);
-        let way: [f64; 3] = std::array::from_fn(|i| object.position[i] - self.start_position[i]);
-        self.largest_displacement = self.largest_displacement.max(norm(way));
-        let rests = norm(object.linear_velocity) < REST_M_PER_S && norm(object.angular_velocity) < REST_RAD_PER_S;
+        self.rotation = angle_between(self.start_orientation, object.orientation);
+        self.largest_rotation = self.largest_rotation.max(self.rotation);
+        let displacement: [f64; 3] = std::array::from_fn(|i| object.position[i] - self.start_position[i]);
+        self.largest_displacement = self.largest_displacement.max(norm(displacement));
+        let at_rest = norm(object.linear_velocity) < REST_M_PER_S && norm(object.angular_velocity) < REST_RAD_PER_S;
         let (then, now) = (z_axis(self.start_orientation), z_axis(object.orientation));
         let tipped = norm(cross(then, now)).atan2(dot(then, now)) >= TIPPED_RAD;
-        self.tipped = if rests && tipped { self.tipped + 1 } else { 0 };
+        self.tipped = if at_rest && tipped { self.tipped + 1 } else { 0 };
         self.tipped_at_rest |= self.tipped >= REST_TICKS;
     }
 }
 
-/// Angle of the turn from orientation `a` to `b`, rad, 0 to pi; quaternions are x y z w. Exact near 0 too, unlike the arc cosine.
+/// Returns the angle of rotation from orientation `a` to `b`, 0 to pi [rad]; quaternions are x y z w.
+///
+/// Exact near 0 too, unlike the arc cosine.
 #[must_use]
 pub fn angle_between(a: [f64; 4], b: [f64; 4]) -> f64 {
     let (u, v) = ([a[0], a[1], a[2]], [b[0], b[1], b[2]]);
@@ -84,7 +86,7 @@ pub fn angle_between(a: [f64; 4], b: [f64; 4]) -> f64 {
     2.0 * norm(vector).atan2(scalar.abs())
 }
 
-/// Where a body's z axis points, given its unit quaternion.
+/// Direction of a body's z axis, given its unit quaternion.
 fn z_axis([x, y, z, w]: [f64; 4]) -> [f64; 3] {
     [2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)]
 }
@@ -106,7 +108,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_angle_is_that_of_the_turn_between_whichever_sign_a_quaternion_has() {
+    fn angle_between_either_quaternion_sign_is_rotation_angle() {
         let about_x = |angle: f64| [(0.5 * angle).sin(), 0.0, 0.0, (0.5 * angle).cos()];
         for (from, to) in [(0.3, 0.3), (0.3, 0.3 + 1e-9), (-1.0, 1.5), (0.0, 3.0)] {
             let negative = about_x(to).map(|part| -part);

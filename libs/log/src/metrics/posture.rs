@@ -1,11 +1,11 @@
-//! Joints near zero, and wished forces in the air.
+//! Joints near zero, and axes with a desired force without contact.
 
 use super::label::List;
 use super::moments::{AirSummary, JointSummary};
 use super::sample::{CommandSample, ParameterSample};
 use hapfic_messages::MAX_JOINTS;
 
-/// A joint so near zero is straight, rad: one degree.
+/// Angle below which a joint is straight [rad]: one degree.
 const STRAIGHT_RAD: f64 = std::f64::consts::PI / 180.0;
 
 /// The joints, from the base to the tip.
@@ -34,14 +34,14 @@ impl Joints {
     }
 }
 
-/// The axes on which a force is wished while the foot touches nothing.
+/// Axes with a desired force while the foot touches nothing.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Air {
     summary: AirSummary,
 }
 
 impl Air {
-    /// A tick with an active command, the foot in the air.
+    /// Adds a tick with an active command and no contact of the foot.
     pub(super) fn tick(&mut self, command: &CommandSample, set: &ParameterSample) {
         let (Some(offset), Some(error)) = (command.offset, command.error) else { return };
         let sum = &mut self.summary;

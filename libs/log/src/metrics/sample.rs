@@ -1,15 +1,15 @@
-//! What the metrics keep of a message, checked.
+//! Checked excerpts of the messages, for the metrics.
 
 use super::label::{Label, List};
 use crate::proto;
 use hapfic_messages::{MAX_CONTACTS, MAX_JOINTS, MAX_OBJECTS, Mode, Source};
 
-/// A damaged or foreign log may hold anything; no length, speed or force of a run comes near.
+/// Largest plausible value, far above any length, speed or force of a run. A damaged or foreign log may hold anything.
 const LARGEST: f64 = 1e12;
-/// A quaternion shorter than this points nowhere.
+/// Shortest quaternion with a direction.
 const SHORTEST: f64 = 1e-6;
 
-/// Of a state.
+/// Excerpt of a state.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct StateSample {
     pub(super) position: [f64; 3],
@@ -22,14 +22,14 @@ pub(super) struct StateSample {
 }
 
 impl StateSample {
-    /// `None` if a vector has not 3 finite elements; so for all samples. Lists are cut to what a state of a run may hold.
+    /// Returns `None` unless every vector has 3 finite elements, as for all samples. Lists are cut to a state's capacity.
     pub(super) fn new(message: &proto::State) -> Option<Self> {
         let joints = message.joint_position.iter().take(MAX_JOINTS);
         Some(Self {
             position: vector(&message.foot_position)?,
             velocity: vector_if_any(&message.foot_velocity)?.unwrap_or_default(),
             force: vector(&message.foot_force)?,
-            joints: joints.map(|&q| believable(q).then_some(q)).collect::<Option<_>>()?,
+            joints: joints.map(|&q| is_plausible(q).then_some(q)).collect::<Option<_>>()?,
             objects: message.objects.iter().take(MAX_OBJECTS).map(ObjectSample::new).collect::<Option<_>>()?,
             contacts: message.contacts.iter().take(MAX_CONTACTS).map(ContactSample::new).collect::<Option<_>>()?,
             physics: match &message.physics {
@@ -41,19 +41,19 @@ impl StateSample {
 }
 
 impl StateSample {
-    /// How fast the foot moves across an axis, m/s.
+    /// Speed of the foot across an axis [m/s].
     pub(super) fn speed_across(&self, axis: usize) -> f64 {
         let others = self.velocity.iter().enumerate().filter(|(i, _)| *i != axis);
         others.map(|(_, v)| v * v).sum::<f64>().sqrt()
     }
 }
 
-/// Of a free body.
+/// Excerpt of a free body.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct ObjectSample {
     pub(super) name: Label,
     pub(super) position: [f64; 3],
-    /// Of unit length, x y z w.
+    /// Unit quaternion x y z w.
     pub(super) orientation: [f64; 4],
     pub(super) linear_velocity: [f64; 3],
     pub(super) angular_velocity: [f64; 3],
@@ -71,7 +71,7 @@ impl ObjectSample {
     }
 }
 
-/// Of a contact.
+/// Excerpt of a contact.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct ContactSample {
     pub(super) body: Label,
@@ -86,22 +86,22 @@ impl ContactSample {
     }
 }
 
-/// Of the integrator's account.
+/// Excerpt of the integrator's account.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct PhysicsSample {
     pub(super) substeps: u64,
     pub(super) contact_substeps: u64,
     pub(super) newton_iterations: u64,
     pub(super) unconverged: u64,
-    /// Work done by the contacts since the start, J.
+    /// Work of the contacts since the start [J].
     pub(super) contact_work_j: f64,
-    /// Elastic energy in them now, J.
+    /// Elastic energy in the contacts [J].
     pub(super) contact_stored_j: f64,
 }
 
 impl PhysicsSample {
     fn new(message: &proto::Physics) -> Option<Self> {
-        let joule = |value: f64| believable(value).then_some(value);
+        let joule = |value: f64| is_plausible(value).then_some(value);
         Some(Self {
             substeps: message.substeps.into(),
             contact_substeps: message.contact_substeps.into(),
@@ -113,7 +113,7 @@ impl PhysicsSample {
     }
 }
 
-/// Of a reference.
+/// Excerpt of a reference.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ReferenceSample {
     pub(super) position: [f64; 3],
@@ -125,28 +125,28 @@ impl ReferenceSample {
         Some(Self { position: vector(&message.position)?, velocity: vector(&message.velocity)? })
     }
 
-    /// Exactly: the planner's arcs end at rest in closed form.
+    /// Whether the reference is at rest. The comparison is exact: the planner's arcs end at rest in closed form.
     pub(super) fn at_rest(&self) -> bool {
         self.velocity == [0.0; 3]
     }
 
-    /// Whether it moves across an axis, and not along it.
+    /// Whether the reference moves across an axis and not along it.
     pub(super) fn moves_across(&self, axis: usize) -> bool {
         !self.at_rest() && self.velocity[axis] == 0.0
     }
 }
 
-/// Of a command.
+/// Excerpt of a command.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct CommandSample {
     pub(super) force: [f64; 3],
     pub(super) active: bool,
     pub(super) converging: [bool; 3],
-    /// No valid request of its tick stands behind it.
+    /// The gate had no valid request of this tick.
     pub(super) missed: bool,
-    /// The peak cut the torque of a joint.
+    /// The peak limited the torque of a joint.
     pub(super) limited: bool,
-    /// dx; `None` in a log that has none, and so for the error.
+    /// dx; `None` in a log without it, as for the error.
     pub(super) offset: Option<[f64; 3]>,
     pub(super) error: Option<[f64; 3]>,
 }
@@ -165,7 +165,7 @@ impl CommandSample {
     }
 }
 
-/// Of a parameter set.
+/// Excerpt of a parameter set.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ParameterSample {
     pub(super) version: u64,
@@ -186,17 +186,17 @@ impl ParameterSample {
             stiffness: vector_if_any(&message.stiffness)?.unwrap_or_default(),
             max_force: vector(&message.max_force)?,
             position_bound: vector(&message.position_bound)?,
-            force_resolution: believable(message.force_resolution).then_some(message.force_resolution)?,
+            force_resolution: is_plausible(message.force_resolution).then_some(message.force_resolution)?,
         })
     }
 }
 
 fn vector<const N: usize>(values: &[f64]) -> Option<[f64; N]> {
     let vector: [f64; N] = values.try_into().ok()?;
-    vector.into_iter().all(believable).then_some(vector)
+    vector.into_iter().all(is_plausible).then_some(vector)
 }
 
-/// A vector that may be left out: `Some(None)` if it is, `None` if it is there and not valid.
+/// Reads an optional vector: `Some(None)` if it is empty, `None` if it is invalid.
 fn vector_if_any(values: &[f64]) -> Option<Option<[f64; 3]>> {
     if values.is_empty() { Some(None) } else { vector(values).map(Some) }
 }
@@ -206,6 +206,6 @@ fn unit(quaternion: [f64; 4]) -> Option<[f64; 4]> {
     (length >= SHORTEST).then(|| quaternion.map(|part| part / length))
 }
 
-fn believable(value: f64) -> bool {
+fn is_plausible(value: f64) -> bool {
     value.abs() < LARGEST
 }

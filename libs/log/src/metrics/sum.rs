@@ -10,14 +10,14 @@ pub(super) struct Sum {
 
 impl Sum {
     pub(super) fn add(&mut self, value: f64) {
-        // Numbers of another program may be beyond all measure, and their figures are numbers all the same.
+        // Clamped: values of another program may overflow, and every metric is finite.
         let size = value.abs().min(f64::MAX);
         self.squares = (self.squares + size * size).min(f64::MAX);
         self.largest = self.largest.max(size);
         self.count += 1;
     }
 
-    /// Root of the mean square; `None` if nothing was added.
+    /// Root mean square; `None` if nothing was added.
     pub(super) fn rms(&self) -> Option<f64> {
         (self.count > 0).then(|| (self.squares / self.count as f64).sqrt())
     }

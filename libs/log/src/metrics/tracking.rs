@@ -1,16 +1,16 @@
-//! x - x_d, and why it was large.
+//! Metrics of the error x - x_d, and the causes of large errors.
 
 use super::sample::{CommandSample, ParameterSample, ReferenceSample, StateSample};
 use super::sum::Sum;
 use super::summary::{OutsideSummary, TrackingSummary};
 
-/// F_c counts as at its limit from this share of F_max on: the profile comes near it, but for a small step at the end.
+/// Share of F_max from which F_c counts as at its limit: the profile comes near it, but for a small step at the end.
 pub(super) const AT_LIMIT: f64 = 0.999;
 
-/// An axis slower than this against its reference stands still, m/s.
-const STANDING_M_PER_S: f64 = 1e-3;
+/// Speed against the reference below which an axis is at rest [m/s].
+const REST_M_PER_S: f64 = 1e-3;
 
-/// Sums over the ticks that have a state and a reference.
+/// Sums over the ticks with a state and a reference.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Tracking {
     axes: [Axis; 3],
@@ -28,7 +28,7 @@ struct Axis {
     torque_limited: u64,
     force_held: u64,
     converging: u64,
-    standing: u64,
+    at_rest: u64,
     inactive: u64,
     unexplained: u64,
 }
@@ -55,8 +55,8 @@ impl Tracking {
                 outside = true;
                 axis.outside += 1;
                 *axis.cause(i, state, command, set) += 1;
-                let stands = (state.velocity[i] - reference.velocity[i]).abs() < STANDING_M_PER_S;
-                axis.standing += u64::from(stands && command.is_some_and(|command| command.active && command.converging[i]));
+                let at_rest = (state.velocity[i] - reference.velocity[i]).abs() < REST_M_PER_S;
+                axis.at_rest += u64::from(at_rest && command.is_some_and(|command| command.active && command.converging[i]));
             }
         }
         self.outside += u64::from(outside);
@@ -76,7 +76,7 @@ impl Tracking {
                 torque_limited_ticks: self.axes.map(|axis| axis.torque_limited),
                 force_held_ticks: self.axes.map(|axis| axis.force_held),
                 converging_ticks: self.axes.map(|axis| axis.converging),
-                standing_ticks: self.axes.map(|axis| axis.standing),
+                standing_ticks: self.axes.map(|axis| axis.at_rest),
                 inactive_ticks: self.axes.map(|axis| axis.inactive),
                 unexplained_ticks: self.axes.map(|axis| axis.unexplained),
             },
@@ -85,7 +85,7 @@ impl Tracking {
 }
 
 impl Axis {
-    /// The count of what explains an error beyond x_b: the first that applies.
+    /// Selects the counter for an error beyond x_b: that of the first cause that applies.
     fn cause(&mut self, i: usize, state: &StateSample, command: Option<&CommandSample>, set: &ParameterSample) -> &mut u64 {
         let Some(command) = command.filter(|command| command.active) else { return &mut self.inactive };
         if command.force[i].abs() >= AT_LIMIT * set.max_force[i] {
@@ -93,11 +93,11 @@ impl Axis {
         } else if command.limited {
             &mut self.torque_limited
         } else if set.desired_force[i] != 0.0 && state.force[i].abs() > set.force_resolution {
-            // The offset makes up for the distance: here the law holds a force, not a position. A contact without a wished
-            // force is no cause: against it F_c has F_max to spend.
+            // The offset compensates the distance: here the law holds a force, not a position. Contact without a
+            // desired force is no cause: F_c can rise to F_max against it.
             &mut self.force_held
         } else if command.converging[i] {
-            // On the way back the law gives less than its profile: 2 F_c(x_max) / x_max (e - x_max / 2).
+            // In convergence the law gives less than its profile: 2 F_c(x_max) / x_max (e - x_max / 2).
             &mut self.converging
         } else {
             &mut self.unexplained

@@ -1,11 +1,11 @@
-//! Puts together what belongs to one tick.
+//! Collects the messages of each tick.
 
 use super::sample::{CommandSample, ReferenceSample, StateSample};
 
-/// Ticks by which topics may run ahead of each other.
+/// Lead that one topic may have over another [ticks].
 pub const WINDOW: i64 = 1024;
 
-/// What has come of one tick.
+/// Messages of one tick so far.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Slot {
     pub(super) tick: i64,
@@ -14,11 +14,11 @@ pub(super) struct Slot {
     pub(super) command: Option<CommandSample>,
 }
 
-/// The last [`WINDOW`] ticks. Each leaves when a tick comes for which there is no more room, oldest first.
+/// The last [`WINDOW`] ticks. A new tick displaces the oldest.
 #[derive(Clone, Debug)]
 pub(super) struct Window {
     slots: Vec<Option<Slot>>,
-    /// The oldest tick that may still come; `None` before the first.
+    /// The oldest tick that can still be added; `None` before the first.
     oldest: Option<i64>,
 }
 
@@ -29,7 +29,7 @@ impl Default for Window {
 }
 
 impl Window {
-    /// The slot of a tick; `None` if it has left already. What has to go for it is given to `leave`.
+    /// Returns the slot of a tick; `None` if the tick has left already. Displaced slots are passed to `leave`.
     pub(super) fn slot(&mut self, tick: i64, leave: impl FnMut(Slot)) -> Option<&mut Slot> {
         // The first message need not be of the first tick: the planner is one ahead.
         let oldest = *self.oldest.get_or_insert(tick.saturating_sub(WINDOW / 2));
@@ -40,20 +40,20 @@ impl Window {
         if needed > oldest {
             self.release(oldest, needed, leave);
         }
-        Some(self.slots[place(tick)].get_or_insert(Slot { tick, ..Slot::default() }))
+        Some(self.slots[index(tick)].get_or_insert(Slot { tick, ..Slot::default() }))
     }
 
-    /// Gives all that is left to `leave`.
+    /// Passes all remaining slots to `leave`.
     pub(super) fn drain(mut self, leave: impl FnMut(Slot)) {
         if let Some(oldest) = self.oldest {
             self.release(oldest, oldest.saturating_add(WINDOW), leave);
         }
     }
 
-    /// Releases the ticks `from..until`. However far apart they are, no more than [`WINDOW`] are held.
+    /// Releases the ticks `from..until`. At most [`WINDOW`] of them are stored.
     fn release(&mut self, from: i64, until: i64, mut leave: impl FnMut(Slot)) {
         for tick in from..until.min(from.saturating_add(WINDOW)) {
-            if let Some(slot) = self.slots[place(tick)].take() {
+            if let Some(slot) = self.slots[index(tick)].take() {
                 leave(slot);
             }
         }
@@ -61,7 +61,7 @@ impl Window {
     }
 }
 
-fn place(tick: i64) -> usize {
+fn index(tick: i64) -> usize {
     tick.rem_euclid(WINDOW) as usize
 }
 
@@ -70,7 +70,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ticks_leave_in_order_whatever_the_order_of_arrival() {
+    fn window_unordered_ticks_leave_in_order() {
         let mut window = Window::default();
         let mut left = Vec::new();
         for tick in [3, 1, 2, 0, WINDOW + 6, 5, WINDOW + 5, 10_000, 9_990, i64::MAX / 2] {

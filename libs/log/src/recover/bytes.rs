@@ -1,4 +1,4 @@
-//! The damaged file, at any byte, and the fields of what was read.
+//! Random access to the damaged file, and the fields of its records.
 
 use super::RecoverError;
 use crate::error::LogError;
@@ -7,10 +7,10 @@ use std::io;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 
-/// Opcode and length of a record.
+/// Size of a record's opcode and length [bytes].
 pub(super) const HEAD: u64 = 9;
 
-/// A file that is read at any byte, and never written. Holds a lock, so that no run starts to write it.
+/// Read-only file with random access. Its lock keeps runs from writing it.
 pub(super) struct Source {
     file: File,
     path: PathBuf,
@@ -30,7 +30,7 @@ impl Source {
             Err(TryLockError::WouldBlock) => return Err(RecoverError::StillWritten { path: path.to_owned() }),
             Err(TryLockError::Error(cause)) => return Err(failed(cause).into()),
         }
-        // Only now: before, a run may have written on.
+        // Read only with the lock: before, a run may have appended.
         let length = file.metadata().map_err(failed)?.len();
         Ok(Self { file, path: path.to_owned(), length })
     }
@@ -43,12 +43,12 @@ impl Source {
         &self.path
     }
 
-    /// Length of the file, bytes.
+    /// Length of the file [bytes].
     pub(super) fn length(&self) -> u64 {
         self.length
     }
 
-    /// Reads `length` bytes from `at` on, or as many as there are.
+    /// Reads `length` bytes from `at` on, or fewer at the end of the file.
     pub(super) fn read(&self, at: u64, length: u64, out: &mut Vec<u8>) -> Result<(), LogError> {
         out.clear();
         out.resize(length.min(self.length.saturating_sub(at)) as usize, 0);
@@ -67,7 +67,7 @@ impl Source {
     }
 }
 
-/// Takes one field after the other; `None` where the bytes end first.
+/// Reader of consecutive fields; `None` where the bytes end first.
 #[derive(Clone, Copy)]
 pub(super) struct Fields<'a>(&'a [u8]);
 
@@ -76,7 +76,7 @@ impl<'a> Fields<'a> {
         Self(bytes)
     }
 
-    /// What has not been taken yet.
+    /// Unread rest.
     pub(super) fn rest(&self) -> &'a [u8] {
         self.0
     }
@@ -91,7 +91,7 @@ impl<'a> Fields<'a> {
         Some(head)
     }
 
-    /// As many bytes as there are, at most `length`.
+    /// Takes at most `length` bytes.
     pub(super) fn take_up_to(&mut self, length: usize) -> &'a [u8] {
         let (head, rest) = self.0.split_at(length.min(self.0.len()));
         self.0 = rest;
@@ -120,13 +120,13 @@ impl<'a> Fields<'a> {
         self.array().map(u64::from_le_bytes)
     }
 
-    /// A text with its length before it.
+    /// Takes a text after its length.
     pub(super) fn text(&mut self) -> Option<&'a str> {
         let length = self.u32()? as usize;
         std::str::from_utf8(self.take(length)?).ok()
     }
 
-    /// A record: its opcode and what it holds.
+    /// Takes a record: its opcode and its content.
     pub(super) fn record(&mut self) -> Option<(u8, &'a [u8])> {
         let opcode = self.u8()?;
         let length = usize::try_from(self.u64()?).ok()?;

@@ -1,25 +1,25 @@
-//! Carrying records over from the original to the new log.
+//! Copy of records from the original to the new log.
 
 use super::RecoverError;
 use super::bytes::Fields;
 use super::found::Recovery;
 use super::output::{Output, PROTOBUF};
-use super::plausibility::{Judge, Verdict};
+use super::plausibility::{Plausibility, PlausibilityCheck};
 use super::records::Message;
 use crate::topic::Topic;
 use mcap::records::{self, MessageHeader, Metadata, op};
 use std::collections::BTreeMap;
 
-/// Takes records and writes what is to be kept.
-pub(super) struct Carry {
-    /// Nothing is written if the original is whole.
+/// Copies valid records to the new log.
+pub(super) struct Copier {
+    /// `None` if the original is complete.
     output: Option<Output>,
     schemas: BTreeMap<u16, Schema>,
     channels: BTreeMap<u16, Channel>,
     /// Whether the new log has a channel for every topic.
     numbered: bool,
-    judge: Judge,
-    /// What was found so far.
+    plausibility: PlausibilityCheck,
+    /// Findings so far.
     pub(super) found: Recovery,
 }
 
@@ -31,32 +31,32 @@ struct Schema {
 
 struct Channel {
     name: String,
-    /// `None` if it is not one of ours.
+    /// `None` for a topic of another program.
     topic: Option<Topic>,
-    /// Its number in the new log.
+    /// Number in the new log.
     number: u16,
-    /// Whether it is from a chunk with a right checksum.
+    /// Whether the channel is from a chunk with a right checksum.
     checked: bool,
 }
 
-/// What was taken of a chunk.
-pub(super) struct Taken {
+/// Result of copying a chunk.
+pub(super) struct CopiedChunk {
     /// Messages kept.
     pub(super) messages: u64,
     /// First and last number of those messages: their ticks, cut to 32 bits.
     pub(super) ticks: Option<(u32, u32)>,
-    /// What stopped it before its end.
+    /// Cause of an end before that of the chunk.
     pub(super) stopped: Option<String>,
 }
 
-impl Carry {
+impl Copier {
     pub(super) fn new(output: Option<Output>) -> Self {
         Self {
             output,
             schemas: BTreeMap::new(),
             channels: BTreeMap::new(),
             numbered: false,
-            judge: Judge::default(),
+            plausibility: PlausibilityCheck::default(),
             found: Recovery::default(),
         }
     }
@@ -81,24 +81,24 @@ impl Carry {
         Ok(())
     }
 
-    /// Takes the records of a chunk, uncompressed; `checked` if its checksum is right.
-    pub(super) fn chunk(&mut self, records: &[u8], checked: bool) -> Result<Taken, RecoverError> {
-        self.judge.begin();
-        let mut taken = Taken { messages: 0, ticks: None, stopped: None };
+    /// Copies the records of a chunk, uncompressed; `checked` if its checksum is right.
+    pub(super) fn chunk(&mut self, records: &[u8], checked: bool) -> Result<CopiedChunk, RecoverError> {
+        self.plausibility.begin();
+        let mut copied = CopiedChunk { messages: 0, ticks: None, stopped: None };
         let mut fields = Fields::new(records);
         while !fields.is_empty() {
             let record = fields.record();
             let stopped = match record {
-                None => Err("a record runs over the end of what can be read".to_owned()),
+                None => Err("a record runs over the end of the readable bytes".to_owned()),
                 Some((op::SCHEMA, body)) if checked => self.schema(body),
                 Some((op::CHANNEL, body)) if checked => self.channel(body)?,
-                // Not to be trusted: the writer's numbers are known.
+                // Not trusted: the writer's numbers are known.
                 Some((op::SCHEMA | op::CHANNEL, _)) => Ok(()),
                 Some((op::MESSAGE, body)) => match self.message(body, checked)? {
                     Ok(None) => Ok(()),
                     Ok(Some(sequence)) => {
-                        taken.messages += 1;
-                        taken.ticks = Some((taken.ticks.map_or(sequence, |(first, _)| first), sequence));
+                        copied.messages += 1;
+                        copied.ticks = Some((copied.ticks.map_or(sequence, |(first, _)| first), sequence));
                         Ok(())
                     }
                     Err(what) => Err(what),
@@ -109,18 +109,18 @@ impl Carry {
             };
             match stopped {
                 Ok(()) => {}
-                // A record that the checksum vouches for says where the next one begins.
-                Err(what) if checked && record.is_some() => taken.stopped = Some(what),
+                // A record under a right checksum locates the next one.
+                Err(what) if checked && record.is_some() => copied.stopped = Some(what),
                 Err(what) => {
-                    taken.stopped = Some(what);
+                    copied.stopped = Some(what);
                     break;
                 }
             }
         }
         if !checked {
-            self.found.unchecked += taken.messages;
+            self.found.unchecked += copied.messages;
         }
-        Ok(taken)
+        Ok(copied)
     }
 
     fn schema(&mut self, body: &[u8]) -> Result<(), String> {
@@ -134,19 +134,18 @@ impl Carry {
         }
     }
 
-    /// Takes a channel of a chunk whose checksum is right.
+    /// Copies a channel of a chunk with a right checksum.
     fn channel(&mut self, body: &[u8]) -> Result<Result<(), String>, RecoverError> {
         let Ok(records::Record::Channel(channel)) = crate::lengths::parse(op::CHANNEL, body) else {
             return Ok(Err("a channel cannot be read".to_owned()));
         };
-        let ours = Topic::from_name(&channel.topic);
+        let known = Topic::from_name(&channel.topic);
         let Some(schema) = self.schemas.get(&channel.schema_id) else {
-            // Its schema is lost.
-            if let Some(topic) = ours {
+            if let Some(topic) = known {
                 self.rebuild(channel.id, topic)?;
                 return Ok(Ok(()));
             }
-            return Ok(Err(format!("topic {:?} is none of ours, and its schema is lost", channel.topic)));
+            return Ok(Err(format!("topic {:?} is unknown, and its schema is lost", channel.topic)));
         };
         let number = match &mut self.output {
             None => 0,
@@ -155,7 +154,7 @@ impl Carry {
                 output.channel(&channel.topic, &channel.message_encoding, &channel.metadata, Some(schema))?
             }
         };
-        let topic = ours.filter(|topic| topic.schema_name() == schema.name && channel.message_encoding == PROTOBUF);
+        let topic = known.filter(|topic| topic.schema_name() == schema.name && channel.message_encoding == PROTOBUF);
         self.channels.insert(channel.id, Channel { name: channel.topic, topic, number, checked: true });
         Ok(Ok(()))
     }
@@ -165,10 +164,10 @@ impl Carry {
         let number = match &mut self.output {
             None => 0,
             Some(output) => {
-                // All that are missing at once, in the writer's order: so each gets the number it had, whichever comes first.
+                // All missing channels together, in the writer's order: so each keeps its number.
                 if !self.numbered {
-                    let known = |topic: Topic| self.channels.values().any(|channel| channel.name == topic.name());
-                    for missing in Topic::ALL.into_iter().filter(|&topic| !known(topic)) {
+                    let present = |topic: Topic| self.channels.values().any(|channel| channel.name == topic.name());
+                    for missing in Topic::ALL.into_iter().filter(|&topic| !present(topic)) {
                         output.own_channel(missing)?;
                     }
                     self.numbered = true;
@@ -182,33 +181,33 @@ impl Carry {
         Ok(())
     }
 
-    /// Takes a message; says its number, nothing if it has been taken before, or why it is not taken.
+    /// Copies a message. Returns its number, `None` for a repeated message, or the reason for a rejection.
     fn message(&mut self, body: &[u8], checked: bool) -> Result<Result<Option<u32>, String>, RecoverError> {
         let Some(message) = Message::parse(body) else { return Ok(Err("a message is too short".to_owned())) };
         let id = message.channel;
         if !self.channels.contains_key(&id) {
-            // The writer numbers its topics from 1 on, and always in this order.
+            // The writer numbers its topics from 1 on, always in this order.
             let topic = id.checked_sub(1).and_then(|index| Topic::ALL.get(usize::from(index)).copied());
             let Some(topic) = topic else { return Ok(Err(format!("a message has channel {id}, which is lost"))) };
-            if self.judge.judge(topic, &message, checked) != Verdict::Good {
-                return Ok(Err(format!("a message of channel {id}, which is lost, is none of {}", topic.name())));
+            if self.plausibility.check(topic, &message, checked) != Plausibility::Valid {
+                return Ok(Err(format!("a message of channel {id}, which is lost, is not one of {}", topic.name())));
             }
             self.rebuild(id, topic)?;
         } else if let Some(channel) = self.channels.get(&id) {
-            // That a channel is where it is supposed to be is known from a checksum alone.
+            // Only a checksum confirms the number of a channel.
             if !(checked && channel.checked) {
-                let verdict = channel.topic.map_or(Verdict::Bad, |topic| self.judge.judge(topic, &message, checked));
-                match verdict {
-                    Verdict::Good => {}
-                    Verdict::Repeated if checked => {}
-                    Verdict::Repeated => return Ok(Ok(None)),
-                    Verdict::Bad => return Ok(Err(format!("a message of {} makes no sense", channel.name))),
+                let check = |topic| self.plausibility.check(topic, &message, checked);
+                match channel.topic.map_or(Plausibility::Invalid, check) {
+                    Plausibility::Valid => {}
+                    Plausibility::Repeated if checked => {}
+                    Plausibility::Repeated => return Ok(Ok(None)),
+                    Plausibility::Invalid => return Ok(Err(format!("a message of {} is invalid", channel.name))),
                 }
             }
         }
         let Some(channel) = self.channels.get(&id) else { return Ok(Ok(None)) };
         if checked {
-            self.judge.learn(channel.topic, &message);
+            self.plausibility.observe(channel.topic, &message);
         }
         let Message { sequence, log_time, publish_time, data, .. } = message;
         if let Some(output) = &mut self.output {
@@ -216,8 +215,8 @@ impl Carry {
         }
         self.found.count(&channel.name);
         match channel.topic {
-            Some(Topic::State) => self.found.states.note(sequence),
-            Some(Topic::Command) => self.found.commands.note(sequence),
+            Some(Topic::State) => self.found.states.add(sequence),
+            Some(Topic::Command) => self.found.commands.add(sequence),
             _ => {}
         }
         Ok(Ok(Some(sequence)))

@@ -1,14 +1,14 @@
-//! What can go wrong with a recovery.
+//! Errors of a recovery.
 
 use crate::error::LogError;
 use std::io;
 use std::path::PathBuf;
 
-/// What can go wrong with a recovery. Whatever it is, the original is as it was and no new log was left.
+/// Error of a recovery. The original is unchanged, and no new log was left.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum RecoverError {
-    /// The log cannot be read, or the new one not created.
+    /// The log cannot be read, or the new log cannot be created.
     #[error(transparent)]
     Log(#[from] LogError),
     /// A run has the log open.
@@ -17,19 +17,19 @@ pub enum RecoverError {
         /// The log.
         path: PathBuf,
     },
-    /// The new log would take the place of a file.
-    #[error("{}: this file exists already, expected a name that is free. Remove it, or give another with --output", .path.display())]
+    /// The new log would replace a file.
+    #[error("{}: this file exists already, expected a free name. Remove it, or give another with --output", .path.display())]
     Exists {
         /// The new log.
         path: PathBuf,
     },
-    /// The new log would take the place of the original.
+    /// The new log would replace the original.
     #[error("{}: the output is the log itself, expected another file: the original is never changed. Give another with --output", .path.display())]
     SameFile {
         /// The log.
         path: PathBuf,
     },
-    /// There is not a single record to be kept.
+    /// The log has no readable record.
     #[error("{}: nothing to recover: found no message, attachment or metadata in it, expected at least one. Its run ended before anything was written", .path.display())]
     Nothing {
         /// The log.
@@ -40,13 +40,13 @@ pub enum RecoverError {
     Write {
         /// The new log.
         path: PathBuf,
-        /// What the operating system or the encoder said.
+        /// Error of the operating system or the encoder.
         cause: io::Error,
     },
 }
 
 impl RecoverError {
-    /// Whether what was asked for is no good, as opposed to a failure on the way.
+    /// Whether the request itself is invalid, as opposed to a failure of its execution.
     #[must_use]
     pub const fn is_refusal(&self) -> bool {
         !matches!(self, Self::Write { .. } | Self::Log(LogError::Read { .. } | LogError::Write { .. }))

@@ -1,54 +1,54 @@
-//! What a recovery found.
+//! Findings of a recovery.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
-/// Most gaps and losses that are listed one by one; all are counted.
+/// Most gaps and losses in a list; all are counted.
 const LISTED: usize = 32;
 
-/// What a recovery found in a log.
+/// Findings of a recovery.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Recovery {
-    /// The new log; `None` if the log is whole and no copy was made.
+    /// Path of the new log; `None` if the log is complete and no copy was made.
     pub output: Option<PathBuf>,
-    /// Length of the original, bytes.
+    /// Length of the original [bytes].
     pub file_bytes: u64,
     /// Messages kept, by topic.
     pub messages: BTreeMap<String, u64>,
-    /// Of them, those of damaged chunks: no checksum vouches for them.
+    /// Of these, messages of damaged chunks: without a checksum.
     pub unchecked: u64,
     /// Ticks of `/state`.
     pub states: TickGaps,
     /// Ticks of `/command`.
     pub commands: TickGaps,
-    /// What was damaged, in the order of the file; the first 32 of them.
+    /// Damaged places, in the order of the file; the first 32.
     pub losses: Vec<Loss>,
-    /// How many damaged places there are.
+    /// Number of damaged places.
     pub loss_count: u64,
-    /// Bytes of the original in them, those of rescued messages too.
+    /// Size of the damaged places, rescued messages included [bytes].
     pub lost_bytes: u64,
     /// Names of the attachments kept.
     pub attachments: Vec<String>,
     /// Names of the metadata records kept.
     pub metadata: Vec<String>,
-    /// Topics whose channel or schema was damaged: they have those of this program.
+    /// Topics with a damaged channel or schema: those of this program replace it.
     pub rebuilt: BTreeSet<String>,
 }
 
-/// A place of the original that is damaged.
+/// Damaged place of the original.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Loss {
-    /// Where it begins.
+    /// First byte.
     pub byte: u64,
-    /// How long it is, bytes; zero if something is missing there.
+    /// Length [bytes]; zero if bytes are missing there.
     pub bytes: u64,
     /// Messages rescued from it, without a checksum.
     pub rescued: u64,
-    /// What was found there.
+    /// Kind of damage.
     pub what: String,
 }
 
-/// The ticks of one topic.
+/// Ticks of one topic.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct TickGaps {
     /// First tick kept.
@@ -57,15 +57,15 @@ pub struct TickGaps {
     pub last: Option<i64>,
     /// Missing ticks before the last, from and to, both included; the first 32 such ranges.
     pub ranges: Vec<(i64, i64)>,
-    /// How many such ranges there are.
+    /// Number of such ranges.
     pub count: u64,
-    /// Ticks in them.
+    /// Number of missing ticks.
     pub missing: u64,
 }
 
 impl TickGaps {
-    /// Takes a tick as a log keeps it, cut to 32 bits.
-    pub(super) fn note(&mut self, sequence: u32) {
+    /// Adds a tick, cut to 32 bits as in the log.
+    pub(super) fn add(&mut self, sequence: u32) {
         let near = self.last.unwrap_or(0);
         let tick = near.saturating_add(i64::from(sequence.wrapping_sub(near as u32) as i32));
         let expected = self.last.map_or(0, |last| last.saturating_add(1));
@@ -80,7 +80,7 @@ impl TickGaps {
         self.last = Some(self.last.map_or(tick, |last| last.max(tick)));
     }
 
-    /// `3-7, 12`, and how many more; empty if none is missing.
+    /// Formats the ranges as `3-7, 12 and 4 more`; empty if no tick is missing.
     #[must_use]
     pub fn text(&self) -> String {
         let range = |&(from, to): &(i64, i64)| if from == to { from.to_string() } else { format!("{from}-{to}") };
@@ -94,13 +94,13 @@ impl TickGaps {
 }
 
 impl Recovery {
-    /// Whether there is nothing to be kept.
+    /// Whether the log has no readable record.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.messages.is_empty() && self.attachments.is_empty() && self.metadata.is_empty()
     }
 
-    /// Messages kept, of all topics.
+    /// Number of messages kept, of all topics.
     #[must_use]
     pub fn message_count(&self) -> u64 {
         self.messages.values().sum()
@@ -123,8 +123,8 @@ impl Recovery {
         }
     }
 
-    /// Notes a damaged place.
-    pub(super) fn lose(&mut self, byte: u64, bytes: u64, rescued: u64, what: String) {
+    /// Adds a damaged place.
+    pub(super) fn add_loss(&mut self, byte: u64, bytes: u64, rescued: u64, what: String) {
         self.loss_count += 1;
         self.lost_bytes += bytes;
         if self.losses.len() < LISTED {
@@ -132,7 +132,7 @@ impl Recovery {
         }
     }
 
-    /// As the new log keeps it, in the metadata record `recovery`.
+    /// Converts the findings to the metadata record `recovery` of the new log.
     pub(super) fn to_metadata(&self) -> BTreeMap<String, String> {
         let mut record = BTreeMap::from([
             ("original_bytes".to_owned(), self.file_bytes.to_string()),
@@ -152,7 +152,7 @@ impl Recovery {
 }
 
 impl Loss {
-    /// Where, how long, and what it is.
+    /// Formats place, length and kind of the damage.
     #[must_use]
     pub fn text(&self) -> String {
         let Self { byte, bytes, rescued, what } = self;
@@ -167,22 +167,22 @@ mod tests {
     use super::*;
 
     #[test]
-    fn gaps_are_told_and_bounded() {
+    fn tick_gaps_are_listed_up_to_limit() {
         let mut gaps = TickGaps::default();
         for tick in [2, 3, 3, 5, 9] {
-            gaps.note(tick);
+            gaps.add(tick);
         }
         assert_eq!(gaps.text(), "0-1, 4, 6-8");
         assert_eq!((gaps.first, gaps.last, gaps.missing), (Some(2), Some(9), 6));
         for tick in 0..100 {
-            gaps.note(11 + 2 * tick);
+            gaps.add(11 + 2 * tick);
         }
         assert_eq!(gaps.ranges.len(), LISTED);
         assert!(gaps.text().ends_with(&format!("and {} more", 103 - LISTED)), "{}", gaps.text());
     }
 
     #[test]
-    fn a_loss_says_what_was_rescued_of_it() {
+    fn loss_text_names_rescued_messages() {
         let loss = |bytes, rescued| Loss { byte: 10, bytes, rescued, what: "a chunk is damaged".to_owned() }.text();
         assert_eq!(loss(0, 0), "byte 10: a chunk is damaged");
         assert_eq!(loss(20, 0), "byte 10, 20 bytes: a chunk is damaged");
@@ -190,13 +190,13 @@ mod tests {
     }
 
     #[test]
-    fn a_tick_goes_on_where_its_32_bits_end() {
+    fn tick_gaps_32_bit_overflow_continues() {
         let mut gaps = TickGaps { first: Some(0), last: Some(i64::from(u32::MAX)), ..TickGaps::default() };
-        gaps.note(0);
+        gaps.add(0);
         assert_eq!((gaps.last, gaps.count), (Some(1 << 32), 0));
         let mut early = TickGaps::default();
-        early.note(u32::MAX);
-        early.note(0);
+        early.add(u32::MAX);
+        early.add(0);
         assert_eq!((early.first, early.last, early.count), (Some(-1), Some(0), 0));
     }
 }

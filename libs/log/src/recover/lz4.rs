@@ -1,21 +1,21 @@
-//! LZ4 frames of which only the beginning is good.
+//! Decoder of LZ4 frames with a valid beginning only.
 //!
-//! The usual decoder gives nothing of a block of 64 KiB that is cut off. This one gives every byte that can be told from those
-//! that are there: what comes out first depends only on what goes in first.
+//! The usual decoder returns nothing of a truncated block of 64 KiB. This one returns every byte that the valid input
+//! determines: the first output depends only on the first input.
 
 use super::bytes::Fields;
 
 /// First bytes of a frame.
 pub(super) const MAGIC: u32 = 0x184d_2204;
-/// Bit of a block's size that says it is not compressed.
+/// Bit of a block's size for an uncompressed block.
 const RAW: u32 = 0x8000_0000;
-/// Shortest match, bytes.
+/// Shortest match [bytes].
 const SHORTEST: usize = 4;
 
-/// Decodes into `out`, at most `most` bytes, until the frame ends or makes no sense.
+/// Decodes into `out`, at most `most` bytes, until the frame ends or is invalid.
 pub(super) fn decode(frame: &[u8], most: usize, out: &mut Vec<u8>) {
     out.clear();
-    // Whether it ended well is not known from the frame alone: the caller looks at what has come out.
+    // The frame alone does not show whether it is complete: the caller checks the output.
     let _ = blocks(frame, most, out);
 }
 
@@ -27,14 +27,14 @@ fn blocks(frame: &[u8], most: usize, out: &mut Vec<u8>) -> Option<()> {
     let flags = fields.u8()?;
     fields.u8()?;
     if flags & 0x08 != 0 {
-        // Size of the content.
+        // Content size.
         fields.u64()?;
     }
     if flags & 0x01 != 0 {
         // Dictionary.
         fields.u32()?;
     }
-    // Sum over the header.
+    // Checksum of the header.
     fields.u8()?;
     loop {
         let size = fields.u32()?;
@@ -44,8 +44,8 @@ fn blocks(frame: &[u8], most: usize, out: &mut Vec<u8>) -> Option<()> {
         let length = (size & !RAW) as usize;
         let block = fields.take_up_to(length);
         if size & RAW != 0 {
-            let room = most.saturating_sub(out.len());
-            out.extend_from_slice(block.get(..room).unwrap_or(block));
+            let free = most.saturating_sub(out.len());
+            out.extend_from_slice(block.get(..free).unwrap_or(block));
         } else {
             sequences(block, most, out)?;
         }
@@ -53,13 +53,13 @@ fn blocks(frame: &[u8], most: usize, out: &mut Vec<u8>) -> Option<()> {
             return None;
         }
         if flags & 0x10 != 0 {
-            // Sum over the block.
+            // Checksum of the block.
             fields.u32()?;
         }
     }
 }
 
-/// Decodes one block: literals, then a copy of what has come out before, and again. Blocks may copy from those before them.
+/// Decodes one block: literals, then a copy of earlier output, and so on. Blocks may copy from those before them.
 fn sequences(block: &[u8], most: usize, out: &mut Vec<u8>) -> Option<()> {
     let mut fields = Fields::new(block);
     while !fields.is_empty() {
@@ -80,16 +80,16 @@ fn sequences(block: &[u8], most: usize, out: &mut Vec<u8>) -> Option<()> {
         if distance == 0 || count > most.saturating_sub(out.len()) {
             return None;
         }
-        // Byte by byte: a copy may run into what it is writing.
-        for place in start..start + count {
-            let byte = out[place];
+        // Byte by byte: a copy may overlap its own output.
+        for index in start..start + count {
+            let byte = out[index];
             out.push(byte);
         }
     }
     Some(())
 }
 
-/// A length of four bits, and more bytes if they are all set.
+/// Reads a length of four bits, with further bytes if all four are set.
 fn length(bits: u8, fields: &mut Fields<'_>) -> Option<usize> {
     let mut sum = usize::from(bits);
     if bits == 15 {
@@ -119,7 +119,7 @@ mod tests {
         frame.extend_from_slice(&(RAW | 2).to_le_bytes());
         frame.extend_from_slice(b"??");
         frame.extend_from_slice(&0_u32.to_le_bytes());
-        frame.extend_from_slice(b"behind the end");
+        frame.extend_from_slice(b"after the end");
         frame
     }
 
@@ -130,29 +130,29 @@ mod tests {
     }
 
     #[test]
-    fn a_frame_is_decoded_to_its_end() {
+    fn decode_whole_frame_ends_at_end_mark() {
         assert_eq!(decoded(&frame(), 1000), b"abcdabcdabcd!??");
     }
 
     #[test]
-    fn a_cut_off_frame_gives_its_beginning() {
+    fn decode_truncated_frame_gives_beginning() {
         let whole = decoded(&frame(), 1000);
         for length in 0..frame().len() {
             let part = decoded(&frame()[..length], 1000);
             assert!(whole.starts_with(&part), "cut off at {length}");
         }
-        assert_eq!(decoded(&frame()[..15], 1000), b"abc", "the literals that are there");
+        assert_eq!(decoded(&frame()[..15], 1000), b"abc", "literals before the cut");
     }
 
     #[test]
-    fn no_more_comes_out_than_is_asked_for() {
+    fn decode_output_stays_within_limit() {
         for most in 0..20 {
             assert!(decoded(&frame(), most).len() <= most);
         }
     }
 
     #[test]
-    fn a_copy_from_before_the_start_ends_it() {
+    fn decode_copy_from_before_start_ends() {
         let mut altered = frame();
         altered[16] = 5;
         assert_eq!(decoded(&altered, 1000), b"abcd");

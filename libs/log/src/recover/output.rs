@@ -1,4 +1,4 @@
-//! The new log: under another name until it is complete.
+//! New log with a temporary name until it is complete.
 
 use super::RecoverError;
 use super::found::Recovery;
@@ -14,20 +14,20 @@ use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-/// How the writer encodes messages and schemas.
+/// Encoding of messages and schemas by the writer.
 pub(super) const PROTOBUF: &str = "protobuf";
-/// The name of the metadata record that says what was lost.
+/// Metadata record with the losses.
 const RECOVERY: &str = "recovery";
 
-/// Writes the new log.
+/// Writer of the new log.
 pub(super) struct Output {
     mcap: mcap::Writer<NoSeek<BufWriter<File>>>,
     target: PathBuf,
-    /// Declared last, so that it is removed after the writer has let go of it.
+    /// Declared last: removed after the writer is dropped.
     temporary: Temporary,
 }
 
-/// A file that goes away again unless it is kept.
+/// Temporary file, removed on drop unless it is kept.
 struct Temporary {
     path: PathBuf,
     kept: bool,
@@ -36,7 +36,7 @@ struct Temporary {
 impl Drop for Temporary {
     fn drop(&mut self) {
         if !self.kept {
-            // What else could be done about it has failed by now.
+            // A failure here follows an error that is already reported.
             let _ = fs::remove_file(&self.path);
         }
     }
@@ -50,7 +50,7 @@ impl Output {
         {
             return Err(RecoverError::SameFile { path: target.to_owned() });
         }
-        refuse_existing(target)?;
+        reject_existing(target)?;
         let failed = |cause| RecoverError::from(LogError::Create { path: target.to_owned(), cause });
         let Some(name) = target.file_name() else {
             return Err(failed(io::Error::new(io::ErrorKind::InvalidInput, "it has no file name")));
@@ -72,7 +72,7 @@ impl Output {
         Ok(Self { mcap, target: target.to_owned(), temporary })
     }
 
-    /// Adds a channel with its schema, or finds it; returns its number.
+    /// Finds or adds a channel with its schema; returns its number.
     pub(super) fn channel(
         &mut self,
         topic: &str,
@@ -88,7 +88,7 @@ impl Output {
         self.mcap.add_channel(schema, topic, encoding, metadata).map_err(failed)
     }
 
-    /// Adds the channel of a topic as this program writes it, or finds it; returns its number.
+    /// Finds or adds the channel of a topic as this program writes it; returns its number.
     pub(super) fn own_channel(&mut self, topic: Topic) -> Result<u16, RecoverError> {
         let schema = topic.schema();
         self.channel(topic.name(), PROTOBUF, &BTreeMap::new(), Some((topic.schema_name(), PROTOBUF, &*schema)))
@@ -106,7 +106,7 @@ impl Output {
         self.mcap.write_metadata(metadata).map_err(|error| failed_write(&self.target, error))
     }
 
-    /// Writes what was lost, summary and index, and gives the file its name when all of it is on the disk.
+    /// Writes losses, summary and index, and gives the file its name when all of it is on the disk.
     pub(super) fn finish(mut self, found: &Recovery) -> Result<(), RecoverError> {
         self.metadata(&Metadata { name: RECOVERY.to_owned(), metadata: found.to_metadata() })?;
         let Self { mut mcap, target, mut temporary } = self;
@@ -115,25 +115,25 @@ impl Output {
         let mut buffer = mcap.into_inner().into_inner();
         buffer.flush().map_err(failed)?;
         buffer.get_ref().sync_all().map_err(failed)?;
-        // Somebody may have made it in the meantime.
-        refuse_existing(&target)?;
+        // Another process may have created it in the meantime.
+        reject_existing(&target)?;
         fs::rename(&temporary.path, &target).map_err(failed)?;
         temporary.kept = true;
-        // The name, too, shall survive a loss of power; not every file system has this.
+        // The name must survive a power failure, too; not every file system supports this.
         let folder = target.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let _ = File::open(folder).and_then(|folder| folder.sync_all());
         Ok(())
     }
 }
 
-fn refuse_existing(target: &Path) -> Result<(), RecoverError> {
+fn reject_existing(target: &Path) -> Result<(), RecoverError> {
     match fs::symlink_metadata(target) {
         Ok(_) => Err(RecoverError::Exists { path: target.to_owned() }),
         Err(_) => Ok(()),
     }
 }
 
-/// A failure to write, as the MCAP encoder reports it.
+/// Converts a write error of the MCAP encoder.
 fn failed_write(target: &Path, error: McapError) -> RecoverError {
     let cause = match error {
         McapError::Io(cause) => cause,

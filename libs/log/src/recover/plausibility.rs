@@ -1,4 +1,4 @@
-//! Whether a message without a checksum may be believed.
+//! Plausibility check of messages without a checksum.
 
 use super::records::Message;
 use crate::topic::Topic;
@@ -9,12 +9,12 @@ use prost::Message as _;
 use std::collections::BTreeSet;
 use std::hash::{DefaultHasher, Hash, Hasher};
 
-/// What is known of the log, to compare messages with.
+/// Known properties of the log, for comparison with messages.
 #[derive(Default)]
-pub(super) struct Judge {
-    /// Time of tick 0, ns, as a message of a chunk with a right checksum has it.
+pub(super) struct PlausibilityCheck {
+    /// Time of tick 0 by a message of a chunk with a right checksum [ns].
     start: Option<u64>,
-    /// The same, as the first message of this chunk has it.
+    /// Time of tick 0 by the first message of this chunk [ns].
     guess: Option<u64>,
     /// Last tick of `/state` and `/command`.
     last: [Option<i64>; 2],
@@ -22,47 +22,47 @@ pub(super) struct Judge {
     seen: BTreeSet<u64>,
 }
 
-/// What is thought of a message.
+/// Result of the check of a message.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub(super) enum Verdict {
-    /// It is to be kept.
-    Good,
-    /// It has been kept already.
+pub(super) enum Plausibility {
+    /// The message is plausible and new.
+    Valid,
+    /// The message has been kept already.
     Repeated,
-    /// It is not one that the writer could have written.
-    Bad,
+    /// The writer cannot have written the message.
+    Invalid,
 }
 
-impl Judge {
+impl PlausibilityCheck {
     /// Begins a chunk.
     pub(super) fn begin(&mut self) {
         self.seen.clear();
         self.guess = None;
     }
 
-    /// Takes note of a message that is known to be right.
-    pub(super) fn learn(&mut self, topic: Option<Topic>, message: &Message<'_>) {
+    /// Takes the time of tick 0 from a message under a right checksum.
+    pub(super) fn observe(&mut self, topic: Option<Topic>, message: &Message<'_>) {
         if self.start.is_none() {
             self.start = topic.and_then(|topic| start_of(topic, message));
         }
     }
 
-    /// Judges a message of a chunk whose checksum is wrong or missing; or, `checked`, one whose topic is not known for sure.
+    /// Checks a message of a chunk without a right checksum, or, with `checked`, a message of an uncertain topic.
     ///
-    /// Never refuses one as [`Writer`](crate::Writer) writes it in the course of a run.
-    pub(super) fn judge(&mut self, topic: Topic, message: &Message<'_>, checked: bool) -> Verdict {
+    /// Never rejects a message as [`Writer`](crate::Writer) writes it during a run.
+    pub(super) fn check(&mut self, topic: Topic, message: &Message<'_>, checked: bool) -> Plausibility {
         if self.guess.is_none() {
             self.guess = start_of(topic, message);
         }
-        if message.publish_time != message.log_time || !self.is_sound(topic, message, checked) {
-            return Verdict::Bad;
+        if message.publish_time != message.log_time || !self.is_plausible(topic, message, checked) {
+            return Plausibility::Invalid;
         }
         let mut hasher = DefaultHasher::new();
         (topic, message.sequence, message.log_time, message.data).hash(&mut hasher);
-        if self.seen.insert(hasher.finish()) { Verdict::Good } else { Verdict::Repeated }
+        if self.seen.insert(hasher.finish()) { Plausibility::Valid } else { Plausibility::Repeated }
     }
 
-    fn is_sound(&mut self, topic: Topic, message: &Message<'_>, checked: bool) -> bool {
+    fn is_plausible(&mut self, topic: Topic, message: &Message<'_>, checked: bool) -> bool {
         let data = message.data;
         let tick = match topic {
             Topic::State => proto::State::decode(data).ok().filter(state_is_finite).map(|m| m.tick),
@@ -71,7 +71,7 @@ impl Judge {
             }
             Topic::Request | Topic::StandbyRequest => proto::Request::decode(data)
                 .ok()
-                // One altered bit of a channel's number makes one topic of the other.
+                // One altered bit of a channel's number turns one topic into the other.
                 .filter(|m| (m.controller == Process::Standby.name()) == (topic == Topic::StandbyRequest))
                 .filter(|m| are_finite(&[&m.error, &m.error_rate, &m.force, &m.torque]))
                 .map(|m| m.tick),
@@ -81,7 +81,7 @@ impl Judge {
             Topic::Operator => proto::Operator::decode(data).ok().filter(operator_is_finite).map(|m| m.effective_tick),
             Topic::Event => proto::Event::decode(data).ok().map(|m| m.tick),
             Topic::Timing => {
-                // Its time is its own.
+                // The topic has its own time.
                 return proto::Timing::decode(data).is_ok_and(|m| m.tick as u32 == message.sequence);
             }
             Topic::Transforms => FrameTransforms::decode(data).ok().and_then(|_| self.tick_by_time(message)),
@@ -94,7 +94,7 @@ impl Judge {
             Topic::Command => &mut self.last[1],
             _ => return true,
         };
-        // A plant that is started again goes on from its last tick.
+        // A restarted plant continues from its last tick.
         if !checked && last.is_some_and(|last| tick < last) {
             return false;
         }
@@ -102,24 +102,24 @@ impl Judge {
         true
     }
 
-    /// Whether number and time of a message are those of its tick.
+    /// Whether number and time of a message agree with its tick.
     fn agrees(&self, tick: i64, message: &Message<'_>) -> bool {
         tick as u32 == message.sequence && self.start.or(self.guess).is_none_or(|start| time_of(start, tick) == message.log_time)
     }
 
-    /// The tick of a message that does not say it itself.
+    /// Returns the tick of a message without a tick field.
     fn tick_by_time(&self, message: &Message<'_>) -> Option<i64> {
         let start = self.start.or(self.guess)?;
         let by_time = message.log_time.wrapping_sub(start) as i64 / TICK_NS;
-        // Before tick 0 the time may have come to its end at zero.
+        // Before tick 0 the time may be clamped to zero.
         let by_number = i64::from(message.sequence as i32);
         [by_time, by_number].into_iter().find(|&tick| self.agrees(tick, message))
     }
 }
 
-/// Time of tick 0 by a message, if it says so.
+/// Returns the time of tick 0 by a message, if the message determines it.
 fn start_of(topic: Topic, message: &Message<'_>) -> Option<u64> {
-    // Timing has a time of its own, and before tick 0 the time may have come to its end at zero.
+    // Timing has its own time, and before tick 0 the time may be clamped to zero.
     let tick = u64::try_from(message.sequence as i32).ok().filter(|_| topic != Topic::Timing)?;
     message.log_time.checked_sub(tick * TICK_NS as u64)
 }
@@ -152,17 +152,17 @@ mod tests {
 
     const TICK: i64 = 7;
 
-    /// Whether a message of tick 7 is believed that has no checksum.
-    fn is_believed(topic: Topic, message: &impl prost::Message) -> bool {
+    /// Whether a message of tick 7 without a checksum is valid.
+    fn is_valid(topic: Topic, message: &impl prost::Message) -> bool {
         let data = message.encode_to_vec();
         let log_time = time_of(0, TICK);
         let message = Message { channel: 1, sequence: TICK as u32, log_time, publish_time: log_time, data: &data };
-        Judge::default().judge(topic, &message, false) == Verdict::Good
+        PlausibilityCheck::default().check(topic, &message, false) == Plausibility::Valid
     }
 
     #[test]
-    fn a_state_is_believed_if_every_number_of_it_is_finite() {
-        let sound = || proto::State {
+    fn plausibility_state_needs_finite_numbers() {
+        let intact = || proto::State {
             tick: TICK,
             foot_force: vec![0.0, 0.0, 50.0],
             objects: vec![proto::Object { position: vec![1.0; 3], orientation: vec![0.5; 4], ..proto::Object::default() }],
@@ -170,8 +170,8 @@ mod tests {
             physics: Some(proto::Physics::default()),
             ..proto::State::default()
         };
-        assert!(is_believed(Topic::State, &sound()));
-        assert!(is_believed(Topic::State, &proto::State { tick: TICK, ..proto::State::default() }));
+        assert!(is_valid(Topic::State, &intact()));
+        assert!(is_valid(Topic::State, &proto::State { tick: TICK, ..proto::State::default() }));
         let damages: [fn(&mut proto::State, f64); 11] = [
             |m, v| m.joint_torque.push(v),
             |m, v| m.foot_force[1] = v,
@@ -185,37 +185,37 @@ mod tests {
             |m, v| m.physics.get_or_insert_default().energy_j = v,
             |m, v| m.physics.get_or_insert_default().contact_stored_j = v,
         ];
-        for (place, damage) in damages.into_iter().enumerate() {
+        for (index, damage) in damages.into_iter().enumerate() {
             for value in [f64::NAN, f64::NEG_INFINITY] {
-                let mut damaged = sound();
+                let mut damaged = intact();
                 damage(&mut damaged, value);
-                assert!(!is_believed(Topic::State, &damaged), "damage {place}, {value}");
+                assert!(!is_valid(Topic::State, &damaged), "damage {index}, {value}");
             }
         }
     }
 
     #[test]
-    fn a_request_is_believed_on_the_topic_of_its_controller_alone() {
+    fn plausibility_request_needs_topic_of_its_controller() {
         for controller in ["controller", "standby", "none", "unknown"] {
             let request = proto::Request { tick: TICK, controller: controller.to_owned(), ..proto::Request::default() };
-            assert_eq!(is_believed(Topic::Request, &request), controller != "standby", "{controller}");
-            assert_eq!(is_believed(Topic::StandbyRequest, &request), controller == "standby", "{controller}");
+            assert_eq!(is_valid(Topic::Request, &request), controller != "standby", "{controller}");
+            assert_eq!(is_valid(Topic::StandbyRequest, &request), controller == "standby", "{controller}");
         }
         let standby = proto::Request { tick: TICK, controller: "standby".to_owned(), ..proto::Request::default() };
-        assert!(!is_believed(Topic::StandbyRequest, &proto::Request { torque: vec![f64::NAN], ..standby }));
+        assert!(!is_valid(Topic::StandbyRequest, &proto::Request { torque: vec![f64::NAN], ..standby }));
     }
 
     #[test]
-    fn a_parameter_set_is_believed_if_every_number_of_it_is_finite() {
-        let sound =
+    fn plausibility_parameter_set_needs_finite_numbers() {
+        let intact =
             || proto::Operator { effective_tick: TICK, desired_force: vec![0.0, 0.0, 50.0], ..proto::Operator::default() };
-        assert!(is_believed(Topic::Operator, &sound()));
+        assert!(is_valid(Topic::Operator, &intact()));
         let damages: [fn(&mut proto::Operator, f64); 4] =
             [|m, v| m.desired_force[2] = v, |m, v| m.position_bound.push(v), |m, v| m.taper = v, |m, v| m.max_acceleration = v];
-        for (place, damage) in damages.into_iter().enumerate() {
-            let mut damaged = sound();
+        for (index, damage) in damages.into_iter().enumerate() {
+            let mut damaged = intact();
             damage(&mut damaged, f64::INFINITY);
-            assert!(!is_believed(Topic::Operator, &damaged), "damage {place}");
+            assert!(!is_valid(Topic::Operator, &damaged), "damage {index}");
         }
     }
 }

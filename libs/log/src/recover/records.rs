@@ -1,22 +1,22 @@
-//! The records that a recovery looks for, and how they are told from other bytes: by lengths that agree with each other.
+//! Records that a recovery looks for. Consistent lengths distinguish them from other bytes.
 
 use super::bytes::{Fields, HEAD};
 use super::lz4;
 use crate::frames::LONGEST_RECORD;
 use mcap::records::{Metadata, Record, op};
 
-/// What stands before the data of a chunk.
+/// Header of a chunk, before its data.
 pub(super) struct ChunkHead<'a> {
     pub(super) uncompressed_size: u64,
     pub(super) checksum: u32,
     pub(super) compression: &'a str,
     pub(super) compressed_size: u64,
-    /// Its own length, bytes.
+    /// Length of the header [bytes].
     pub(super) length: usize,
 }
 
 impl<'a> ChunkHead<'a> {
-    /// Of a chunk's record without opcode and length, or its beginning.
+    /// Parses the beginning of a chunk's record, without opcode and length.
     pub(super) fn parse(body: &'a [u8]) -> Option<Self> {
         let mut fields = Fields::new(body);
         fields.take(16)?;
@@ -27,7 +27,7 @@ impl<'a> ChunkHead<'a> {
         Some(Self { uncompressed_size, checksum, compression, compressed_size, length: body.len() - fields.rest().len() })
     }
 
-    /// Whether it is that of a chunk whose record says that it has `length` bytes, of which `body` are the first.
+    /// Whether the header fits a chunk record of `length` bytes that begins with `body`.
     pub(super) fn fits(&self, length: u64, body: &[u8]) -> bool {
         let data = body.get(self.length..).unwrap_or_default();
         let starts = match self.compression {
@@ -41,7 +41,7 @@ impl<'a> ChunkHead<'a> {
     }
 }
 
-/// A message as a chunk holds it.
+/// Message in a chunk.
 #[derive(Clone, Copy)]
 pub(super) struct Message<'a> {
     pub(super) channel: u16,
@@ -77,7 +77,7 @@ pub(super) fn is_message_index(body: &[u8]) -> bool {
     length.is_some_and(|length| length as usize == fields.rest().len() && length.is_multiple_of(16))
 }
 
-/// The metadata record, if pairs of texts fill it.
+/// Parses a metadata record; `None` unless pairs of texts fill it.
 pub(super) fn metadata(body: &[u8]) -> Option<Metadata> {
     let mut fields = Fields::new(body);
     let name = fields.text()?;
@@ -93,7 +93,7 @@ pub(super) fn metadata(body: &[u8]) -> Option<Metadata> {
     Some(Metadata { name: name.to_owned(), metadata })
 }
 
-/// Whether `start` is how an attachment begins whose record has `length` bytes.
+/// Whether `start` is the beginning of an attachment record of `length` bytes.
 pub(super) fn is_attachment(start: &[u8], length: u64) -> bool {
     const CHECKSUM: u64 = 4;
     let mut fields = Fields::new(start);
@@ -102,14 +102,14 @@ pub(super) fn is_attachment(start: &[u8], length: u64) -> bool {
     data.and_then(|data| data.checked_add(before + CHECKSUM)) == Some(length)
 }
 
-/// The attachment, if its checksum is right.
+/// Parses an attachment; `None` unless its checksum is right.
 pub(super) fn attachment(body: &[u8]) -> Option<mcap::Attachment<'_>> {
-    // `mcap` takes the lengths for granted.
+    // `mcap` does not check the lengths.
     if !is_attachment(body, body.len() as u64) {
         return None;
     }
     match crate::lengths::parse(op::ATTACHMENT, body).ok()? {
-        // Without a checksum nobody knows.
+        // A checksum of zero stands for none.
         Record::Attachment { header, data, crc } if crc != 0 => Some(mcap::Attachment {
             log_time: header.log_time,
             create_time: header.create_time,
@@ -121,7 +121,7 @@ pub(super) fn attachment(body: &[u8]) -> Option<mcap::Attachment<'_>> {
     }
 }
 
-/// Opcode and length of a record that is believed for now.
+/// Parses opcode and length of a record; `None` if they are invalid.
 pub(super) fn head(bytes: &[u8]) -> Option<(u8, u64)> {
     let mut fields = Fields::new(bytes.get(..HEAD as usize)?);
     let (opcode, length) = (fields.u8()?, fields.u64()?);

@@ -1,8 +1,8 @@
-//! Walking through a damaged log: record by record where it is sound, looking for the next record where it is not.
+//! Scan of a damaged log: record by record where it is intact, with a search for the next record where it is not.
 
 use super::RecoverError;
 use super::bytes::{HEAD, Source};
-use super::copy::Carry;
+use super::copy::Copier;
 use super::lz4;
 use super::records::{self, ChunkHead};
 use crate::chunk::Chunks;
@@ -10,35 +10,36 @@ use crate::frames::LONGEST_RECORD;
 use mcap::MAGIC;
 use mcap::records::op;
 
-/// Bytes searched at once.
+/// Window of the search [bytes].
 const WINDOW: u64 = 256 * 1024;
-/// Bytes of a chunk or attachment that hold all that stands before its data.
+/// Beginning of a chunk or attachment that contains everything before its data [bytes].
 const START: u64 = 4096;
-/// Longest metadata record that is believed where nothing before it is sound.
+/// Longest valid metadata record after damage [bytes].
 const LONGEST_METADATA: u64 = 1 << 20;
-/// Length of a footer and of the record before the summary, bytes.
+/// Length of the footer [bytes].
 const FOOTER: u64 = 20;
+/// Length of the record before the summary [bytes].
 const DATA_END: u64 = 4;
 
 struct Scan<'a> {
     source: &'a Source,
-    carry: &'a mut Carry,
+    copier: &'a mut Copier,
     chunks: Chunks,
     body: Vec<u8>,
     record: Vec<u8>,
-    /// The records of a chunk, uncompressed.
+    /// Records of a chunk, uncompressed.
     records: Vec<u8>,
-    /// Whether the end of the data was met.
+    /// Whether the end of the data was found.
     ended: bool,
-    /// Whether the footer was.
+    /// Whether the footer was found.
     closed: bool,
 }
 
-/// Takes everything that can be kept from `source` to `carry`.
-pub(super) fn scan(source: &Source, carry: &mut Carry) -> Result<(), RecoverError> {
+/// Passes everything readable in `source` to `copier`.
+pub(super) fn scan(source: &Source, copier: &mut Copier) -> Result<(), RecoverError> {
     let mut scan = Scan {
         source,
-        carry,
+        copier,
         chunks: Chunks::new(),
         body: Vec::new(),
         record: Vec::new(),
@@ -47,23 +48,24 @@ pub(super) fn scan(source: &Source, carry: &mut Carry) -> Result<(), RecoverErro
         closed: false,
     };
     let magic = MAGIC.len() as u64;
-    let mut at = if scan.is_magic(0)? { magic } else { scan.lose(0, "found other bytes, expected the MCAP magic".to_owned())? };
+    let mut at =
+        if scan.is_magic(0)? { magic } else { scan.skip_damage(0, "found other bytes, expected the MCAP magic".to_owned())? };
     while at < source.length() {
         at = scan.step(at)?;
     }
     if !(scan.ended && scan.closed) {
         let what = "the log ends without its summary: it was cut off, or its writer was killed";
-        scan.carry.found.lose(source.length(), 0, 0, what.to_owned());
+        scan.copier.found.add_loss(source.length(), 0, 0, what.to_owned());
     }
     Ok(())
 }
 
 impl Scan<'_> {
-    /// Takes what begins at `at`; returns where to go on.
+    /// Processes the record at `at`; returns the next byte to process.
     fn step(&mut self, at: u64) -> Result<u64, RecoverError> {
         self.source.read(at, HEAD, &mut self.body)?;
         let Some((opcode, length)) = records::head(&self.body) else {
-            // Its length alone may be wrong, or its opcode.
+            // Only the length or the opcode may be wrong.
             if self.body.first() == Some(&op::CHUNK)
                 && let Some(next) = self.chunk_of_another_length(at)?
             {
@@ -72,7 +74,7 @@ impl Scan<'_> {
             let length = self.body.get(1..HEAD as usize).map(|bytes| super::bytes::Fields::new(bytes).u64().unwrap_or(u64::MAX));
             return match length {
                 Some(length) if self.is_chunk(at, length)? => self.chunk(at, length),
-                _ => self.lose(at, "found no record".to_owned()),
+                _ => self.skip_damage(at, "found no record".to_owned()),
             };
         };
         let next = at + HEAD + length;
@@ -81,7 +83,7 @@ impl Scan<'_> {
             op::METADATA => {
                 self.source.read(at + HEAD, length, &mut self.body)?;
                 if let Some(metadata) = records::metadata(&self.body).filter(|_| self.body.len() as u64 == length) {
-                    self.carry.metadata(&metadata)?;
+                    self.copier.metadata(&metadata)?;
                     return Ok(next);
                 }
             }
@@ -90,7 +92,7 @@ impl Scan<'_> {
                 if self.body.len() as u64 == length
                     && let Some(attachment) = records::attachment(&self.body)
                 {
-                    self.carry.attachment(&attachment)?;
+                    self.copier.attachment(&attachment)?;
                     return Ok(next);
                 }
             }
@@ -114,17 +116,17 @@ impl Scan<'_> {
                 self.closed = true;
                 return Ok(next + MAGIC.len() as u64);
             }
-            // The summary is made anew.
+            // The new log gets its own summary.
             op::SCHEMA..=op::SUMMARY_OFFSET if self.ended && next <= self.source.length() => return Ok(next),
             _ => {}
         }
         if self.is_chunk(at, length)? {
             return self.chunk(at, length);
         }
-        self.lose(at, format!("a record with opcode {opcode:#04x} is damaged, cut off or out of place"))
+        self.skip_damage(at, format!("a record with opcode {opcode:#04x} is damaged, cut off or out of place"))
     }
 
-    /// Takes the chunk at `at`, whole or as far as it goes.
+    /// Copies the chunk at `at`, or its readable part.
     fn chunk(&mut self, at: u64, length: u64) -> Result<u64, RecoverError> {
         self.source.read(at + HEAD, length, &mut self.body)?;
         let body = std::mem::take(&mut self.body);
@@ -136,17 +138,17 @@ impl Scan<'_> {
     fn chunk_of(&mut self, at: u64, length: u64, body: &[u8]) -> Result<u64, RecoverError> {
         let next = at + HEAD + length;
         let Some(head) = ChunkHead::parse(body) else {
-            // The length may say that there is next to nothing.
+            // A wrong length may leave too few bytes for the header.
             return match self.chunk_of_another_length(at)? {
                 Some(next) => Ok(next),
-                None => self.lose(at, "the header of a chunk is damaged".to_owned()),
+                None => self.skip_damage(at, "the header of a chunk is damaged".to_owned()),
             };
         };
         let complete = body.len() as u64 == length;
         let fits = head.fits(length, body);
-        // A checksum of zero means that there is none.
+        // A checksum of zero stands for none.
         if complete && fits && head.checksum != 0 && self.decompress(body) {
-            self.keep(at, next)?;
+            self.copy_chunk(at, next)?;
             return Ok(next);
         }
         if !fits && let Some(next) = self.chunk_of_another_length(at)? {
@@ -158,25 +160,26 @@ impl Scan<'_> {
             self.records.clear();
             self.records.extend_from_slice(data);
         } else {
-            // Whatever it says: a frame that is none gives nothing.
+            // For any other name: an invalid frame gives nothing.
             lz4::decode(data, most, &mut self.records);
         }
-        let taken = self.carry.chunk(&self.records, false)?;
+        let copied = self.copier.chunk(&self.records, false)?;
         let end = if complete && fits && self.is_head(next)? { next } else { self.find(at + HEAD + head.length as u64)? };
         let state = if complete { "damaged" } else { "cut off" };
         let mut what = format!("a chunk is {state}");
-        if let Some((first, last)) = taken.ticks {
-            what += &format!("; what was rescued of it is of ticks {} to {}", first as i32, last as i32);
+        if let Some((first, last)) = copied.ticks {
+            what += &format!("; the rescued messages are of ticks {} to {}", first as i32, last as i32);
         }
-        if let Some(stopped) = taken.stopped {
+        if let Some(stopped) = copied.stopped {
             what += &format!("; then {stopped}");
         }
-        self.carry.found.lose(at, end - at, taken.messages, what);
+        self.copier.found.add_loss(at, end - at, copied.messages, what);
         Ok(end)
     }
 
-    /// Takes the chunk at `at` whole by the lengths in it, if its checksum is right: then only the record's own length is wrong.
-    /// Returns where to go on, `None` if it is another damage.
+    /// Copies the chunk at `at` by its inner lengths if its checksum is right: only the record's length is wrong then.
+    ///
+    /// Returns the next byte to process; `None` for any other damage.
     fn chunk_of_another_length(&mut self, at: u64) -> Result<Option<u64>, RecoverError> {
         let mut body = Vec::new();
         self.source.read(at + HEAD, START, &mut body)?;
@@ -190,24 +193,24 @@ impl Scan<'_> {
             return Ok(None);
         }
         let next = at + HEAD + length;
-        self.carry.found.lose(at, HEAD, 0, "the length of a chunk is wrong; its content is right".to_owned());
-        self.keep(at, next)?;
+        self.copier.found.add_loss(at, HEAD, 0, "the length of a chunk is wrong; its content is right".to_owned());
+        self.copy_chunk(at, next)?;
         Ok(Some(next))
     }
 
-    /// Takes the records of a chunk whose checksum is right; it is the one from `at` to `next`.
-    fn keep(&mut self, at: u64, next: u64) -> Result<(), RecoverError> {
-        let taken = self.carry.chunk(&self.records, true)?;
-        if let Some(what) = taken.stopped {
-            self.carry.found.lose(at, next - at, 0, format!("not all of a chunk could be used: {what}"));
+    /// Copies the records of the chunk from `at` to `next`, which has a right checksum.
+    fn copy_chunk(&mut self, at: u64, next: u64) -> Result<(), RecoverError> {
+        let copied = self.copier.chunk(&self.records, true)?;
+        if let Some(what) = copied.stopped {
+            self.copier.found.add_loss(at, next - at, 0, format!("a part of a chunk is unusable: {what}"));
         }
         Ok(())
     }
 
-    /// Decompresses a chunk into `records`; whether all of it is there and its checksum right.
+    /// Decompresses a chunk into `records`; returns whether it is complete with a right checksum.
     fn decompress(&mut self, body: &[u8]) -> bool {
         self.records.clear();
-        let whole = self.chunks.open(body).and_then(|()| {
+        let result = self.chunks.open(body).and_then(|()| {
             while let Some(opcode) = self.chunks.read_record(&mut self.record)? {
                 self.records.push(opcode);
                 self.records.extend_from_slice(&(self.record.len() as u64).to_le_bytes());
@@ -215,39 +218,39 @@ impl Scan<'_> {
             }
             Ok(())
         });
-        if whole.is_err() {
-            // It stands in the middle of the damaged one.
+        if result.is_err() {
+            // The old reader stopped inside the damaged chunk.
             self.chunks = Chunks::new();
         }
-        whole.is_ok()
+        result.is_ok()
     }
 
-    /// Passes over damage that begins at `at`.
-    fn lose(&mut self, at: u64, what: String) -> Result<u64, RecoverError> {
+    /// Skips damage from `at` to the next record.
+    fn skip_damage(&mut self, at: u64, what: String) -> Result<u64, RecoverError> {
         let next = self.find(at + 1)?;
-        self.carry.found.lose(at, next - at, 0, what);
+        self.copier.found.add_loss(at, next - at, 0, what);
         Ok(next)
     }
 
-    /// The next byte from `from` on at which a chunk, metadata or attachment begins; the end of the file if there is none.
+    /// Finds the next chunk, metadata or attachment from `from` on; the end of the file if there is none.
     fn find(&self, from: u64) -> Result<u64, RecoverError> {
         let end = self.source.length();
         let mut window = Vec::new();
         let mut start = from.min(end);
         loop {
             self.source.read(start, WINDOW, &mut window)?;
-            for (place, bytes) in window.windows(HEAD as usize).enumerate() {
+            for (offset, bytes) in window.windows(HEAD as usize).enumerate() {
                 if !matches!(bytes[0], op::CHUNK | op::METADATA | op::ATTACHMENT) {
                     continue;
                 }
-                let at = start + place as u64;
+                let at = start + offset as u64;
                 if let Some((opcode, length)) = records::head(bytes)
                     && self.is_record(at, opcode, length)?
                 {
                     return Ok(at);
                 }
             }
-            // The last bytes once more, with those behind them.
+            // The windows overlap by less than a head.
             let searched = (window.len() as u64).saturating_sub(HEAD - 1);
             if searched == 0 {
                 return Ok(end);
@@ -272,7 +275,7 @@ impl Scan<'_> {
         }
     }
 
-    /// Whether what stands behind `at` is a chunk of this length, or the beginning of one.
+    /// Whether the body of the record at `at` is a chunk of this length, or the beginning of one.
     fn is_chunk(&self, at: u64, length: u64) -> Result<bool, RecoverError> {
         let mut start = Vec::new();
         if length > LONGEST_RECORD {

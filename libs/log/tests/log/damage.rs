@@ -1,4 +1,4 @@
-//! Files that are cut off, altered, or something else: one clear error, never a panic.
+//! Truncated, altered and foreign files: one clear error, never a panic.
 
 use crate::samples::{event, log, read};
 use hapfic_log::{Entry, LogError, WriterOptions, convert};
@@ -12,7 +12,7 @@ use std::sync::OnceLock;
 
 const EVENTS: usize = 5;
 
-/// A log of two kilobytes with every kind of record, written by `mcap` itself.
+/// Log of two kilobytes with every kind of record, written by `mcap` itself.
 fn small_log(compression: Option<mcap::Compression>) -> Vec<u8> {
     let mut bytes = Vec::new();
     let options = mcap::WriteOptions::new().compression(compression).chunk_size(Some(100));
@@ -44,7 +44,7 @@ fn small_logs() -> [Vec<u8>; 2] {
     [small_log(Some(mcap::Compression::Lz4)), small_log(None)]
 }
 
-/// A log as the writer makes it, and its messages.
+/// Log of the writer, and its messages.
 fn real_log() -> &'static (Vec<u8>, Vec<Entry>) {
     static LOG: OnceLock<(Vec<u8>, Vec<Entry>)> = OnceLock::new();
     LOG.get_or_init(|| {
@@ -56,13 +56,13 @@ fn real_log() -> &'static (Vec<u8>, Vec<Entry>) {
 
 fn assert_truncated(bytes: &[u8], length: usize, whole: &[Entry]) {
     let (entries, error) = read(&bytes[..length]);
-    let told = matches!(error, Some(LogError::Truncated { byte, .. }) if byte == length as u64);
-    assert!(told, "cut off at {length}: {error:?}");
+    let reported = matches!(error, Some(LogError::Truncated { byte, .. }) if byte == length as u64);
+    assert!(reported, "cut off at {length}: {error:?}");
     assert_eq!(entries, whole[..entries.len()], "cut off at {length}");
 }
 
 #[test]
-fn a_log_cut_off_anywhere_gives_a_beginning_and_says_where_it_ends() {
+fn reader_truncated_log_gives_beginning_and_end_position() {
     for bytes in small_logs() {
         let (whole, error) = read(&bytes);
         assert!(error.is_none() && whole.len() == EVENTS, "{error:?}");
@@ -77,21 +77,21 @@ fn a_log_cut_off_anywhere_gives_a_beginning_and_says_where_it_ends() {
 }
 
 #[test]
-fn a_log_with_any_byte_altered_gives_at_most_one_error() {
+fn reader_altered_byte_gives_at_most_one_error() {
     for bytes in small_logs() {
-        for place in 0..bytes.len() {
+        for index in 0..bytes.len() {
             for flip in [0x01, 0x80, 0xff] {
                 let mut altered = bytes.clone();
-                altered[place] ^= flip;
+                altered[index] ^= flip;
                 let (entries, _) = read(&altered);
-                assert!(entries.len() <= EVENTS, "byte {place} altered by {flip:#x} adds messages");
+                assert!(entries.len() <= EVENTS, "byte {index} altered by {flip:#x} adds messages");
             }
         }
     }
 }
 
 #[test]
-fn an_altered_chunk_is_refused_as_a_whole_and_located() {
+fn reader_altered_chunk_is_rejected_as_whole_and_located() {
     let (bytes, whole) = real_log();
     let chunk = mcap::Summary::read(bytes).unwrap().unwrap().chunk_indexes.last().unwrap().clone();
     let mut altered = bytes.clone();
@@ -104,7 +104,7 @@ fn an_altered_chunk_is_refused_as_a_whole_and_located() {
 }
 
 #[test]
-fn something_else_is_not_a_log() {
+fn reader_foreign_file_is_not_mcap() {
     for bytes in [&b"<?xml version='1.0'?>"[..], b"PK", &[0; 100]] {
         let (entries, error) = read(bytes);
         assert!(entries.is_empty());
@@ -115,12 +115,12 @@ fn something_else_is_not_a_log() {
 }
 
 #[test]
-fn records_that_overrun_their_chunk_are_refused() {
+fn reader_record_over_chunk_end_is_rejected() {
     let bytes = small_log(None);
     let chunk = mcap::Summary::read(&bytes).unwrap().unwrap().chunk_indexes[0].clone();
     let data = chunk.compressed_data_offset().unwrap() as usize;
     let mut altered = bytes.clone();
-    // Length of the first record in the chunk, then no checksum, as a careless writer leaves it.
+    // Length of the first record in the chunk; then no checksum, as some writers leave it.
     altered[data + 1] = altered[data + 1].wrapping_add(200);
     let checksum = chunk.chunk_start_offset as usize + 9 + 24;
     altered[checksum..checksum + 4].fill(0);
@@ -129,7 +129,7 @@ fn records_that_overrun_their_chunk_are_refused() {
 }
 
 #[test]
-fn an_attachment_shorter_than_its_header_is_refused() {
+fn reader_attachment_shorter_than_header_is_rejected() {
     let mut bytes = mcap::MAGIC.to_vec();
     let mut record = |opcode: u8, body: &[u8]| {
         bytes.push(opcode);
@@ -147,14 +147,14 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 128, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
-    fn random_damage_never_panics(
+    fn reader_random_damage_never_panics(
         flips in prop::collection::vec((any::<prop::sample::Index>(), 1_u8..), 1..20),
         cut in prop::option::of(any::<prop::sample::Index>()),
     ) {
         let (bytes, whole) = real_log();
         let mut altered = bytes.clone();
-        for (place, flip) in flips {
-            altered[place.index(bytes.len())] ^= flip;
+        for (position, flip) in flips {
+            altered[position.index(bytes.len())] ^= flip;
         }
         if let Some(cut) = cut {
             altered.truncate(cut.index(bytes.len()));
@@ -164,7 +164,7 @@ proptest! {
     }
 
     #[test]
-    fn random_bytes_behind_the_magic_never_panic(tail in prop::collection::vec(any::<u8>(), 0..400)) {
+    fn reader_random_bytes_after_magic_never_panic(tail in prop::collection::vec(any::<u8>(), 0..400)) {
         let mut bytes = mcap::MAGIC.to_vec();
         bytes.extend_from_slice(&tail);
         let (entries, error) = read(&bytes);

@@ -1,4 +1,4 @@
-//! Metrics of made-up runs whose figures are known.
+//! Metrics of synthetic runs with known results.
 
 mod moments;
 
@@ -30,7 +30,7 @@ fn operator(version: u64, effective_tick: i64, desired_z: f64) -> proto::Operato
     }
 }
 
-/// A run of some ticks, given the contact force and the reference's speed at each.
+/// Run with a given contact force and reference speed at each tick.
 fn run(sets: &[proto::Operator], ticks: i64, force: impl Fn(i64) -> f64, speed: impl Fn(i64) -> f64) -> MetricsSummary {
     let mut metrics = Metrics::new();
     sets.iter().for_each(|set| metrics.push_operator(set));
@@ -47,35 +47,35 @@ fn assert_close(found: Option<f64>, expected: f64) {
 }
 
 #[test]
-fn a_settled_force_counts_from_half_a_second_after_it_was_wished() {
+fn force_settled_counts_half_second_after_change() {
     let force = run(&[operator(1, 0, 50.0)], 2000, |tick| if tick < 500 { 50.0 } else { 50.5 }, |_| 0.0).force;
     assert_close(force.settled_rms_n[Z], 0.5);
     assert_close(force.settled_rms_percent[Z], 1.0);
     assert_eq!(force.settled_ticks, [0, 0, 1500]);
     assert_eq!(force.desired_n, [None, None, Some(50.0)]);
-    assert_eq!((force.settled_rms_n[0], force.settled_rms_n[1]), (None, None), "no force was wished there");
+    assert_eq!((force.settled_rms_n[0], force.settled_rms_n[1]), (None, None), "no desired force there");
     assert_eq!((force.sliding_rms_percent[Z], force.sliding_ticks[Z]), (None, 0));
 }
 
 #[test]
-fn a_pull_counts_as_a_push() {
+fn force_pull_counts_as_push() {
     let force = run(&[operator(1, 0, -50.0)], 600, |tick| if tick == 0 { -50.0 } else { -49.0 }, |_| 0.0).force;
     assert_close(force.settled_rms_percent[Z], 2.0);
     assert_eq!(force.settled_ticks[Z], 100);
 }
 
 #[test]
-fn a_force_that_was_never_reached_is_not_settled() {
+fn force_never_reached_is_not_settled() {
     let force = run(&[operator(1, 0, 50.0)], 2000, |_| 49.4, |_| 0.0).force;
     assert_eq!((force.settled_rms_n[Z], force.settled_ticks[Z]), (None, 0));
     assert_eq!(force.desired_n[Z], Some(50.0));
-    // Within 1 % it is.
+    // Within 1 % the force counts as reached.
     let force = run(&[operator(1, 0, 50.0)], 2000, |_| 49.6, |_| 0.0).force;
     assert_eq!(force.settled_ticks[Z], 1500);
 }
 
 #[test]
-fn a_new_wish_starts_anew() {
+fn force_new_target_restarts_settling() {
     let sets = [operator(1, 0, 50.0), operator(2, 1000, 80.0)];
     let contact = |tick: i64| match tick {
         ..1000 => 50.0,
@@ -84,7 +84,7 @@ fn a_new_wish_starts_anew() {
         _ => 80.8,
     };
     let force = run(&sets, 2000, contact, |_| 0.0).force;
-    // 500 exact ticks of 50 N, one exact one of 80 N, 199 that are 0.8 N off.
+    // 500 exact ticks of 50 N, one exact tick of 80 N, 199 ticks with an error of 0.8 N.
     assert_eq!(force.settled_ticks[Z], 700);
     assert_close(force.settled_rms_n[Z], (0.64 * 199.0 / 700.0_f64).sqrt());
     assert_close(force.settled_rms_percent[Z], (199.0 / 700.0_f64).sqrt());
@@ -92,13 +92,13 @@ fn a_new_wish_starts_anew() {
 }
 
 #[test]
-fn a_parameter_set_that_changes_something_else_does_not() {
+fn force_unrelated_parameter_change_keeps_settling() {
     let sets = [operator(1, 0, 50.0), operator(2, 1000, 50.0)];
     assert_eq!(run(&sets, 2000, |_| 50.0, |_| 0.0).force.settled_ticks[Z], 1500);
 }
 
 #[test]
-fn sliding_is_apart_and_the_rest_after_it_settles_anew() {
+fn force_sliding_is_separate_and_restarts_settling() {
     let slides = |tick: i64| (1000..1500).contains(&tick);
     let contact = |tick| if slides(tick) { 52.0 } else { 50.0 };
     let speed = |tick| if slides(tick) { 0.1 } else { 0.0 };
@@ -111,7 +111,7 @@ fn sliding_is_apart_and_the_rest_after_it_settles_anew() {
 }
 
 #[test]
-fn tracking_is_compared_with_the_bound_in_force() {
+fn tracking_uses_bound_in_force() {
     let mut metrics = Metrics::new();
     metrics.push_operator(&operator(1, 0, 0.0));
     for tick in 0..100 {
@@ -131,7 +131,7 @@ fn tracking_is_compared_with_the_bound_in_force() {
 }
 
 #[test]
-fn forces_above_their_limit_are_counted_while_they_act() {
+fn force_command_above_limit_counts_only_active_ticks() {
     let mut metrics = Metrics::new();
     metrics.push_operator(&operator(1, 0, 0.0));
     for tick in 0..10 {
@@ -150,7 +150,7 @@ fn forces_above_their_limit_are_counted_while_they_act() {
 }
 
 #[test]
-fn lost_and_missed_ticks_are_counted() {
+fn ticks_lost_and_missed_are_counted() {
     let mut metrics = Metrics::new();
     for tick in 10..1000 {
         if tick != 700 {
@@ -174,7 +174,7 @@ fn lost_and_missed_ticks_are_counted() {
 }
 
 #[test]
-fn the_order_of_the_topics_does_not_matter() {
+fn metrics_unordered_topics_give_same_summary() {
     let force = |tick: i64| 50.0 + 0.01 * (tick % 7) as f64;
     let sets = [operator(1, 0, 50.0), operator(2, 900, 60.0)];
     let straight = run(&sets, 1280, force, |_| 0.0);
@@ -193,7 +193,7 @@ fn the_order_of_the_topics_does_not_matter() {
 }
 
 #[test]
-fn a_summary_in_between_changes_nothing() {
+fn metrics_intermediate_summary_changes_nothing() {
     let mut metrics = Metrics::new();
     metrics.push_operator(&operator(1, 0, 50.0));
     for tick in 0..2000 {
@@ -208,7 +208,7 @@ fn a_summary_in_between_changes_nothing() {
 }
 
 #[test]
-fn latencies_are_those_of_the_gate_and_lateness_that_of_the_plant() {
+fn timing_latency_is_gate_and_lateness_is_plant() {
     let mut metrics = Metrics::new();
     let timing = |process: &str, latency_ns: u64, publish_ns: u64| proto::Timing {
         process: process.into(),
@@ -239,14 +239,14 @@ fn latencies_are_those_of_the_gate_and_lateness_that_of_the_plant() {
 }
 
 #[test]
-fn nothing_gives_empty_figures() {
+fn metrics_without_messages_are_default() {
     let summary = Metrics::new().summary();
     assert_eq!(summary, MetricsSummary::default());
     assert_eq!(summary.ticks.first, None);
 }
 
 #[test]
-fn what_is_not_a_number_is_left_out_and_counted() {
+fn metrics_invalid_numbers_are_left_out_and_counted() {
     let mut metrics = Metrics::new();
     metrics.push_operator(&operator(1, 0, 50.0));
     for tick in [0, 1, i64::MIN, i64::MAX, 2] {
@@ -261,7 +261,7 @@ fn what_is_not_a_number_is_left_out_and_counted() {
 }
 
 #[test]
-fn ticks_far_apart_are_told_in_no_time() {
+fn ticks_far_apart_need_no_time() {
     let mut metrics = Metrics::new();
     for tick in [i64::MIN, -5, 3, i64::MAX - 1] {
         metrics.push_state(&state(tick, [0.0; 3], 0.0));

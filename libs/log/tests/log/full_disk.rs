@@ -1,23 +1,23 @@
-//! A disk that runs full.
+//! Full disk.
 
 use crate::samples::{attachments, header, log, names, write_tick};
 use hapfic_log::{LogError, Writer, WriterOptions};
 use std::io::{self, Write};
 use std::path::Path;
 
-/// Takes so many bytes and no more.
+/// Output with a limited capacity [bytes].
 struct Disk {
-    room: usize,
+    free: usize,
 }
 
 impl Write for Disk {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        if self.room == 0 && !bytes.is_empty() {
+        if self.free == 0 && !bytes.is_empty() {
             return Err(io::ErrorKind::StorageFull.into());
         }
-        let taken = bytes.len().min(self.room);
-        self.room -= taken;
-        Ok(taken)
+        let written = bytes.len().min(self.free);
+        self.free -= written;
+        Ok(written)
     }
 
     fn flush(&mut self) -> io::Result<()> {
@@ -28,13 +28,13 @@ impl Write for Disk {
 const TICKS: i64 = 6;
 const OPTIONS: WriterOptions = WriterOptions { start_unix_ns: 0, chunk_bytes: 4096 };
 
-fn write_all(room: usize) -> Result<(), LogError> {
-    let mut writer = Writer::new(Disk { room }, Path::new("/data/run.mcap"), &names(), &header(), &attachments(), &OPTIONS)?;
+fn write_all(free: usize) -> Result<(), LogError> {
+    let mut writer = Writer::new(Disk { free }, Path::new("/data/run.mcap"), &names(), &header(), &attachments(), &OPTIONS)?;
     for tick in 0..TICKS {
         if let Err(error) = write_tick(&mut writer, tick) {
-            assert!(writer.flush().is_err(), "a flush after {error} claims that all is written");
-            assert!(writer.sync().is_err(), "so does a sync");
-            assert!(write_tick(&mut writer, tick).is_err(), "a message after {error} is taken");
+            assert!(writer.flush().is_err(), "a flush after {error} succeeds");
+            assert!(writer.sync().is_err(), "a sync after {error} succeeds");
+            assert!(write_tick(&mut writer, tick).is_err(), "a message after {error} is accepted");
             drop(writer);
             return Err(error);
         }
@@ -43,11 +43,11 @@ fn write_all(room: usize) -> Result<(), LogError> {
 }
 
 #[test]
-fn is_reported_wherever_it_happens_and_never_panics() {
+fn writer_full_disk_is_reported_at_any_byte() {
     let size = log(TICKS, &OPTIONS).len();
     write_all(size).expect("the disk is large enough");
-    for room in (0..size).step_by(211).chain([size - 1]) {
-        let error = write_all(room).expect_err("the disk is too small");
+    for free in (0..size).step_by(211).chain([size - 1]) {
+        let error = write_all(free).expect_err("the disk is too small");
         assert!(matches!(error, LogError::Write { .. }), "{error:?}");
         assert!(error.to_string().starts_with("/data/run.mcap: cannot write the log"), "{error}");
     }

@@ -1,4 +1,4 @@
-//! Behaviour of logs: what is written is read, nothing read can do harm, and figures are right.
+//! Behaviour of logs: round trip, harmless reading of any file, and metrics.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod damage;

@@ -1,4 +1,4 @@
-//! Logs that were cut off or altered become readable again, with everything that lies before the damage.
+//! Recovery of truncated and altered logs, with everything before the damage.
 
 use crate::samples::{attachments, header, log, names, read, write_tick};
 use hapfic_log::{LogError, RecoverError, Recovery, Topic, Writer, WriterOptions, recover};
@@ -10,11 +10,11 @@ use std::sync::OnceLock;
 /// Topic, number, times and content.
 type Message = (String, u32, u64, u64, Vec<u8>);
 
-/// A log of several chunks, and what is in it.
+/// Log of several chunks, and its content.
 struct Sample {
     bytes: Vec<u8>,
     messages: Vec<Message>,
-    /// Of each chunk: where it begins and ends, and the messages up to its end.
+    /// Of each chunk: first byte, end, and number of messages up to its end.
     chunks: Vec<(usize, usize, usize)>,
 }
 
@@ -22,15 +22,15 @@ fn sample() -> &'static Sample {
     static SAMPLE: OnceLock<Sample> = OnceLock::new();
     SAMPLE.get_or_init(|| {
         let bytes = log(80, &WriterOptions { start_unix_ns: 1_760_000_000_000_000_000, chunk_bytes: 16 * 1024 });
-        let mut places: Vec<_> = mcap::Summary::read(&bytes)
+        let mut ranges: Vec<_> = mcap::Summary::read(&bytes)
             .unwrap()
             .unwrap()
             .chunk_indexes
             .iter()
             .map(|index| (index.chunk_start_offset as usize, (index.chunk_start_offset + index.chunk_length) as usize))
             .collect();
-        places.sort_unstable();
-        let chunks: Vec<_> = places.iter().map(|&(start, end)| (start, end, read(&bytes[..end]).0.len())).collect();
+        ranges.sort_unstable();
+        let chunks: Vec<_> = ranges.iter().map(|&(start, end)| (start, end, read(&bytes[..end]).0.len())).collect();
         assert!(chunks.len() > 5, "{} chunks", chunks.len());
         let messages = messages(&bytes);
         Sample { bytes, messages, chunks }
@@ -45,7 +45,7 @@ fn messages(bytes: &[u8]) -> Vec<Message> {
         .collect()
 }
 
-/// A fresh folder for a test.
+/// Creates an empty folder for a test.
 fn folder(name: &str) -> PathBuf {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("recover").join(name);
     let _ = fs::remove_dir_all(&folder);
@@ -53,7 +53,7 @@ fn folder(name: &str) -> PathBuf {
     folder
 }
 
-/// Recovers damaged bytes; gives what was found, and the messages of the new log.
+/// Recovers damaged bytes; returns the findings and the messages of the new log.
 fn recovered(folder: &Path, damaged: &[u8]) -> Result<(Recovery, Vec<Message>), RecoverError> {
     let (original, new) = (folder.join("run.mcap"), folder.join("new.mcap"));
     let _ = fs::remove_file(&new);
@@ -75,25 +75,25 @@ fn recovered(folder: &Path, damaged: &[u8]) -> Result<(Recovery, Vec<Message>), 
     let stats = mcap::Summary::read(&bytes).unwrap().expect("a summary").stats.expect("statistics");
     assert_eq!(stats.message_count, messages.len() as u64);
     assert_eq!(found.message_count(), messages.len() as u64);
-    assert!(found.loss_count > 0, "nothing is said of the damage");
-    assert_eq!(messages.iter().collect::<BTreeSet<_>>().len(), messages.len(), "a message is there twice");
+    assert!(found.loss_count > 0, "the damage is not reported");
+    assert_eq!(messages.iter().collect::<BTreeSet<_>>().len(), messages.len(), "a message was kept twice");
     let (entries, error) = read(&bytes);
     assert!(error.is_none() && entries.len() == messages.len(), "{error:?}");
     Ok((found, messages))
 }
 
-/// Asserts that all messages of chunks before and behind the damaged bytes are there, in order.
+/// Asserts that all messages of chunks before and after the damaged bytes are kept, in order.
 fn assert_kept(damage: std::ops::Range<usize>, kept: &[Message], what: &str) {
     let sample = sample();
     let before = sample.chunks.iter().filter(|chunk| chunk.1 <= damage.start).map(|chunk| chunk.2).max().unwrap_or(0);
     let hit = sample.chunks.iter().filter(|chunk| chunk.0 < damage.end).map(|chunk| chunk.2).max().unwrap_or(0);
     let (first, last) = (&sample.messages[..before], &sample.messages[hit.max(before)..]);
     assert!(kept.starts_with(first), "{what}: of {} messages before the damage some are missing", first.len());
-    assert!(kept.ends_with(last), "{what}: of {} messages behind the damage some are missing", last.len());
+    assert!(kept.ends_with(last), "{what}: of {} messages after the damage some are missing", last.len());
     assert!(kept.len() >= first.len() + last.len() && kept.len() <= sample.messages.len(), "{what}: {} messages", kept.len());
 }
 
-/// Random numbers that are the same every time.
+/// Repeatable random numbers.
 struct Random(u64);
 
 impl Random {
@@ -106,7 +106,7 @@ impl Random {
 }
 
 #[test]
-fn a_log_cut_off_anywhere_keeps_a_beginning() {
+fn recover_truncated_log_keeps_beginning() {
     let (sample, folder, mut random) = (sample(), folder("cut"), Random(11));
     let mut rescued = 0;
     for _ in 0..100 {
@@ -114,7 +114,7 @@ fn a_log_cut_off_anywhere_keeps_a_beginning() {
         match recovered(&folder, &sample.bytes[..length]) {
             Ok((found, kept)) => {
                 assert_kept(length..sample.bytes.len(), &kept, &format!("cut off at {length}"));
-                assert!(sample.messages.starts_with(&kept), "cut off at {length}: something else is there");
+                assert!(sample.messages.starts_with(&kept), "cut off at {length}: the messages are others");
                 rescued += found.unchecked;
             }
             Err(RecoverError::Nothing { .. }) => assert!(length < sample.chunks[0].0, "cut off at {length}"),
@@ -125,24 +125,24 @@ fn a_log_cut_off_anywhere_keeps_a_beginning() {
 }
 
 #[test]
-fn a_log_with_any_bit_altered_keeps_all_other_chunks() {
+fn recover_altered_bit_keeps_other_chunks() {
     let (sample, folder, mut random) = (sample(), folder("bit"), Random(12));
     for _ in 0..100 {
-        let (place, bit) = (random.below(sample.bytes.len()), random.below(8));
+        let (index, bit) = (random.below(sample.bytes.len()), random.below(8));
         let mut damaged = sample.bytes.clone();
-        damaged[place] ^= 1 << bit;
+        damaged[index] ^= 1 << bit;
         let (_, kept) = recovered(&folder, &damaged).unwrap();
-        assert_kept(place..place + 1, &kept, &format!("bit {bit} of byte {place}"));
+        assert_kept(index..index + 1, &kept, &format!("bit {bit} of byte {index}"));
     }
 }
 
 #[test]
-fn a_wrong_length_costs_no_chunk() {
+fn recover_wrong_length_loses_no_chunk() {
     let (sample, folder) = (sample(), folder("length"));
     let (start, ..) = sample.chunks[sample.chunks.len() / 2];
     for bit in (0..64).step_by(3) {
         let mut damaged = sample.bytes.clone();
-        // Behind the opcode.
+        // After the opcode.
         damaged[start + 1 + bit / 8] ^= 1 << (bit % 8);
         let (found, kept) = recovered(&folder, &damaged).unwrap();
         assert!(kept == sample.messages, "bit {bit}: {} of {} messages", kept.len(), sample.messages.len());
@@ -152,7 +152,7 @@ fn a_wrong_length_costs_no_chunk() {
 }
 
 #[test]
-fn a_log_with_a_hole_keeps_all_other_chunks() {
+fn recover_zeroed_range_keeps_other_chunks() {
     let (sample, folder, mut random) = (sample(), folder("hole"), Random(13));
     for _ in 0..50 {
         let start = random.below(sample.bytes.len() - 1000);
@@ -165,7 +165,7 @@ fn a_log_with_a_hole_keeps_all_other_chunks() {
 }
 
 #[test]
-fn a_chunk_cut_off_near_its_end_keeps_most_of_its_messages() {
+fn recover_truncated_chunk_keeps_its_beginning() {
     let (sample, folder) = (sample(), folder("near"));
     let index = sample.chunks.len() / 2;
     let ((start, end, until), before) = (sample.chunks[index], sample.chunks[index - 1].2);
@@ -179,9 +179,9 @@ fn a_chunk_cut_off_near_its_end_keeps_most_of_its_messages() {
 }
 
 #[test]
-fn a_lost_first_chunk_costs_no_schema() {
+fn recover_lost_first_chunk_restores_schemas() {
     let (sample, folder) = (sample(), folder("first"));
-    // The schemas stand in the first chunk, the first messages in the second.
+    // The first chunk holds the schemas, the second the first messages.
     let (start, (_, end, until)) = (sample.chunks[0].0, sample.chunks[1]);
     assert!(until > 0);
     let mut damaged = sample.bytes.clone();
@@ -189,7 +189,7 @@ fn a_lost_first_chunk_costs_no_schema() {
     let (found, kept) = recovered(&folder, &damaged).unwrap();
     assert_eq!(kept, sample.messages[until..]);
     assert_eq!(found.rebuilt.len(), Topic::COUNT);
-    // The first message is one of the operator: the order in which topics come does not number them.
+    // The first message is one of the operator: the order of the messages does not number the topics.
     let new = fs::read(folder.join("new.mcap")).unwrap();
     let channels = mcap::Summary::read(&new).unwrap().unwrap().channels;
     let mut numbers: Vec<_> = channels.iter().map(|(id, channel)| (*id, channel.topic.as_str())).collect();
@@ -199,7 +199,7 @@ fn a_lost_first_chunk_costs_no_schema() {
 }
 
 #[test]
-fn attachments_and_metadata_are_carried_over() {
+fn recover_copies_attachments_and_metadata() {
     let (sample, folder) = (sample(), folder("attachments"));
     recovered(&folder, &sample.bytes[..sample.bytes.len() - 1]).unwrap();
     let reader = hapfic_log::Reader::open(folder.join("new.mcap")).unwrap();
@@ -212,7 +212,7 @@ fn attachments_and_metadata_are_carried_over() {
 }
 
 #[test]
-fn a_whole_log_is_not_copied() {
+fn recover_complete_log_is_not_copied() {
     let folder = folder("whole");
     let path = folder.join("run.mcap");
     fs::write(&path, &sample().bytes).unwrap();
@@ -225,7 +225,7 @@ fn a_whole_log_is_not_copied() {
 }
 
 #[test]
-fn what_cannot_be_done_is_refused() {
+fn recover_invalid_request_is_rejected() {
     let folder = folder("rejected");
     let (path, other) = (folder.join("run.mcap"), folder.join("run.recovered.mcap"));
     fs::write(&path, &sample().bytes[..sample().bytes.len() / 2]).unwrap();
@@ -244,7 +244,7 @@ fn what_cannot_be_done_is_refused() {
 }
 
 #[test]
-fn a_log_that_is_being_written_is_left_alone() {
+fn recover_log_being_written_is_rejected() {
     let path = folder("busy").join("run.mcap");
     let options = WriterOptions::default();
     let mut writer = Writer::create(&path, &names(), &header(), &attachments(), &options).unwrap();

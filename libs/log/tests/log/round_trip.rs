@@ -1,4 +1,4 @@
-//! What is written is read again, here and by another reader.
+//! Round trip of written messages, with this reader and another.
 
 use crate::samples::{
     MESSAGES_PER_TICK, attachments, command, event, header, line, log, names, parameters, read, reference, request, scene,
@@ -25,7 +25,7 @@ fn decoded<M: Message + Default>(record: &Record, schema: &str) -> M {
 }
 
 #[test]
-fn every_topic_comes_back_as_it_was_written() {
+fn round_trip_every_topic_is_identical() {
     let (entries, error) = read(&log(3, &WriterOptions::default()));
     assert!(error.is_none(), "{error:?}");
     assert_eq!(entries.len(), 3 * MESSAGES_PER_TICK);
@@ -42,8 +42,8 @@ fn every_topic_comes_back_as_it_was_written() {
         assert_eq!(decoded::<SceneUpdate>(&records[9].record, "foxglove.SceneUpdate"), scene(tick));
         assert_eq!(decoded::<Log>(&records[10].record, "foxglove.Log"), line(tick));
         for (index, entry) in records.iter().enumerate() {
-            let late = if index == 7 { 17 } else { 0 };
-            assert_eq!((entry.sequence, entry.log_time_ns), (tick as u32, tick as u64 * 1_000_000 + late));
+            let offset_ns = if index == 7 { 17 } else { 0 };
+            assert_eq!((entry.sequence, entry.log_time_ns), (tick as u32, tick as u64 * 1_000_000 + offset_ns));
         }
         let topics: Vec<_> = records.iter().map(|entry| &*entry.topic).collect();
         let expected = [
@@ -64,7 +64,7 @@ fn every_topic_comes_back_as_it_was_written() {
 }
 
 #[test]
-fn each_controller_has_a_topic_for_its_requests() {
+fn writer_requests_go_to_topic_of_their_controller() {
     let mut bytes = Vec::new();
     let options = WriterOptions::default();
     let mut writer = Writer::new(&mut bytes, Path::new("memory"), &names(), &[], &[], &options).unwrap();
@@ -72,7 +72,7 @@ fn each_controller_has_a_topic_for_its_requests() {
         writer.request(&standby_request(tick)).unwrap();
     }
     writer.request(&request(0)).unwrap();
-    // The supervisor's code, as in a zeroed request: whatever else asks is not the standby.
+    // The supervisor's code, as in a zeroed request: only the standby has its own topic.
     writer.request(&Request { controller: 0, ..request(1) }).unwrap();
     let totals = writer.finish().unwrap();
     assert_eq!((totals.messages(Topic::Request), totals.messages(Topic::StandbyRequest)), (2, 5));
@@ -85,11 +85,11 @@ fn each_controller_has_a_topic_for_its_requests() {
 }
 
 #[test]
-fn a_message_of_another_program_is_known_by_its_schema() {
+fn reader_foreign_topic_is_resolved_by_schema() {
     let mut bytes = Vec::new();
     let mut writer = mcap::WriteOptions::new().create(std::io::Cursor::new(&mut bytes)).unwrap();
     let schema = writer.add_schema("hapfic.Request", "protobuf", b"not read").unwrap();
-    // Of the second, name and schema contradict each other.
+    // Name and schema of the second contradict each other.
     for topic in ["/elsewhere", "/state", "/request/standby"] {
         let channel_id = writer.add_channel(schema, topic, "protobuf", &BTreeMap::new()).unwrap();
         let header = MessageHeader { channel_id, sequence: 3, log_time: 3, publish_time: 3 };
@@ -103,7 +103,7 @@ fn a_message_of_another_program_is_known_by_its_schema() {
 }
 
 #[test]
-fn conversion_keeps_names_and_full_lists() {
+fn convert_keeps_names_and_full_lists() {
     let message = convert::state(&state(4), &names());
     assert_eq!(message.joint_position, state(4).joint_position[..3]);
     assert_eq!(message.foot_force, [0.0; 3], "zeros are kept: the list has its full length");
@@ -127,7 +127,7 @@ fn conversion_keeps_names_and_full_lists() {
 }
 
 #[test]
-fn metadata_and_attachments_stand_before_all_messages() {
+fn reader_open_gives_metadata_and_attachments() {
     let bytes = log(1, &WriterOptions::default());
     let reader = Reader::new(bytes.as_slice(), Path::new("memory")).unwrap();
     assert_eq!(reader.metadata()["hapfic"], header()[0].1);
@@ -136,7 +136,7 @@ fn metadata_and_attachments_stand_before_all_messages() {
 }
 
 #[test]
-fn times_start_where_told() {
+fn log_times_begin_at_given_start() {
     let start_unix_ns = 1_760_000_000_000_000_000;
     assert_eq!(time_of(start_unix_ns, 5), start_unix_ns + 5_000_000);
     assert_eq!(time_of(start_unix_ns, -1), start_unix_ns - 1_000_000);
@@ -146,13 +146,13 @@ fn times_start_where_told() {
 }
 
 #[test]
-fn the_same_messages_give_the_same_bytes() {
+fn writer_same_messages_give_same_bytes() {
     let options = WriterOptions { chunk_bytes: 8 * 1024, ..WriterOptions::default() };
     assert_eq!(log(20, &options), log(20, &options));
 }
 
 #[test]
-fn another_reader_finds_summary_index_and_messages() {
+fn mcap_reader_finds_summary_index_and_messages() {
     let bytes = log(50, &WriterOptions { chunk_bytes: 8 * 1024, ..WriterOptions::default() });
     let summary = mcap::Summary::read(&bytes).unwrap().expect("a summary");
     let stats = summary.stats.expect("statistics");
@@ -172,7 +172,7 @@ fn another_reader_finds_summary_index_and_messages() {
 }
 
 #[test]
-fn totals_count_what_was_written() {
+fn writer_totals_count_messages_and_bytes() {
     let mut bytes = Vec::new();
     let options = WriterOptions::default();
     let mut writer = Writer::new(&mut bytes, Path::new("memory"), &names(), &header(), &attachments(), &options).unwrap();
@@ -189,7 +189,7 @@ fn totals_count_what_was_written() {
 }
 
 #[test]
-fn what_was_flushed_survives_a_writer_that_is_killed() {
+fn writer_killed_keeps_flushed_messages() {
     let path = path("flushed.mcap");
     let options = WriterOptions::default();
     let mut writer = Writer::create(&path, &names(), &header(), &attachments(), &options).unwrap();
@@ -197,7 +197,7 @@ fn what_was_flushed_survives_a_writer_that_is_killed() {
     writer.flush().unwrap();
     writer.flush().unwrap();
     write_tick(&mut writer, 1).unwrap();
-    // What stands in the file now is what a killed writer leaves.
+    // A killed writer leaves the file as it is now.
     let left = std::fs::read(&path).unwrap();
     let (entries, error) = read(&left);
     assert_eq!(entries.len(), MESSAGES_PER_TICK);
@@ -209,7 +209,7 @@ fn what_was_flushed_survives_a_writer_that_is_killed() {
 }
 
 #[test]
-fn a_log_that_is_synced_holds_everything_written_and_goes_on() {
+fn writer_sync_stores_everything_and_continues() {
     let path = path("synced.mcap");
     let options = WriterOptions::default();
     let mut writer = Writer::create(&path, &names(), &header(), &attachments(), &options).unwrap();
@@ -221,12 +221,12 @@ fn a_log_that_is_synced_holds_everything_written_and_goes_on() {
     writer.finish().unwrap();
     let entries: Result<Vec<_>, _> = Reader::open(&path).unwrap().collect();
     assert_eq!(entries.unwrap().len(), 2 * MESSAGES_PER_TICK);
-    // Nobody holds the finished file any more.
+    // The finished file is no longer locked.
     drop(Writer::create(&path, &names(), &[], &[], &options).unwrap());
 }
 
 #[test]
-fn a_pipe_is_synced_without_complaint() {
+fn writer_sync_of_pipe_succeeds() {
     let (mut output, input) = std::io::pipe().unwrap();
     let reader = std::thread::spawn(move || {
         let mut bytes = Vec::new();
@@ -244,7 +244,7 @@ fn a_pipe_is_synced_without_complaint() {
 }
 
 #[test]
-fn a_dropped_writer_leaves_a_complete_log() {
+fn writer_dropped_leaves_complete_log() {
     let mut bytes = Vec::new();
     let options = WriterOptions::default();
     let mut writer = Writer::new(&mut bytes, Path::new("memory"), &names(), &[], &[], &options).unwrap();
@@ -256,7 +256,7 @@ fn a_dropped_writer_leaves_a_complete_log() {
 }
 
 #[test]
-fn a_path_that_cannot_be_written_fails_at_once_and_is_named() {
+fn writer_unwritable_path_fails_immediately_with_name() {
     let file = path("a-file");
     std::fs::write(&file, "not a folder").unwrap();
     let inside = file.join("run.mcap");
@@ -268,7 +268,7 @@ fn a_path_that_cannot_be_written_fails_at_once_and_is_named() {
 }
 
 #[test]
-fn an_attachment_that_could_not_be_read_again_is_refused() {
+fn writer_oversized_attachment_is_rejected() {
     let mut bytes = Vec::new();
     let large = Attachment { name: "large".into(), bytes: vec![0; Attachment::LARGEST + 1], ..Attachment::default() };
     let options = WriterOptions::default();
@@ -277,7 +277,7 @@ fn an_attachment_that_could_not_be_read_again_is_refused() {
 }
 
 #[test]
-fn figures_are_the_same_live_and_from_the_log() {
+fn metrics_live_equal_those_from_log() {
     let mut bytes = Vec::new();
     let options = WriterOptions::default();
     let mut live = Metrics::new();

@@ -1,4 +1,4 @@
-//! Messages with a value of its own in every field, and logs of them.
+//! Sample messages with a distinct value in every field, and logs of them.
 
 use foxglove::messages::{FrameTransforms, Log, SceneUpdate};
 use hapfic_log::viewer::{Scene, SceneBody, SceneShape, ViewerShape};
@@ -34,7 +34,7 @@ pub(crate) fn attachments() -> Vec<Attachment> {
     vec![file("scenario.toml", "application/toml", b"title = 'floor'\n"), file("robot.urdf", "application/xml", b"<robot/>")]
 }
 
-/// Numbers that differ from each other and from those of other ticks.
+/// Distinct numbers, different at every tick.
 fn numbers<const N: usize>(tick: i64, from: f64) -> [f64; N] {
     std::array::from_fn(|i| from + i as f64 / 7.0 + tick as f64 / 1024.0)
 }
@@ -117,7 +117,7 @@ pub(crate) fn request(tick: i64) -> Request {
     }
 }
 
-/// What the other controller asks for at the same tick.
+/// Request of the standby at the same tick.
 pub(crate) fn standby_request(tick: i64) -> Request {
     Request { stamp_ns: 9, controller: Process::Standby.code(), torque: numbers(tick, 22.0), ..request(tick) }
 }
@@ -160,9 +160,9 @@ pub(crate) fn parameters(effective_tick: i64) -> Parameters {
     }
 }
 
-pub(crate) fn event(tick: i64, words: &str) -> Event {
+pub(crate) fn event(tick: i64, description: &str) -> Event {
     let mut text = [0; EVENT_TEXT];
-    text[..words.len()].copy_from_slice(words.as_bytes());
+    text[..description.len()].copy_from_slice(description.as_bytes());
     Event {
         stamp_ns: 8,
         tick,
@@ -170,7 +170,7 @@ pub(crate) fn event(tick: i64, words: &str) -> Event {
         kind: EventKind::Lost.code(),
         severity: Severity::Brake.code(),
         detector: Detector::Heartbeat.code(),
-        text_len: words.len() as u32,
+        text_len: description.len() as u32,
         reserved: 0,
         text,
     }
@@ -221,7 +221,7 @@ pub(crate) fn line(tick: i64) -> Log {
     viewer().log_line(&convert::event(&event(tick, "gone")))
 }
 
-/// One message of every topic.
+/// Writes one message to every topic.
 pub(crate) fn write_tick<W: Write>(writer: &mut Writer<W>, tick: i64) -> Result<(), LogError> {
     writer.operator(&parameters(tick))?;
     writer.state(&state(tick))?;
@@ -236,7 +236,7 @@ pub(crate) fn write_tick<W: Write>(writer: &mut Writer<W>, tick: i64) -> Result<
     writer.log(tick, &line(tick))
 }
 
-/// A log of some ticks, in memory.
+/// Log of some ticks, in memory.
 pub(crate) fn log(ticks: i64, options: &WriterOptions) -> Vec<u8> {
     let mut bytes = Vec::new();
     let mut writer = Writer::new(&mut bytes, Path::new("memory"), &names(), &header(), &attachments(), options).unwrap();
@@ -247,7 +247,7 @@ pub(crate) fn log(ticks: i64, options: &WriterOptions) -> Vec<u8> {
     bytes
 }
 
-/// Reads until the end or the first error, which must be the last thing that comes.
+/// Reads until the end or the first error, which must be the last item.
 pub(crate) fn read(bytes: &[u8]) -> (Vec<Entry>, Option<LogError>) {
     let mut entries = Vec::new();
     let mut reader = match Reader::new(bytes, Path::new("memory")) {

@@ -1,4 +1,4 @@
-//! The schemas that a log carries. Scripts outside read these fields by name: a change here breaks them.
+//! Schemas in a log. External scripts read these fields by name: a change here breaks them.
 
 use hapfic_log::Topic;
 use hapfic_log::proto::DESCRIPTORS;
@@ -19,7 +19,7 @@ fn fields(full_name: &str) -> String {
 }
 
 #[test]
-fn every_topic_has_its_message_in_its_schema() {
+fn schema_of_every_topic_contains_its_message() {
     for topic in Topic::ALL {
         let set = FileDescriptorSet::decode(&*topic.schema()).unwrap();
         assert!(find(&set, topic.schema_name()).is_some(), "{} lacks {}", topic.name(), topic.schema_name());
@@ -34,14 +34,14 @@ fn every_topic_has_its_message_in_its_schema() {
 }
 
 #[test]
-fn topics_keep_their_numbers() {
-    // A log whose first chunk is lost is recovered by them: new topics come last.
+fn topic_numbers_are_fixed() {
+    // The recovery of a log without its first chunk relies on them: new topics come last.
     let names = Topic::ALL.map(Topic::name).join(" ");
     assert_eq!(names, "/state /reference /request /command /operator /event /timing /tf /scene /log /request/standby");
 }
 
 #[test]
-fn fields_keep_their_names() {
+fn field_names_are_fixed() {
     let expected = [
         (
             "hapfic.State",
@@ -80,7 +80,7 @@ fn fields_keep_their_names() {
 }
 
 #[test]
-fn the_schema_carries_no_source_positions() {
+fn schema_has_no_source_positions() {
     let set = FileDescriptorSet::decode(DESCRIPTORS).unwrap();
     assert!(set.file.iter().all(|file| file.source_code_info.is_none()));
 }

@@ -1,4 +1,4 @@
-//! Logs of a run that did not happen: a foot that presses, a box that falls over.
+//! Synthetic logs: a foot that presses, a box that tips over.
 
 use hapfic_log::viewer::{Scene, SceneBody, SceneShape, ViewerShape};
 use hapfic_log::{Names, Reader, Viewer, Writer, WriterOptions};
@@ -10,10 +10,10 @@ use hapfic_report::{Report, ReportError};
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// The tick of a force peak that no other tick shows, and the peak, N.
+/// Tick of a force peak of one tick, and its force [N].
 pub(crate) const PEAK: (i64, f64) = (777, 99.0);
-/// Text that means something in HTML.
-pub(crate) const NASTY: &str = "</script><img src=x onerror=alert(1)>";
+/// Text with a meaning in HTML.
+pub(crate) const HTML_TEXT: &str = "</script><img src=x onerror=alert(1)>";
 
 pub(crate) fn state(tick: i64, ticks: i64) -> State {
     let time = tick as f64 * 1e-3;
@@ -61,8 +61,8 @@ fn command(tick: i64) -> Command {
     command
 }
 
-/// A log of two incidents: the planner is lost and comes back, the other controller having taken over; later a latched stop, for a
-/// cause that no event tells.
+/// Log of two incidents: the planner is lost and restarted, and the standby takes over; later a latched stop without an
+/// event for its cause.
 pub(crate) fn log_of_incidents() -> Vec<u8> {
     let names = Names::default();
     let mut bytes = Vec::new();
@@ -85,7 +85,7 @@ pub(crate) fn log_of_incidents() -> Vec<u8> {
             command.request.controller = Process::Standby.code();
         }
         writer.command(&command).unwrap();
-        let told = match tick {
+        let reported = match tick {
             200 => Some((Process::Planner, EventKind::Lost, Detector::Exit, "killed")),
             202 => Some((Process::Supervisor, EventKind::Transition, Detector::Deadline, "severity degraded -> brake")),
             203 => Some((Process::Standby, EventKind::Promoted, Detector::None, "its requests count")),
@@ -94,7 +94,7 @@ pub(crate) fn log_of_incidents() -> Vec<u8> {
             405 => Some((Process::Supervisor, EventKind::Transition, Detector::Budget, "severity brake -> stopped")),
             _ => None,
         };
-        if let Some((process, kind, detector, text)) = told {
+        if let Some((process, kind, detector, text)) = reported {
             writer.event(&Event::new(tick, process, kind, severity, detector, text)).unwrap();
         }
     }
@@ -115,16 +115,16 @@ fn parameters(version: u64, effective_tick: i64, force: f64) -> Parameters {
     }
 }
 
-fn event(tick: i64, words: &str) -> Event {
+fn event(tick: i64, description: &str) -> Event {
     let mut text = [0; EVENT_TEXT];
-    text[..words.len()].copy_from_slice(words.as_bytes());
+    text[..description.len()].copy_from_slice(description.as_bytes());
     Event {
         tick,
         process: Process::Planner.code(),
         kind: EventKind::Lost.code(),
         severity: Severity::Brake.code(),
         detector: Detector::Heartbeat.code(),
-        text_len: words.len() as u32,
+        text_len: description.len() as u32,
         text,
         reserved: 0,
         stamp_ns: 0,
@@ -148,11 +148,11 @@ fn viewer() -> Viewer {
     Viewer::new(Scene { bodies }, 60, 0)
 }
 
-/// A log of so many ticks; `clock` is what its header says.
+/// Log of some ticks, with `clock` in its header.
 pub(crate) fn log(ticks: i64, clock: &str) -> Vec<u8> {
     let list = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect();
-    let names = Names { joints: list(&["hip", NASTY]), bodies: list(&["foot", "box"]), objects: list(&["box"]) };
-    let pairs = [("version", "1"), ("scenario", NASTY), ("clock", clock), ("duration_ticks", "1000")];
+    let names = Names { joints: list(&["hip", HTML_TEXT]), bodies: list(&["foot", "box"]), objects: list(&["box"]) };
+    let pairs = [("version", "1"), ("scenario", HTML_TEXT), ("clock", clock), ("duration_ticks", "1000")];
     let pairs: BTreeMap<_, _> = pairs.into_iter().map(|(key, value)| (key.to_owned(), value.to_owned())).collect();
     let header = vec![("hapfic".to_owned(), pairs)];
     let viewer = viewer();
@@ -163,7 +163,7 @@ pub(crate) fn log(ticks: i64, clock: &str) -> Vec<u8> {
     for tick in 0..ticks {
         if tick == 300 {
             writer.operator(&parameters(2, 305, 60.0)).unwrap();
-            writer.event(&event(tick, NASTY)).unwrap();
+            writer.event(&event(tick, HTML_TEXT)).unwrap();
         }
         let logged = writer.state(&state(tick, ticks)).unwrap();
         writer.reference(&Reference { tick, position: [0.1, 0.0, 0.2], ..Reference::default() }).unwrap();

@@ -1,4 +1,4 @@
-//! What a report makes of a log, whole or cut off.
+//! Reports of complete and truncated logs.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod logs;

@@ -1,6 +1,6 @@
 //! Figures, page and JSON.
 
-use crate::logs::{NASTY, PEAK, log, log_of_incidents, report, state};
+use crate::logs::{HTML_TEXT, PEAK, log, log_of_incidents, report, state};
 use hapfic_log::{Names, Writer, WriterOptions};
 use hapfic_report::figure::{Content, Curve, Figure, MarkKind, Panel};
 use hapfic_report::series::CAPACITY;
@@ -16,13 +16,13 @@ fn curves(panel: &Panel) -> &[Curve] {
     curves
 }
 
-fn lanes(panel: &Panel) -> Vec<(&str, &[(f64, f64)])> {
-    let Content::Lanes(lanes) = &panel.content else { panic!("{} has no lanes", panel.title) };
-    lanes.iter().map(|lane| (lane.name.as_str(), lane.spans.as_slice())).collect()
+fn rows(panel: &Panel) -> Vec<(&str, &[(f64, f64)])> {
+    let Content::Timelines(rows) = &panel.content else { panic!("{} has no rows", panel.title) };
+    rows.iter().map(|row| (row.name.as_str(), row.spans.as_slice())).collect()
 }
 
 #[test]
-fn the_figures_hold_what_the_log_does() {
+fn figures_match_log() {
     let report = report(&log(1000, "realtime")).unwrap();
     let figures = report.figures();
     let names: Vec<_> = figures.iter().map(|figure| figure.name).collect();
@@ -30,7 +30,7 @@ fn the_figures_hold_what_the_log_does() {
 
     let z = &figure(&figures, "position").panels[2];
     assert!(curves(z)[0].points.iter().all(|point| point.1 == 200.0));
-    let Content::Curves { areas, .. } = &z.content else { panic!("no band") };
+    let Content::Curves { areas, .. } = &z.content else { panic!("no area") };
     assert_eq!((areas[0].low[0].1, areas[0].high[0].1), ((0.2 - 0.025) * 1e3, (0.2 + 0.025) * 1e3));
 
     let force = curves(&figure(&figures, "force").panels[2]);
@@ -42,12 +42,12 @@ fn the_figures_hold_what_the_log_does() {
     assert_eq!((command[1].points[0].1, command[2].points[0].1), (100.0, -100.0));
 
     let torque = &figure(&figures, "torque").panels;
-    assert_eq!((torque.len(), torque[0].title.as_str(), torque[1].title.as_str()), (2, "hip", NASTY));
+    assert_eq!((torque.len(), torque[0].title.as_str(), torque[1].title.as_str()), (2, "hip", HTML_TEXT));
     assert_eq!((curves(&torque[0])[0].points[0].1, curves(&torque[0])[1].points[0].1), (5.0, 4.0));
 
     let contacts = &figure(&figures, "contacts").panels;
-    assert_eq!(lanes(&contacts[0]), [("foot-box", [(0.5, 1.0)].as_slice())]);
-    assert!(lanes(&contacts[1]).contains(&("drive: torque", [(0.0, 1.0)].as_slice())));
+    assert_eq!(rows(&contacts[0]), [("foot-box", [(0.5, 1.0)].as_slice())]);
+    assert!(rows(&contacts[1]).contains(&("drive: torque", [(0.0, 1.0)].as_slice())));
     assert_eq!(contacts[0].marks.iter().filter(|mark| mark.kind == MarkKind::Fault).count(), 1);
 
     let tilt = curves(&figure(&figures, "objects").panels[1])[0].points.last().unwrap().1;
@@ -56,7 +56,7 @@ fn the_figures_hold_what_the_log_does() {
 }
 
 #[test]
-fn the_page_needs_nothing_else_and_trusts_no_name() {
+fn page_is_self_contained_and_escapes_names() {
     let report = report(&log(1000, "realtime")).unwrap();
     let page = report.html().unwrap();
     let (before, rest) = page.split_once("<script type=\"text/javascript\">").unwrap();
@@ -77,7 +77,7 @@ fn the_page_needs_nothing_else_and_trusts_no_name() {
 }
 
 #[test]
-fn lockstep_has_no_timing() {
+fn report_lockstep_has_no_timing() {
     let report = report(&log(100, "lockstep")).unwrap();
     let figures = report.figures();
     let timing = figure(&figures, "timing");
@@ -87,7 +87,7 @@ fn lockstep_has_no_timing() {
 }
 
 #[test]
-fn the_json_says_what_the_log_does() {
+fn json_matches_log() {
     let report = report(&log(1000, "realtime")).unwrap();
     let json = report.json();
     assert_eq!(json["run"]["completed"], true);
@@ -102,21 +102,21 @@ fn the_json_says_what_the_log_does() {
 }
 
 #[test]
-fn incidents_are_seen_on_the_time_axes_and_listed_for_programs() {
+fn report_incidents_are_on_time_axes_and_in_json() {
     let report = report(&log_of_incidents()).unwrap();
     let overview = report.overview();
     let severity = overview.panels.last().unwrap();
     let (degraded, brake, stopped) = ([(0.2, 0.202)], [(0.202, 0.22), (0.402, 0.405)], [(0.405, 0.5)]);
     let expected = [("degraded", degraded.as_slice()), ("brake", brake.as_slice()), ("stopped", stopped.as_slice())];
-    assert_eq!(lanes(severity), expected);
+    assert_eq!(rows(severity), expected);
     let contacts = figure(&report.figures(), "contacts").clone();
-    let modes = lanes(&contacts.panels[1]);
-    for lane in [
+    let modes = rows(&contacts.panels[1]);
+    for row in [
         ("severity: brake", brake.as_slice()),
         ("torque from: controller", [(0.0, 0.202)].as_slice()),
         ("torque from: standby", [(0.22, 0.402)].as_slice()),
     ] {
-        assert!(modes.contains(&lane), "{lane:?} is not in {modes:?}");
+        assert!(modes.contains(&row), "{row:?} is not in {modes:?}");
     }
     let count = |kind: MarkKind| severity.marks.iter().filter(|mark| mark.kind == kind).count();
     // Lost, and three transitions to worse; promoted.
@@ -137,16 +137,16 @@ fn incidents_are_seen_on_the_time_axes_and_listed_for_programs() {
 }
 
 #[test]
-fn a_run_without_incidents_has_no_panel_of_severities() {
+fn overview_without_incidents_has_no_severity_panel() {
     let report = report(&log(100, "lockstep")).unwrap();
     assert!(report.incidents().is_empty());
     assert_eq!(report.overview().panels.len(), 3);
 }
 
 #[test]
-fn a_log_that_is_cut_off_is_reported_as_such() {
-    let whole = log(1000, "realtime");
-    let report = report(&whole[..whole.len() * 2 / 3]).unwrap();
+fn report_truncated_log_is_marked_cut_off() {
+    let bytes = log(1000, "realtime");
+    let report = report(&bytes[..bytes.len() * 2 / 3]).unwrap();
     let run = report.run();
     assert!(run.cut_off.as_deref().is_some_and(|cause| cause.contains("truncated")), "{:?}", run.cut_off);
     assert!(run.duration_s > 0.1 && run.duration_s < 1.0, "{} s", run.duration_s);
@@ -156,7 +156,7 @@ fn a_log_that_is_cut_off_is_reported_as_such() {
 }
 
 #[test]
-fn a_log_that_shows_nothing_is_refused_with_one_message() {
+fn report_log_without_states_is_rejected() {
     let message = report(&log(0, "realtime")).unwrap_err().to_string();
     assert!(message.contains("memory.mcap") && message.contains("expected messages of /state"), "{message}");
     let missing = Report::read(Path::new("/does/not/exist.mcap")).unwrap_err();
@@ -165,7 +165,7 @@ fn a_log_that_shows_nothing_is_refused_with_one_message() {
 }
 
 #[test]
-fn a_long_run_is_a_bounded_report_that_keeps_its_peak() {
+fn report_long_run_is_bounded_and_keeps_peak() {
     const TICKS: i64 = 200_000;
     let mut bytes = Vec::new();
     let options = WriterOptions::default();

@@ -1,4 +1,4 @@
-//! The figures for print.
+//! Figures for print.
 
 use crate::logs::{log, log_of_incidents, report};
 use tiny_skia::Pixmap;
@@ -10,7 +10,7 @@ fn ink(picture: &Pixmap) -> f64 {
 }
 
 #[test]
-fn every_picture_decodes_and_is_not_blank() {
+fn pictures_decode_and_are_not_blank() {
     let pictures = report(&log(1000, "realtime")).unwrap().pictures().unwrap();
     let mut names: Vec<_> = pictures.iter().map(|picture| picture.name.as_str()).collect();
     names.sort_unstable();
@@ -20,7 +20,7 @@ fn every_picture_decodes_and_is_not_blank() {
         let size = (pixmap.width(), pixmap.height());
         match picture.name.as_str() {
             "overview" => assert_eq!(size, (1600, 1000)),
-            // As high as what is to be seen.
+            // The height follows the scene.
             "snapshots" => assert!(size.0 == 2000 && (244..=724).contains(&size.1), "{size:?}"),
             _ => assert!(size.0 == 1600 && (300..3000).contains(&size.1), "{}: {size:?}", picture.name),
         }
@@ -30,7 +30,7 @@ fn every_picture_decodes_and_is_not_blank() {
 }
 
 #[test]
-fn the_snapshots_show_the_box_in_its_colour() {
+fn snapshots_contain_box_in_its_colour() {
     let png = report(&log(1000, "realtime")).unwrap().snapshots().unwrap().unwrap();
     let pixmap = Pixmap::decode_png(&png).unwrap();
     let orange = |x: u32, y: u32| {
@@ -46,7 +46,7 @@ fn the_snapshots_show_the_box_in_its_colour() {
 }
 
 #[test]
-fn an_incident_is_seen_in_the_overview() {
+fn overview_contains_incident() {
     let red = |bytes: &[u8]| {
         let pictures = report(bytes).unwrap().pictures().unwrap();
         let overview = pictures.iter().find(|picture| picture.name == "overview").unwrap();
@@ -54,13 +54,13 @@ fn an_incident_is_seen_in_the_overview() {
         assert_eq!((pixmap.width(), pixmap.height()), (1600, 1000));
         pixmap.pixels().iter().filter(|p| (p.red(), p.green(), p.blue()) == (213, 94, 0)).count()
     };
-    // The wished force and the mark of a fault have the same colour: lines, no areas.
+    // The desired force and the mark of a fault have the same colour: lines, no areas.
     let (with, without) = (red(&log_of_incidents()), red(&log(500, "lockstep")));
     assert!(with > without + 1000, "{with} and {without} pixels");
 }
 
 #[test]
-fn pictures_are_written_into_a_folder_that_is_made() {
+fn pictures_are_written_into_new_folder() {
     let folder = tempfile::tempdir().unwrap();
     let figures = folder.path().join("deep/figures");
     let report = report(&log(50, "lockstep")).unwrap();

@@ -1,43 +1,43 @@
-//! An incident, and its account in Markdown.
+//! An incident, and its description in Markdown.
 
 use hapfic_messages::{Command, Detector, Event, EventKind, MAX_JOINTS, Mode, Process, Request, Severity, Source};
 use std::collections::VecDeque;
 use std::fmt::{self, Write as _};
 
-/// Ticks whose torques are shown.
+/// Ticks with torques in the description.
 const TORQUE_TICKS: usize = 10;
-/// Requests kept of each controller: they come some ticks before their commands.
+/// Requests kept of each controller: requests come some ticks before their commands.
 const REQUESTS: usize = 4 * TORQUE_TICKS;
-/// Events listed of an incident: of any kind, and of those kinds that tell what was done about it.
+/// Largest number of listed events of an incident, while they are of any kind, and while they are actions.
 const LISTED: usize = 40;
 const LISTED_ACTIONS: usize = 200;
-/// Period of a tick, ms.
+/// Period of a tick [ms].
 const TICK_MS: f64 = 1.0;
 
-/// What was asked for and what was commanded, lately.
+/// Recent commands and requests.
 #[derive(Clone, Default)]
 pub(super) struct Torques {
     commands: VecDeque<Command>,
-    /// Of the controller's place, and of the standby's.
+    /// Requests of the controller, and of the standby.
     requests: [VecDeque<Request>; 2],
 }
 
-/// An incident that goes on, or whose first torque has not come yet.
+/// Incident without an end, or without the first torque after it.
 pub(super) struct Incident {
     pub(super) number: u64,
     pub(super) begin: Event,
-    /// Those shortly before it, and all from then on.
+    /// Events shortly before the begin, and all later ones.
     pub(super) events: Vec<Event>,
     pub(super) more_events: u64,
     pub(super) torques: Torques,
     pub(super) ages: Vec<Age>,
-    /// The transition to nominal.
+    /// Transition to nominal.
     pub(super) end: Option<Event>,
-    /// The first command that acts on a request of its own tick.
+    /// Tick and stamp [ns] of the first command with fresh torque.
     pub(super) torque_again: Option<(i64, u64)>,
 }
 
-/// How long a process had not been heard of.
+/// Age of the last message of a process.
 pub(super) struct Age {
     pub(super) process: Process,
     pub(super) ms: Option<f64>,
@@ -75,11 +75,11 @@ impl Incident {
         }
     }
 
-    /// What began it: the first fault before it, unless it was asked for; else the transition itself.
+    /// Cause of the incident: the first fault before it, or the operator's request; else the transition itself.
     fn cause(&self) -> &Event {
         let before = || self.events.iter().filter(|event| event.tick <= self.begin.tick);
-        let asked = self.begin.detector == Detector::Operator.code();
-        let first = if asked {
+        let requested = self.begin.detector == Detector::Operator.code();
+        let first = if requested {
             before().filter(|event| event.detector == Detector::Operator.code()).min_by_key(|event| event.tick)
         } else {
             before().filter(|event| is_fault(event)).min_by_key(|event| event.tick)
@@ -87,8 +87,8 @@ impl Incident {
         first.unwrap_or(&self.begin)
     }
 
-    /// In Markdown.
-    pub(super) fn tell(&self, out: &mut String) -> fmt::Result {
+    /// Writes the description in Markdown.
+    pub(super) fn write(&self, out: &mut String) -> fmt::Result {
         let (begin, cause) = (&self.begin, self.cause());
         let severity = Severity::from_code(begin.severity).map_or("?", Severity::name);
         writeln!(out, "\n## {}. {severity} at tick {} ({:.3} s)\n", self.number, begin.tick, begin.tick as f64 * TICK_MS / 1e3)?;
@@ -114,8 +114,8 @@ impl Incident {
             name(seen.process),
             seen.tick
         )?;
-        self.tell_ages(out)?;
-        self.tell_events(out, &rows)?;
+        self.write_ages(out)?;
+        self.write_events(out, &rows)?;
         writeln!(out, "\n- time to brake: {:.1} ms (first cause to {severity})", ms(moment(cause), moment(begin)))?;
         match &self.end {
             Some(end) => write!(out, "- time to recover: {:.1} ms ({severity} to nominal)", ms(moment(begin), moment(end)))?,
@@ -125,11 +125,11 @@ impl Incident {
             Some(torque) => writeln!(out, ", {:.1} ms to the first torque of a fresh request", ms(moment(begin), torque))?,
             None => writeln!(out, ", no torque of a fresh request since")?,
         }
-        self.tell_torques(out)
+        self.write_torques(out)
     }
 
-    fn tell_ages(&self, out: &mut String) -> fmt::Result {
-        writeln!(out, "**Ages at that moment**\n\n| process | heard of, ms before | last tick |\n|---|---|---|")?;
+    fn write_ages(&self, out: &mut String) -> fmt::Result {
+        writeln!(out, "**Ages at that moment**\n\n| process | last message, ms before | last tick |\n|---|---|---|")?;
         for Age { process, ms, tick } in &self.ages {
             let ms = ms.map_or("never".to_owned(), |ms| format!("{ms:.1}"));
             let tick = tick.map_or("-".to_owned(), |tick| tick.to_string());
@@ -138,7 +138,7 @@ impl Incident {
         Ok(())
     }
 
-    /// Events from the cause on, and when they were, ms after it.
+    /// Events from the cause on, with their times after it [ms].
     fn rows(&self, cause: &Event) -> Vec<(f64, &Event)> {
         let times = self.events.iter().map(|event| (ms(moment(cause), moment(event)), event));
         let mut rows: Vec<_> = times.filter(|(after, event)| *after >= 0.0 || *event == cause).collect();
@@ -146,8 +146,8 @@ impl Incident {
         rows
     }
 
-    fn tell_events(&self, out: &mut String, rows: &[(f64, &Event)]) -> fmt::Result {
-        writeln!(out, "\n**What was done, and how long it took** (ms after the first cause)\n")?;
+    fn write_events(&self, out: &mut String, rows: &[(f64, &Event)]) -> fmt::Result {
+        writeln!(out, "\n**Events and actions** (ms after the first cause)\n")?;
         writeln!(out, "| ms | tick | process | kind | seen by | what |\n|---|---|---|---|---|---|")?;
         for (after, event) in rows {
             let kind = EventKind::from_code(event.kind).map_or("?", EventKind::name);
@@ -156,30 +156,30 @@ impl Incident {
             writeln!(out, "| {after:.1} | {} | {process} | {kind} | {detector} | {text} |", event.tick)?;
         }
         if self.more_events > 0 {
-            writeln!(out, "\n{} further events are in the log alone.", self.more_events)?;
+            writeln!(out, "\n{} further events are only in the log.", self.more_events)?;
         }
         Ok(())
     }
 
-    fn tell_torques(&self, out: &mut String) -> fmt::Result {
+    fn write_torques(&self, out: &mut String) -> fmt::Result {
         writeln!(
             out,
-            "\n**Torques of the last {TORQUE_TICKS} ticks**, N m (N), joint by joint: accepted is the raw torque of the request"
+            "\n**Torques of the last {TORQUE_TICKS} ticks**, N m (N), joint by joint. *Accepted* is the raw torque of the"
         )?;
-        writeln!(out, "that the command stands on, commanded what went to the drive.\n")?;
-        writeln!(out, "| tick | mode | source | from | asked by controller | asked by standby | accepted | commanded |")?;
+        writeln!(out, "request behind the command, *commanded* is the torque for the drive.\n")?;
+        writeln!(out, "| tick | mode | source | from | requested by controller | requested by standby | accepted | commanded |")?;
         writeln!(out, "|---|---|---|---|---|---|---|---|")?;
         let Torques { commands, requests } = &self.torques;
         for m in commands {
             let mode = Mode::from_code(m.mode).map_or("?", Mode::name);
             let source = Source::from_code(m.source).map_or("?", Source::name);
             let from = match Process::from_code(m.request.controller) {
-                Some(made @ (Process::Controller | Process::Standby)) => made.name(),
+                Some(controller @ (Process::Controller | Process::Standby)) => controller.name(),
                 _ => "none",
             };
             let [controller, standby] = requests.each_ref().map(|requests| {
-                let asked = requests.iter().rev().find(|request| request.tick == m.tick);
-                asked.map_or("-".to_owned(), |request| joints(&request.torque, m.joints))
+                let request = requests.iter().rev().find(|request| request.tick == m.tick);
+                request.map_or("-".to_owned(), |request| joints(&request.torque, m.joints))
             });
             let (accepted, commanded) = (joints(&m.request.torque, m.joints), joints(&m.torque, m.joints));
             writeln!(out, "| {} | {mode} | {source} | {from} | {controller} | {standby} | {accepted} | {commanded} |", m.tick)?;
@@ -195,18 +195,18 @@ fn push<T>(list: &mut VecDeque<T>, item: T, most: usize) {
     list.push_back(item);
 }
 
-/// Whether it can be what everything began with.
+/// Whether an event can be the cause of an incident.
 fn is_fault(event: &Event) -> bool {
     use EventKind::{Injected, Lost, Missed, Rejected};
     EventKind::from_code(event.kind).is_some_and(|kind| matches!(kind, Lost | Missed | Rejected | Injected))
 }
 
-/// Tick and stamp.
+/// Tick and stamp [ns] of an event.
 fn moment(event: &Event) -> (i64, u64) {
     (event.tick, event.stamp_ns)
 }
 
-/// From one moment to another, ms: by their stamps, or by their ticks if one has none.
+/// Time between two moments [ms]: by their stamps, or by their ticks if one has none.
 fn ms(from: (i64, u64), to: (i64, u64)) -> f64 {
     if from.1 > 0 && to.1 > 0 {
         return to.1.wrapping_sub(from.1) as i64 as f64 / 1e6;
@@ -218,13 +218,13 @@ fn name(process: u32) -> &'static str {
     Process::from_code(process).map_or("?", Process::name)
 }
 
-/// `controller lost: it was killed`.
+/// Describes an event: `controller lost: it was killed`.
 fn words(event: &Event) -> String {
     let kind = EventKind::from_code(event.kind).map_or("?", EventKind::name);
     format!("{} {kind}: {}", name(event.process), cell(&event.text()))
 }
 
-/// Text that means itself in a table of Markdown.
+/// Escapes a text for a Markdown table.
 fn cell(text: &str) -> String {
     text.chars().fold(String::with_capacity(text.len()), |mut out, c| {
         match c {

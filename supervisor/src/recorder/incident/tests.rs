@@ -1,20 +1,20 @@
 use super::*;
 use hapfic_messages::{Detector, Request, State};
 
-/// A stamp of a tick, ns; none in lockstep.
+/// Stamp of a tick [ns]; zero in lockstep.
 fn stamp(clock: Clock, tick: i64) -> u64 {
     if clock == Clock::Realtime { 7_000_000_000 + tick as u64 * 1_000_000 } else { 0 }
 }
 
-/// What happens in a test.
-struct Story {
+/// Sequence of records, and the post-mortem that they lead to.
+struct Sequence {
     folder: tempfile::TempDir,
     incidents: Incidents,
     shared: SharedStatus,
     clock: Clock,
 }
 
-impl Story {
+impl Sequence {
     fn new(clock: Clock) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let incidents = Incidents::new(&folder.path().join("run.mcap"), clock);
@@ -43,7 +43,7 @@ impl Story {
         self.event(tick, EventKind::Transition, to, Detector::Deadline, &format!("severity ? -> {to}"))
     }
 
-    /// State and command of a tick, and both requests if it is a good one.
+    /// State and command of a tick, and both requests if the source is fresh.
     fn tick(&mut self, tick: i64, mode: Mode, source: Source) {
         let stamp_ns = stamp(self.clock, tick);
         self.take(Record::State(State { tick, stamp_ns, ..State::default() }));
@@ -61,7 +61,7 @@ impl Story {
         self.take(Record::Command(command));
     }
 
-    /// A controller that is lost at a tick, the brake three ticks later, and good again at the end.
+    /// Loss of the controller at tick `from`, brake three ticks later, restart at the tick before `until`.
     fn brake(&mut self, from: i64, until: i64) {
         for tick in from - 15..from {
             self.tick(tick, Mode::Active, Source::Fresh);
@@ -74,7 +74,7 @@ impl Story {
             self.tick(tick, Mode::Active, Source::Repeated);
         }
         self.tick(from + 3, Mode::Brake, Source::None);
-        assert!(self.transition(from + 3, Severity::Brake), "the log is to be synced");
+        assert!(self.transition(from + 3, Severity::Brake), "a brake syncs the log");
         for tick in from + 4..until {
             self.tick(tick, Mode::Brake, Source::Suppressed);
         }
@@ -83,18 +83,18 @@ impl Story {
 }
 
 #[test]
-fn an_incident_is_told_while_it_goes_on_and_when_it_is_over() {
+fn incident_open_and_closed_is_described() {
     for clock in [Clock::Realtime, Clock::Lockstep] {
-        let mut story = Story::new(clock);
-        story.shared.record_heartbeat(&Timing { process: Process::Planner.code(), tick: 5, ..Timing::default() });
-        story.brake(4000, 4030);
-        let text = story.text();
+        let mut sequence = Sequence::new(clock);
+        sequence.shared.record_heartbeat(&Timing { process: Process::Planner.code(), tick: 5, ..Timing::default() });
+        sequence.brake(4000, 4030);
+        let text = sequence.text();
         assert!(text.contains("## 1. brake at tick 4003 (4.003 s)") && text.contains("has not recovered"), "{text}");
-        story.tick(4030, Mode::Active, Source::Fresh);
-        assert!(!story.transition(4030, Severity::Nominal));
-        // What comes later is another story.
-        story.event(4031, EventKind::Note, Severity::Nominal, Detector::None, "later");
-        let text = story.text();
+        sequence.tick(4030, Mode::Active, Source::Fresh);
+        assert!(!sequence.transition(4030, Severity::Nominal));
+        // Later events belong to no incident.
+        sequence.event(4031, EventKind::Note, Severity::Nominal, Detector::None, "later");
+        let text = sequence.text();
         for line in [
             "**What happened**: controller lost: killed \\| by &lt;signal> 9.",
             "**Seen first by**: exit, of controller, tick 4000, 3.0 ms before the transition.",
@@ -106,88 +106,88 @@ fn an_incident_is_told_while_it_goes_on_and_when_it_is_over() {
             "| 4003 | brake | none | controller | - | - | 1.500 0.000 | 0.000 -0.250 |",
             "| standby | never | 3999 |",
         ] {
-            // In lockstep there is no stamp to tell how old the standby's last request is.
-            let ours = !line.starts_with("| standby") || clock == Clock::Lockstep;
-            assert!(!ours || text.lines().any(|l| l == line), "{clock:?}: '{line}' is not in\n{text}");
+            // The standby has an age only where requests have stamps.
+            let applies = !line.starts_with("| standby") || clock == Clock::Lockstep;
+            assert!(!applies || text.lines().any(|l| l == line), "{clock:?}: '{line}' is not in\n{text}");
         }
         assert!(text.contains("- time to recover: 27.0 ms (brake to nominal), 2"), "{text}");
         assert!(!text.contains("| 3993 |") && !text.contains("later"), "{text}");
         assert_eq!(text.contains("Lockstep:"), clock == Clock::Lockstep);
-        let summary = story.incidents.finish().unwrap();
+        let summary = sequence.incidents.finish().unwrap();
         assert_eq!((summary.count, summary.error), (1, None));
-        assert_eq!(fs::read_dir(story.folder.path()).unwrap().count(), 1, "nothing is left beside the file");
+        assert_eq!(fs::read_dir(sequence.folder.path()).unwrap().count(), 1, "the temporary file is removed");
     }
 }
 
 #[test]
-fn ages_come_from_stamps_and_else_from_what_was_heard() {
-    let mut story = Story::new(Clock::Realtime);
-    story.shared.record_heartbeat(&Timing { process: Process::Planner.code(), tick: 5, ..Timing::default() });
-    story.brake(100, 110);
-    let text = story.text();
+fn ages_without_stamp_use_heartbeat() {
+    let mut sequence = Sequence::new(Clock::Realtime);
+    sequence.shared.record_heartbeat(&Timing { process: Process::Planner.code(), tick: 5, ..Timing::default() });
+    sequence.brake(100, 110);
+    let text = sequence.text();
     // The last request is of tick 99, the brake half a millisecond after tick 103.
     assert!(text.contains("| controller | 4.5 | 99 |") && text.contains("| plant | 0.5 | 103 |"), "{text}");
     assert!(text.lines().any(|line| line.starts_with("| planner | ") && !line.contains("never")), "{text}");
 }
 
 #[test]
-fn a_stop_by_the_operator_or_a_spent_budget_says_so() {
-    let mut story = Story::new(Clock::Lockstep);
-    story.event(10, EventKind::Missed, Severity::Degraded, Detector::Deadline, "by chance");
-    assert!(story.event(12, EventKind::Transition, Severity::Stopped, Detector::Operator, "estop"));
-    assert!(story.text().contains("**What happened**: supervisor transition: estop.\n"), "{}", story.text());
-    assert!(story.event(20, EventKind::Transition, Severity::Brake, Detector::Operator, "rearmed"));
-    story.transition(40, Severity::Nominal);
-    story.event(50, EventKind::Lost, Severity::Degraded, Detector::Tick, "stands still");
-    assert!(story.event(51, EventKind::Transition, Severity::Stopped, Detector::Budget, "spent"));
-    let text = story.text();
+fn incident_stop_by_operator_or_budget_is_named() {
+    let mut sequence = Sequence::new(Clock::Lockstep);
+    sequence.event(10, EventKind::Missed, Severity::Degraded, Detector::Deadline, "by chance");
+    assert!(sequence.event(12, EventKind::Transition, Severity::Stopped, Detector::Operator, "estop"));
+    assert!(sequence.text().contains("**What happened**: supervisor transition: estop.\n"), "{}", sequence.text());
+    assert!(sequence.event(20, EventKind::Transition, Severity::Brake, Detector::Operator, "rearmed"));
+    sequence.transition(40, Severity::Nominal);
+    sequence.event(50, EventKind::Lost, Severity::Degraded, Detector::Tick, "stands still");
+    assert!(sequence.event(51, EventKind::Transition, Severity::Stopped, Detector::Budget, "spent"));
+    let text = sequence.text();
     assert!(text.contains("**What happened**: controller lost: stands still; the restart budget is spent.\n"), "{text}");
     assert!(text.contains("## 2. stopped at tick 51"), "{text}");
-    assert_eq!(story.incidents.finish().map(|summary| summary.count), Some(2));
+    assert_eq!(sequence.incidents.finish().map(|summary| summary.count), Some(2));
 }
 
 #[test]
-fn a_cause_that_has_cleared_or_is_long_past_is_none() {
-    let mut story = Story::new(Clock::Lockstep);
-    story.event(10, EventKind::Missed, Severity::Degraded, Detector::Deadline, "long past");
-    story.event(11, EventKind::Rejected, Severity::Degraded, Detector::Check, "just before");
-    story.transition(61, Severity::Brake);
-    let text = story.text();
+fn cause_cleared_or_old_is_ignored() {
+    let mut sequence = Sequence::new(Clock::Lockstep);
+    sequence.event(10, EventKind::Missed, Severity::Degraded, Detector::Deadline, "long past");
+    sequence.event(11, EventKind::Rejected, Severity::Degraded, Detector::Check, "just before");
+    sequence.transition(61, Severity::Brake);
+    let text = sequence.text();
     assert!(text.contains("controller rejected: just before.") && !text.contains("long past"), "{text}");
     assert!(text.contains("- time to brake: 50.0 ms"), "{text}");
 
-    let mut story = Story::new(Clock::Lockstep);
-    story.event(70, EventKind::Rejected, Severity::Degraded, Detector::Check, "cleared");
-    story.transition(70, Severity::Degraded);
-    story.transition(71, Severity::Nominal);
-    story.transition(75, Severity::Brake);
-    let text = story.text();
+    let mut sequence = Sequence::new(Clock::Lockstep);
+    sequence.event(70, EventKind::Rejected, Severity::Degraded, Detector::Check, "cleared");
+    sequence.transition(70, Severity::Degraded);
+    sequence.transition(71, Severity::Nominal);
+    sequence.transition(75, Severity::Brake);
+    let text = sequence.text();
     assert!(text.contains("- time to brake: 0.0 ms") && !text.contains("cleared"), "{text}");
 }
 
 #[test]
-fn a_flood_of_incidents_is_counted_and_bounded() {
-    let mut story = Story::new(Clock::Lockstep);
+fn incidents_flood_is_counted_and_bounded() {
+    let mut sequence = Sequence::new(Clock::Lockstep);
     for number in 0..25 {
         for tick in 0..500 {
-            story.event(1000 * number + tick, EventKind::Missed, Severity::Degraded, Detector::Deadline, "again");
+            sequence.event(1000 * number + tick, EventKind::Missed, Severity::Degraded, Detector::Deadline, "again");
         }
-        story.transition(1000 * number + 500, Severity::Brake);
+        sequence.transition(1000 * number + 500, Severity::Brake);
         for tick in 501..600 {
-            story.event(1000 * number + tick, EventKind::Missed, Severity::Brake, Detector::Deadline, "again");
+            sequence.event(1000 * number + tick, EventKind::Missed, Severity::Brake, Detector::Deadline, "again");
         }
-        story.transition(1000 * number + 600, Severity::Nominal);
+        sequence.transition(1000 * number + 600, Severity::Nominal);
     }
-    let summary = story.incidents.finish().unwrap();
-    let text = story.text();
+    let summary = sequence.incidents.finish().unwrap();
+    let text = sequence.text();
     assert_eq!((summary.count, text.matches("\n## ").count()), (25, 20));
-    assert!(text.ends_with("\n5 further incidents are not told here; the log has them all.\n"), "{text}");
-    assert_eq!(text.matches("severity ? -> nominal").count(), 20, "the end is told, however many events there are");
+    assert!(text.ends_with("\n5 further incidents are not described here; the log has them all.\n"), "{text}");
+    assert_eq!(text.matches("severity ? -> nominal").count(), 20, "the end is listed, however many events there are");
     assert!(text.len() < 200_000, "{} bytes", text.len());
 }
 
 #[test]
-fn a_run_without_incidents_leaves_no_file_and_removes_a_stale_one() {
+fn incidents_none_removes_stale_file() {
     let folder = tempfile::tempdir().unwrap();
     let stale = folder.path().join("run.incidents.md");
     fs::write(&stale, "old").unwrap();
@@ -198,22 +198,22 @@ fn a_run_without_incidents_leaves_no_file_and_removes_a_stale_one() {
 }
 
 #[test]
-fn a_file_that_cannot_be_written_is_told_and_hurts_nobody() {
-    let mut story = Story::new(Clock::Lockstep);
-    // A folder of its name cannot be replaced.
-    let path = story.folder.path().join("run.incidents.md");
+fn incidents_unwritable_file_is_reported() {
+    let mut sequence = Sequence::new(Clock::Lockstep);
+    // A folder in place of the file cannot be replaced.
+    let path = sequence.folder.path().join("run.incidents.md");
     fs::create_dir(&path).unwrap();
-    assert!(story.transition(5, Severity::Brake));
-    assert!(story.transition(6, Severity::Stopped));
-    let summary = story.incidents.finish().unwrap();
+    assert!(sequence.transition(5, Severity::Brake));
+    assert!(sequence.transition(6, Severity::Stopped));
+    let summary = sequence.incidents.finish().unwrap();
     let error = summary.error.unwrap();
     assert!(error.contains("run.incidents.md: cannot write the post-mortem: "), "{error}");
     assert_eq!((summary.count, summary.file), (1, path));
-    assert_eq!(fs::read_dir(story.folder.path()).unwrap().count(), 1);
+    assert_eq!(fs::read_dir(sequence.folder.path()).unwrap().count(), 1);
 }
 
 #[test]
-fn beside_a_device_no_file_is_made() {
+fn incidents_log_on_device_writes_no_file() {
     let mut incidents = Incidents::new(Path::new("/dev/null"), Clock::Lockstep);
     let event = Event::new(5, Process::Supervisor, EventKind::Transition, Severity::Brake, Detector::Deadline, "brake");
     assert!(incidents.observe(&Record::Event(event), &SharedStatus::new()));

@@ -1,4 +1,4 @@
-//! The operator's changes in a log, and what the vertical force did after each.
+//! Operator's changes in a log, and the vertical force after each.
 
 use crate::figures::{AXES, TICK_S};
 use hapfic_log::proto::Operator;
@@ -6,15 +6,15 @@ use hapfic_log::{Entry, LogError, Reader, Record, timeline};
 use serde_json::Value;
 use std::path::Path;
 
-/// The axis that presses.
+/// Axis of the pressing force.
 const Z: usize = 2;
-/// F_d counts as reached within this share of it.
+/// Largest relative force error at which F_d counts as reached.
 const REACHED: f64 = 0.01;
-/// F_d counts as kept if it was reached for so many ticks in a row.
-const KEPT: usize = 100;
-/// How much harder the foot may press with the improvements than without, N.
-const SURPLUS_N: f64 = 5.0;
-/// Short names of parameters, with the factor and the unit that they are written with.
+/// Consecutive ticks after which F_d counts as kept.
+const KEPT_TICKS: usize = 100;
+/// Largest additional force with the improvements [N].
+const TOLERANCE_N: f64 = 5.0;
+/// Parameters with their short names, and factor and unit of the printed values.
 const SHORT: [(&str, &str, f64, &str); 6] = [
     ("target_position", "target", 1.0, ""),
     ("desired_force", "F_d", 1.0, ""),
@@ -24,26 +24,26 @@ const SHORT: [(&str, &str, f64, &str); 6] = [
     ("reset_policy", "reset", 1.0, ""),
 ];
 
-/// A change, and the vertical force from the tick at which it takes effect until the next one does.
+/// Change, and the vertical force from its effective tick until that of the next one.
 pub(crate) struct Change {
-    /// First tick at which it is in force.
+    /// Effective tick.
     pub(crate) tick: i64,
-    /// What differs from the set before, in short.
+    /// Differences from the previous set, in short.
     pub(crate) what: String,
-    /// F_d along z, N.
+    /// F_d along z [N].
     pub(crate) desired_n: f64,
-    /// The smallest force, N.
+    /// Smallest force [N].
     pub(crate) least_n: f64,
-    /// The largest force, N.
+    /// Largest force [N].
     pub(crate) largest_n: f64,
-    /// The force at the last tick, N.
+    /// Force at the last tick [N].
     pub(crate) end_n: f64,
-    /// Ticks until the force stays within reach of F_d for the rest; `None` if it does not, or if no force is wished.
+    /// Ticks until the force stays at F_d for the rest; `None` if it does not, or if no force is desired.
     pub(crate) settled_ticks: Option<usize>,
 }
 
 impl Change {
-    /// `None` if the set was never in force.
+    /// Measures a change; `None` if the set was never in force.
     fn new(before: &Operator, set: &Operator, forces: &[f64]) -> Option<Self> {
         let desired = *set.desired_force.get(Z)?;
         let within = |force: f64| (force - desired).abs() <= REACHED * desired.abs();
@@ -55,12 +55,12 @@ impl Change {
             least_n: forces.iter().copied().reduce(f64::min)?,
             largest_n: forces.iter().copied().reduce(f64::max)?,
             end_n: *forces.last()?,
-            settled_ticks: (desired != 0.0 && kept >= KEPT).then(|| forces.len() - kept),
+            settled_ticks: (desired != 0.0 && kept >= KEPT_TICKS).then(|| forces.len() - kept),
         })
     }
 }
 
-/// The changes of a log in the order of their versions; the set it starts with is none.
+/// Reads the changes of a log in the order of their versions, without the initial set.
 pub(crate) fn read(log: &Path) -> Result<Vec<Change>, LogError> {
     let mut forces = Vec::new();
     let entries = Reader::open(log)?.inspect(|entry| {
@@ -91,12 +91,12 @@ fn difference(before: &Operator, set: &Operator) -> String {
     if parts.is_empty() { "nothing".to_owned() } else { parts.join(", ") }
 }
 
-/// One parameter that has changed. Of a vector that has changed on all axes, z stands for them: it is what presses.
+/// Formats one changed parameter. If a vector has changed on all axes, z, the pressing axis, stands for them.
 fn part(name: &str, old: &Value, new: &Value) -> String {
     let short = SHORT.iter().find(|known| known.0 == name);
     let (label, factor, unit) = short.map_or((name, 1.0, ""), |&(_, label, factor, unit)| (label, factor, unit));
     let text = |value: &Value| match (value.as_f64(), value.as_str()) {
-        // To nine digits after the point: the factor must not bring any that nobody wrote.
+        // Nine decimals, without the rounding errors of the factor.
         (Some(number), _) => format!("{}{unit}", (number * factor * 1e9).round() / 1e9),
         (None, Some(text)) => format!("`{text}`"),
         (None, None) => format!("`{value}`"),
@@ -114,10 +114,10 @@ fn part(name: &str, old: &Value, new: &Value) -> String {
     parts.join(", ")
 }
 
-/// Changes after which the foot presses harder with the improvements than without, in words.
+/// Lists the changes after which the foot presses harder with the improvements than without.
 ///
-/// Only those count after which one of the two settles: where F_d cannot be met, there is no right force. One after which only the
-/// unimproved run settles is worse, too.
+/// A change counts if the force settles in one of the two runs: where F_d is out of reach, there is no reference. A
+/// change after which only the unimproved run settles counts too.
 pub(crate) fn worse(with: &[Change], without: &[Change]) -> Vec<String> {
     if with.is_empty() || with.len() != without.len() {
         let (found, others) = (with.len(), without.len());
@@ -128,11 +128,11 @@ pub(crate) fn worse(with: &[Change], without: &[Change]) -> Vec<String> {
     let mut worse = Vec::new();
     for (a, b) in with.iter().zip(without) {
         let change = format!("tuning, {} at {:.3} s", a.what, a.tick as f64 * TICK_S);
-        if (a.settled_ticks.is_some() || b.settled_ticks.is_some()) && a.largest_n > b.largest_n + SURPLUS_N {
-            let most = b.largest_n + SURPLUS_N;
+        if (a.settled_ticks.is_some() || b.settled_ticks.is_some()) && a.largest_n > b.largest_n + TOLERANCE_N {
+            let most = b.largest_n + TOLERANCE_N;
             let largest = a.largest_n;
             worse.push(format!(
-                "{change}: largest F_z {largest:.1} N, expected {most:.1} at most: {SURPLUS_N} above the unimproved run"
+                "{change}: largest F_z {largest:.1} N, expected {most:.1} at most: {TOLERANCE_N} above the unimproved run"
             ));
         }
         if a.settled_ticks.is_none() && b.settled_ticks.is_some() {
@@ -160,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn only_what_differs_is_told() {
+    fn difference_changed_parameters_only() {
         let old = set(1, 0, 50.0);
         assert_eq!(difference(&old, &set(2, 5, 50.0)), "nothing");
         assert_eq!(difference(&old, &set(2, 5, 80.0)), "F_d z 80");
@@ -182,10 +182,10 @@ mod tests {
     }
 
     #[test]
-    fn a_change_counts_until_the_next_one() {
+    fn changes_window_ends_at_next_change() {
         let force = |tick: i64| match tick {
             0..100 => 7.0,
-            // 300 ticks to 50 N, with one peak; then 20 N is wished and not reached.
+            // 300 ticks to 50 N, with one peak; then 20 N is desired and not reached.
             100..400 => 10.0 + f64::from(u8::from(tick == 250)) * 90.0,
             _ => 50.4,
         };
@@ -198,14 +198,15 @@ mod tests {
         assert_eq!((second.tick, second.desired_n), (600, 20.0));
         assert_eq!((second.least_n, second.largest_n, second.end_n), (50.4, 50.4, 50.4));
         assert_eq!(second.settled_ticks, None);
-        // Never in force: after the log's end. Reached for less than it takes: by chance.
+        // A change after the end of the log is never in force. A force within reach for too short a time is not
+        // settled.
         assert!(changes(&[set(1, 0, 0.0), set(2, 5000, 50.0)], &forces).is_empty());
         let short = changes(&[set(1, 0, 0.0), set(2, 100, 50.0)], &forces[..450]);
         assert_eq!((short.len(), short[0].settled_ticks), (1, None));
     }
 
     #[test]
-    fn more_force_than_without_improvements_falls_short_where_f_d_is_reached() {
+    fn worse_larger_peak_reported_if_settled() {
         let run = |force: f64| {
             let forces: Vec<_> = (0..500).map(|tick| (tick, if tick == 150 { force } else { 50.0 })).collect();
             changes(&[set(1, 0, 0.0), set(2, 100, 50.0), set(3, 300, 80.0)], &forces)
@@ -217,10 +218,10 @@ mod tests {
             found[0].contains("F_d z 50 at 0.100 s") && found[0].contains("106.0") && found[0].contains("105.0"),
             "{found:?}"
         );
-        // The second window never gets to 80 N, so more force there is no shortfall.
-        let mut failed_connections = run(100.0);
-        failed_connections[1].largest_n = 500.0;
-        assert_eq!(worse(&failed_connections, &run(100.0)), Vec::<String>::new());
+        // The second window never reaches 80 N, so more force there is no shortfall.
+        let mut unreached = run(100.0);
+        unreached[1].largest_n = 500.0;
+        assert_eq!(worse(&unreached, &run(100.0)), Vec::<String>::new());
         assert_eq!(worse(&[], &[]).len(), 1);
         assert_eq!(worse(&run(100.0), &run(100.0)[..1]).len(), 1);
     }

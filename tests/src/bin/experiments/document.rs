@@ -1,14 +1,17 @@
-//! Puts tables into a document.
+//! Document with tables between markers.
 
 const END: &str = "<!-- end -->";
 
-/// Whether the document has a place for a table.
+/// Whether the document has the marker of a table.
 pub(crate) fn has(document: &str, name: &str) -> bool {
     let marker = format!("<!-- {name} -->");
     document.lines().any(|line| line == marker)
 }
 
-/// The document with `table` in place of what is between the lines `<!-- name -->` and `<!-- end -->`.
+/// Returns the document with `table` between the lines `<!-- name -->` and `<!-- end -->`.
+///
+/// # Errors
+/// If the marker is missing or not unique, or its end is missing.
 pub(crate) fn replace(document: &str, name: &str, table: &str) -> Result<String, String> {
     let marker = format!("<!-- {name} -->");
     let lines: Vec<&str> = document.lines().collect();
@@ -41,7 +44,7 @@ mod tests {
     const DOCUMENT: &str = "# A\n<!-- a -->\n| old |\n<!-- end -->\ntext\n<!-- b -->\n<!-- end -->\nend\n";
 
     #[test]
-    fn a_table_takes_the_place_of_the_old_one_and_of_nothing_else() {
+    fn replace_one_table_rest_unchanged() {
         let once = replace(DOCUMENT, "a", "| new |\n| row |\n").unwrap();
         assert_eq!(once, DOCUMENT.replace("| old |\n", "| new |\n| row |\n"));
         assert_eq!(replace(&once, "a", "| old |\n").unwrap(), DOCUMENT);
@@ -49,7 +52,7 @@ mod tests {
     }
 
     #[test]
-    fn a_marker_that_is_not_there_is_told() {
+    fn replace_bad_markers_rejected() {
         assert!(replace(DOCUMENT, "c", "").unwrap_err().contains("`<!-- c -->`"));
         assert!(replace(&DOCUMENT.repeat(2), "a", "").unwrap_err().contains("more than one"));
         let open = DOCUMENT.replacen("<!-- end -->\n", "", 1);

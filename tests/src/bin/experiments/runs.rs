@@ -1,4 +1,4 @@
-//! The runs that the tables are made of, two at a time.
+//! Runs of the tables, two at a time.
 
 use crate::changes::{self, Change};
 use hapfic_tests::{Stack, hapfic};
@@ -7,51 +7,51 @@ use std::collections::BTreeMap;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// The scenarios.
+/// Embedded scenarios of the tables.
 pub(crate) const SCENARIOS: [&str; 5] = ["floor", "box", "ball", "ball-actuators", "tuning"];
-/// Wished forces of the floor's table, N.
+/// Desired forces of the floor's table [N].
 pub(crate) const FORCES: [u32; 8] = [10, 20, 35, 50, 75, 100, 150, 200];
-/// Place of the operator's entry of `floor` that inputs a force.
+/// Index of the operator's entry of `floor` that sets the desired force.
 const FORCE_ENTRY: usize = 2;
-/// The log of a run.
+/// Log of a run.
 const LOG: &str = "run.mcap";
-/// Runs at a time.
-const AT_ONCE: usize = 2;
+/// Simultaneous runs.
+const SIMULTANEOUS_RUNS: usize = 2;
 
-/// A name for a table, and the settings it stands for.
+/// Name in a table, and its settings.
 pub(crate) type Variant = (&'static str, &'static [&'static str]);
 
-/// The laws.
+/// Compared laws.
 pub(crate) const LAWS: [Variant; 3] = [
     ("`tapered` + `contact_loss` (default)", &[]),
     ("`sign` + `contact_loss`", &["controller.search=sign"]),
     ("`fidelity = \"paper\"`", &["controller.fidelity=paper"]),
 ];
-/// The integration's steps.
+/// Compared sub-steps of the integration.
 pub(crate) const SUBSTEPS: [Variant; 2] = [("20", &["plant.contact_substep_us=20"]), ("10", &["plant.contact_substep_us=10"])];
-/// Switches all improvements of the law off.
+/// Settings without the improvements of the law.
 const UNIMPROVED: &[&str] = &["controller.offset_anti_windup=false", "controller.stall_release=false"];
-/// The improvements of the law.
+/// Compared improvements of the law.
 pub(crate) const IMPROVEMENTS: [Variant; 4] = [
     ("both (default)", &[]),
     ("without `offset_anti_windup`", &["controller.offset_anti_windup=false"]),
     ("without `stall_release`", &["controller.stall_release=false"]),
     ("neither", UNIMPROVED),
 ];
-/// The scenarios on which the improvements are compared.
+/// Scenarios of the comparison of improvements.
 pub(crate) const IMPROVED: [&str; 2] = ["tuning", "ball-actuators"];
 
-/// The scenario whose changes are looked at one by one.
+/// Scenario with a table of its changes.
 const TUNED: &str = "tuning";
-/// Its settings: with all improvements, and with none.
+/// Settings of that scenario: with all improvements, and with none.
 pub(crate) const TUNINGS: [&[&str]; 2] = [&[], UNIMPROVED];
 
-/// The setting of the force that `floor` inputs.
+/// Setting of the desired force of `floor`.
 pub(crate) fn force_setting(force: u32) -> String {
     format!("operator.{FORCE_ENTRY}.desired_force=[0, 0, {force}]")
 }
 
-/// What came of the runs, by scenario and settings.
+/// Results of the runs, by scenario and settings.
 #[derive(Default)]
 pub(crate) struct Results {
     summaries: BTreeMap<Key, Value>,
@@ -65,28 +65,28 @@ fn key(scenario: &str, settings: &[&str]) -> Key {
 }
 
 impl Results {
-    /// The summary of a run; null if it wrote none.
+    /// Summary of a run; null if the run wrote none.
     pub(crate) fn of(&self, scenario: &str, settings: &[&str]) -> &Value {
         self.summaries.get(&key(scenario, settings)).expect("every run of a table is in the list of runs")
     }
 
-    /// The operator's changes in `tuning` with one of [`TUNINGS`]; none if its log cannot be read.
+    /// Operator's changes in `tuning` with one of [`TUNINGS`]; none if the log cannot be read.
     pub(crate) fn changes(&self, settings: &[&str]) -> &[Change] {
         self.changes.get(&key(TUNED, settings)).map(Vec::as_slice).unwrap_or_default()
     }
 
-    /// All runs, each with its name.
+    /// Iterates over all runs, each with its name.
     pub(crate) fn iter(&self) -> impl Iterator<Item = (String, &Value)> {
         self.summaries.iter().map(|((scenario, settings), value)| (format!("{scenario} {}", settings.join(" ")), value))
     }
 }
 
-/// Whether every run reached its end.
+/// Whether every run completed.
 pub(crate) fn complete(results: &Results) -> bool {
     results.iter().all(|(_, summary)| summary["completed"] == true)
 }
 
-/// What the tables need, each run once.
+/// Lists the runs of all tables, each once.
 fn list() -> Vec<Key> {
     let mut list = Vec::new();
     for (_, law) in LAWS {
@@ -108,20 +108,20 @@ fn list() -> Vec<Key> {
     list
 }
 
-/// Runs everything.
+/// Runs all.
 pub(crate) fn all() -> Results {
-    // Built before the first run, so that no two of them build it at the same time.
+    // Builds the binary before the threads start.
     hapfic();
     let list = list();
     let tuned = TUNINGS.map(|settings| key(TUNED, settings));
     let (next, results) = (AtomicUsize::new(0), Mutex::new(Results::default()));
     std::thread::scope(|scope| {
-        for _ in 0..AT_ONCE {
+        for _ in 0..SIMULTANEOUS_RUNS {
             scope.spawn(|| {
                 let stack = Stack::new();
                 while let Some(key) = list.get(next.fetch_add(1, Ordering::Relaxed)) {
                     let summary = run(&stack, key);
-                    // Before the next run takes the log's place.
+                    // The next run overwrites the log.
                     let changes = tuned.contains(key).then(|| changes_of(&stack, key));
                     let mut results = results.lock().unwrap();
                     results.summaries.insert(key.clone(), summary);
@@ -139,7 +139,7 @@ fn run(stack: &Stack, (scenario, settings): &Key) -> Value {
     for setting in settings {
         arguments.extend(["--set", setting]);
     }
-    // What an earlier run wrote must not stand for this one.
+    // Removes the files of an earlier run.
     for written in ["run.json", LOG] {
         let _ = std::fs::remove_file(stack.path(written));
     }

@@ -1,11 +1,11 @@
-//! The tables, as Markdown.
+//! Tables of `experiments`, as Markdown.
 
 use crate::changes::Change;
 use crate::figures::{AXES, TICK_S, digits, largest, number, on, sum};
 use crate::runs::{FORCES, IMPROVED, IMPROVEMENTS, LAWS, Results, SCENARIOS, SUBSTEPS, TUNINGS, force_setting};
 use crate::verdict;
 
-/// A table: its marker's name, and how it is made.
+/// Table: name of its marker, and function that makes it.
 pub(crate) type Table = (&'static str, fn(&Results) -> String);
 
 /// All tables.
@@ -14,7 +14,7 @@ pub(crate) const TABLES: [Table; 8] = [
     ("floor", floor),
     ("tracking", tracking),
     ("force", force),
-    ("moments", moments),
+    ("milestones", milestones),
     ("integration", integration),
     ("improvements", improvements),
     ("tuning", tuning),
@@ -32,7 +32,7 @@ fn seconds(ticks: Option<f64>) -> String {
     digits(ticks.map(|ticks| ticks * TICK_S), 3)
 }
 
-/// For README: the floor in a few columns.
+/// Short table of the floor, for README.
 fn short(results: &Results) -> String {
     let head = ["F_d, N", "settled rms, % of F_d", "sliding rms, % of F_d", "`sign`: settled", "`fidelity = \"paper\"`: settled"];
     let row = |force: u32| {
@@ -121,7 +121,7 @@ fn force(results: &Results) -> String {
         "all holds, %",
         "last hold, %",
         "sliding rms, %",
-        "once gliding, %",
+        "sliding without break-away, %",
     ];
     let mut rows = Vec::new();
     for scenario in SCENARIOS {
@@ -150,13 +150,13 @@ fn force(results: &Results) -> String {
     table(&head, &rows)
 }
 
-fn moments(results: &Results) -> String {
-    let row = |moment: verdict::Moment| {
-        let reached = if moment.reached { "yes" } else { "**no**" };
-        vec![format!("`{}`", moment.scenario), moment.what, moment.figure, moment.wanted, reached.to_owned()]
+fn milestones(results: &Results) -> String {
+    let row = |milestone: verdict::Milestone| {
+        let reached = if milestone.reached { "yes" } else { "**no**" };
+        vec![format!("`{}`", milestone.scenario), milestone.what, milestone.figure, milestone.expected, reached.to_owned()]
     };
-    let rows: Vec<_> = verdict::moments(results).into_iter().map(row).collect();
-    table(&["scenario", "moment", "found", "expected", "reached"], &rows)
+    let rows: Vec<_> = verdict::milestones(results).into_iter().map(row).collect();
+    table(&["scenario", "milestone", "found", "expected", "reached"], &rows)
 }
 
 fn integration(results: &Results) -> String {
@@ -195,7 +195,7 @@ fn improvements(results: &Results) -> String {
         "scenario",
         "improvements",
         "outside x_b, s",
-        "of it standing still on the way back, s",
+        "of it at rest while converging, s",
         "slowest recovery of F_d, s",
         "recovered",
         "not recovered",

@@ -1,52 +1,52 @@
-//! What the runs with the defaults must reach.
+//! Limits that the runs with the defaults must keep, and the milestones of the scenarios.
 
 use crate::changes;
 use crate::figures::{AXES, digits, largest, list, number, on};
 use crate::runs::{FORCES, Results, SCENARIOS, TUNINGS, force_setting};
 use serde_json::Value;
 
-/// Largest settled error of a hold, % of F_d.
+/// Largest settled error of a hold [% of F_d].
 const SETTLED_PERCENT: f64 = 0.2;
-/// Largest error while sliding, % of F_d.
+/// Largest error while sliding [% of F_d].
 const SLIDING_PERCENT: f64 = 2.0;
-/// Turn of a box that was tipped over, degrees.
+/// Rotation of a tipped box [deg].
 const TIPPED_DEG: f64 = 80.0;
-/// Way of a ball that was kicked, m.
+/// Displacement of a kicked ball [m].
 const KICKED_M: f64 = 0.1;
-/// A knee so near zero is straight, degrees.
+/// Largest angle of a straight knee [deg].
 const STRAIGHT_DEG: f64 = 1.0;
-/// Most energy that contacts may create, J.
+/// Largest energy created by contacts [J].
 const CREATED_J: f64 = 1e-6;
 /// Largest share of contact sub-steps that end above the tolerance.
 const UNCONVERGED: f64 = 1e-4;
-/// Largest position error along a force that is wished in the air, m.
+/// Largest position error in the air along an axis with a desired force [m].
 const DRIFT_M: f64 = 2e-3;
 
-/// Something that a scenario is there to show.
-pub(crate) struct Moment {
+/// Milestone that a scenario must reach.
+pub(crate) struct Milestone {
     pub(crate) scenario: &'static str,
     pub(crate) what: String,
     pub(crate) figure: String,
-    pub(crate) wanted: String,
+    pub(crate) expected: String,
     pub(crate) reached: bool,
 }
 
-/// The moments of all scenarios.
-pub(crate) fn moments(results: &Results) -> Vec<Moment> {
+/// Milestones of all scenarios.
+pub(crate) fn milestones(results: &Results) -> Vec<Milestone> {
     SCENARIOS.into_iter().flat_map(|scenario| of(scenario, results.of(scenario, &[]))).collect()
 }
 
-fn of(scenario: &'static str, summary: &Value) -> Vec<Moment> {
-    let moment = |what: &str, figure: String, wanted: String, reached: bool| Moment {
+fn of(scenario: &'static str, summary: &Value) -> Vec<Milestone> {
+    let milestone = |what: &str, figure: String, expected: String, reached: bool| Milestone {
         scenario,
         what: what.to_owned(),
         figure,
-        wanted,
+        expected,
         reached,
     };
     let held = {
         let count = largest(summary, "/force/holds");
-        moment("a wished force is held", format!("{} times", digits(count, 0)), "once".to_owned(), count >= Some(1.0))
+        milestone("a desired force is held", format!("{} times", digits(count, 0)), "once".to_owned(), count >= Some(1.0))
     };
     let mut all = vec![held];
     let object = match scenario {
@@ -55,13 +55,13 @@ fn of(scenario: &'static str, summary: &Value) -> Vec<Moment> {
         _ => return all,
     };
     let body = list(summary, "/moments/objects").iter().find(|body| body["name"] == object).unwrap_or(&Value::Null);
-    let turn = number(body, "/max_turn_deg");
-    let way = number(body, "/max_displacement_m");
+    let rotation = number(body, "/max_turn_deg");
+    let displacement = number(body, "/max_displacement_m");
     if object == "box" {
         let rests = body["tipped_at_rest"] == true;
-        let figure = format!("{} deg, {}", digits(turn, 1), if rests { "at rest" } else { "never at rest" });
-        let reached = turn >= Some(TIPPED_DEG) && rests;
-        all.push(moment("the box is tipped over", figure, format!("{TIPPED_DEG} deg, at rest on another face"), reached));
+        let figure = format!("{} deg, {}", digits(rotation, 1), if rests { "at rest" } else { "never at rest" });
+        let reached = rotation >= Some(TIPPED_DEG) && rests;
+        all.push(milestone("the box is tipped over", figure, format!("{TIPPED_DEG} deg, at rest on another face"), reached));
         let (offset, error) = (largest(summary, "/moments/air/max_offset_m"), on(summary, "/moments/air/max_error_m", 0));
         let ticks = on(summary, "/moments/air/ticks", 0);
         let figure = format!(
@@ -71,28 +71,28 @@ fn of(scenario: &'static str, summary: &Value) -> Vec<Moment> {
             digits(error.map(|m| m * 1e3), 2)
         );
         let reached = ticks > Some(0.0) && offset == Some(0.0) && error.is_some_and(|error| error <= DRIFT_M);
-        let wanted = format!("dx 0, e {} mm at most", DRIFT_M * 1e3);
-        all.push(moment("no drift in the air with a force wished along x", figure, wanted, reached));
+        let expected = format!("dx 0, e {} mm at most", DRIFT_M * 1e3);
+        all.push(milestone("no drift in the air with a desired force along x", figure, expected, reached));
     } else {
-        let figure = format!("{} mm", digits(way.map(|m| m * 1e3), 0));
-        let wanted = format!("{} mm", KICKED_M * 1e3);
-        all.push(moment("the ball is kicked away", figure, wanted, way >= Some(KICKED_M)));
+        let figure = format!("{} mm", digits(displacement.map(|m| m * 1e3), 0));
+        let expected = format!("{} mm", KICKED_M * 1e3);
+        all.push(milestone("the ball is kicked away", figure, expected, displacement >= Some(KICKED_M)));
         // The knee is the last joint.
         let knee = list(summary, "/moments/joints").last().unwrap_or(&Value::Null);
         let least = number(knee, "/smallest_deg");
         let figure = format!("{} deg", digits(least, 3));
         let reached = least.is_some_and(|least| least <= STRAIGHT_DEG);
-        all.push(moment("the knee is straight", figure, format!("{STRAIGHT_DEG} deg at most"), reached));
+        all.push(milestone("the knee is straight", figure, format!("{STRAIGHT_DEG} deg at most"), reached));
     }
     let shank = list(summary, "/moments/contacts").iter().find(|pair| pair["body"] == "shank" && pair["against"] == object);
     let ticks = shank.and_then(|pair| number(pair, "/foot_free_ticks")).unwrap_or(0.0);
     let peak = shank.and_then(|pair| number(pair, "/peak_n"));
     let figure = format!("{ticks:.0} ticks, {} N at most", digits(peak, 1));
-    all.push(moment(&format!("the shank touches the {object}, the foot nothing"), figure, "1 tick".to_owned(), ticks >= 1.0));
+    all.push(milestone(&format!("the shank touches the {object}, the foot nothing"), figure, "1 tick".to_owned(), ticks >= 1.0));
     all
 }
 
-/// Everything that is not as it must be, in words.
+/// Lists everything that fell short of its limit.
 pub(crate) fn shortfalls(results: &Results) -> Vec<String> {
     let mut short = Vec::new();
     for (name, summary) in results.iter() {
@@ -114,8 +114,8 @@ pub(crate) fn shortfalls(results: &Results) -> Vec<String> {
     }
     let [with, without] = TUNINGS.map(|settings| results.changes(settings));
     short.extend(changes::worse(with, without));
-    let missed = moments(results).into_iter().filter(|moment| !moment.reached);
-    short.extend(missed.map(|m| format!("{}: {}: found {}, expected {}", m.scenario, m.what, m.figure, m.wanted)));
+    let missed = milestones(results).into_iter().filter(|milestone| !milestone.reached);
+    short.extend(missed.map(|m| format!("{}: {}: found {}, expected {}", m.scenario, m.what, m.figure, m.expected)));
     short
 }
 
@@ -123,7 +123,7 @@ fn physics(scenario: &str, summary: &Value, short: &mut Vec<String>) {
     let figure = |figure: &str| number(summary, &format!("/integration/{figure}"));
     let created = figure("contact_energy_created_j");
     if created.is_none_or(|created| created > CREATED_J) {
-        let found = created.map_or("nothing".to_owned(), |created| format!("{created:.1e} J"));
+        let found = created.map_or("not measured".to_owned(), |created| format!("{created:.1e} J"));
         short.push(format!("{scenario}: energy created by contacts is {found}, expected {CREATED_J:.0e} J at most"));
     }
     let share = figure("unconverged").zip(figure("contact_substeps")).map(|(unconverged, all)| unconverged / all.max(1.0));
@@ -137,7 +137,7 @@ fn physics(scenario: &str, summary: &Value, short: &mut Vec<String>) {
 }
 
 fn forces(scenario: &str, name: &str, summary: &Value, short: &mut Vec<String>) {
-    // `tuning` tries what cannot be held as well; what counts is that it ends well.
+    // `tuning` also desires forces out of reach, so its last hold counts.
     let settled = if scenario == "tuning" { "last_hold_rms_percent" } else { "worst_hold_rms_percent" };
     for (figure, most) in [(settled, SETTLED_PERCENT), ("gliding_rms_percent", SLIDING_PERCENT)] {
         for (axis, axis_name) in AXES.iter().enumerate() {

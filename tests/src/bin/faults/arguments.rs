@@ -1,62 +1,62 @@
-//! The command line.
+//! Command line of `faults`.
 
 const USAGE: &str = "usage: faults FILE [--quick] [--only matrix|supervisor|soak|refusals] [--minutes N]";
-/// Length of the soak without `--minutes`, and of a quick one.
+/// Length of the soak without `--minutes` [min]: of a full and of a quick one.
 const MINUTES: (u64, u64) = (10, 1);
-/// Longest soak.
+/// Longest soak [min].
 const MOST_MINUTES: u64 = 1000;
 
-/// A part of the document.
+/// Name of a part of the document.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Which {
-    /// Processes, faults and phases.
+pub(crate) enum PartName {
+    /// Matrix of processes, faults and phases.
     Matrix,
     /// Kills of the supervisor.
     Supervisor,
-    /// Many faults in a row.
+    /// Many faults in one run.
     Soak,
-    /// Bad messages.
-    Refusals,
+    /// Rejected messages.
+    Rejections,
 }
 
-impl Which {
-    const ALL: [Self; 4] = [Self::Matrix, Self::Supervisor, Self::Refusals, Self::Soak];
+impl PartName {
+    const ALL: [Self; 4] = [Self::Matrix, Self::Supervisor, Self::Rejections, Self::Soak];
 
     const fn name(self) -> &'static str {
         match self {
             Self::Matrix => "matrix",
             Self::Supervisor => "supervisor",
             Self::Soak => "soak",
-            Self::Refusals => "refusals",
+            Self::Rejections => "refusals",
         }
     }
 
-    /// Its places in the document.
+    /// Markers of its tables in the document.
     pub(crate) const fn markers(self) -> &'static [&'static str] {
         match self {
             Self::Matrix => &["matrix", "lockstep", "realtime"],
             Self::Supervisor => &["supervisor"],
             Self::Soak => &["soak"],
-            Self::Refusals => &["refusals"],
+            Self::Rejections => &["refusals"],
         }
     }
 }
 
-/// What was asked for.
+/// Arguments of the command line.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) struct Arguments {
-    /// The document.
+    /// Path of the document.
     pub(crate) file: String,
     /// Fewer repetitions.
     pub(crate) quick: bool,
-    /// What to make.
-    pub(crate) parts: Vec<Which>,
-    /// Length of the soak.
+    /// Requested parts.
+    pub(crate) parts: Vec<PartName>,
+    /// Length of the soak [min].
     pub(crate) minutes: u64,
 }
 
 impl Arguments {
-    /// Reads the command line. The error says what is wrong with it.
+    /// Reads the command line. The error has the pattern of all messages: place, found, expected, hint.
     pub(crate) fn read(words: &[String]) -> Result<Self, String> {
         let (mut file, mut quick, mut only, mut minutes) = (None, false, None, None);
         let mut rest = words.iter();
@@ -67,7 +67,7 @@ impl Arguments {
                 "--quick" => quick = true,
                 "--only" => {
                     let name = value()?;
-                    only = Some(Which::ALL.into_iter().find(|which| which.name() == name).ok_or_else(|| {
+                    only = Some(PartName::ALL.into_iter().find(|which| which.name() == name).ok_or_else(|| {
                         format!("faults: --only: found {name:?}, expected matrix, supervisor, soak or refusals; {USAGE}")
                     })?);
                 }
@@ -83,7 +83,7 @@ impl Arguments {
             }
         }
         let file = file.ok_or_else(|| format!("faults: found no file, expected the one with the tables; {USAGE}"))?;
-        let parts = only.map_or_else(|| Which::ALL.to_vec(), |which| vec![which]);
+        let parts = only.map_or_else(|| PartName::ALL.to_vec(), |which| vec![which]);
         let minutes = minutes.unwrap_or(if quick { MINUTES.1 } else { MINUTES.0 });
         Ok(Self { file, quick, parts, minutes })
     }
@@ -91,23 +91,23 @@ impl Arguments {
 
 #[cfg(test)]
 mod tests {
-    use super::{Arguments, Which};
+    use super::{Arguments, PartName};
 
     fn read(line: &str) -> Result<Arguments, String> {
         Arguments::read(&line.split_whitespace().map(str::to_owned).collect::<Vec<_>>())
     }
 
     #[test]
-    fn a_command_line_is_read() {
+    fn arguments_valid_line_parsed() {
         let all = read("docs/faults.md").unwrap();
         assert_eq!((all.file.as_str(), all.quick, all.parts.len(), all.minutes), ("docs/faults.md", false, 4, 10));
         let soak = read("--only soak f.md --minutes 3").unwrap();
-        assert_eq!((soak.parts, soak.minutes), (vec![Which::Soak], 3));
+        assert_eq!((soak.parts, soak.minutes), (vec![PartName::Soak], 3));
         assert_eq!(read("f.md --quick").unwrap().minutes, 1);
     }
 
     #[test]
-    fn what_is_wrong_is_told() {
+    fn arguments_bad_line_rejected() {
         for (line, word) in [
             ("", "no file"),
             ("a b", "found \"b\""),

@@ -1,67 +1,70 @@
-//! The lockstep runs of the matrix: a kill changes nothing of the torque.
+//! Lockstep runs of the matrix: a kill does not change the torque.
 
 use crate::part::table;
-use crate::realtime::{DURATION_S, PHASES, TICKS, Who, setting, settings};
-use crate::runs::{LOG, Place};
+use crate::realtime::{DURATION_S, MatrixProcess, PHASES, TICKS, setting, settings};
+use crate::runs::{LOG, RunFolder};
 use crate::trace::{Command, Trace};
 use std::time::Duration;
 
-/// How long a run may take: a tick may have to wait for a process that is being started, and the host for others.
+/// Time limit of a run: a tick may wait for a process that is starting, and the host takes steal time.
 const LIMIT: Duration = Duration::from_secs(120);
-/// Ticks before the first contact at which the impact's fault happens.
+/// Ticks from the fault of the phase `impact` to the first contact.
 const BEFORE_IMPACT: usize = 2;
 
-/// What came of a kill.
-pub(crate) struct Row {
-    who: Who,
+/// Result of a kill.
+pub(crate) struct KillResult {
+    process: MatrixProcess,
     phase: &'static str,
     at: usize,
-    /// How the run ended, in a word.
+    /// Result of the run in a few words.
     end: String,
     pub(crate) completed: bool,
-    without: usize,
+    /// Ticks without fresh torque.
+    without_fresh: usize,
+    /// Ticks missing in the log.
     missing: usize,
+    /// Whether all torques have the same bits as in the undisturbed run.
     same: bool,
 }
 
-/// An undisturbed run, and the ticks of the phases.
+/// Undisturbed run, and the ticks of the phases.
 pub(crate) struct Undisturbed {
     trace: Trace,
     pub(crate) phases: [usize; 4],
 }
 
-/// Runs the floor undisturbed and looks for its impact. The error says why there is none.
-pub(crate) fn undisturbed(place: &Place) -> Result<Undisturbed, String> {
-    let end = place.floor("lockstep", DURATION_S, &settings(), LIMIT);
-    let trace = Trace::read(&place.path(LOG));
-    let touched = trace.ticks.iter().position(|tick| tick.touches);
-    match touched {
+/// Runs the floor scenario undisturbed and finds its impact. The error says why there is none.
+pub(crate) fn undisturbed(folder: &RunFolder) -> Result<Undisturbed, String> {
+    let end = folder.floor("lockstep", DURATION_S, &settings(), LIMIT);
+    let trace = Trace::read(&folder.path(LOG));
+    let first_contact = trace.ticks.iter().position(|tick| tick.in_contact);
+    match first_contact {
         Some(impact) if end.completed() && impact > BEFORE_IMPACT => {
             Ok(Undisturbed { trace, phases: [800, impact - BEFORE_IMPACT, 4200, 5000] })
         }
-        _ => Err(format!("completed: {}, first contact at tick {touched:?}, log: {:?}", end.word(), trace.error)),
+        _ => Err(format!("completed: {}, first contact at tick {first_contact:?}, log: {:?}", end.word(), trace.error)),
     }
 }
 
 /// Kills each process in each phase.
-pub(crate) fn rows(place: &Place, undisturbed: &Undisturbed) -> Vec<Row> {
+pub(crate) fn rows(folder: &RunFolder, undisturbed: &Undisturbed) -> Vec<KillResult> {
     let expected = torques(&undisturbed.trace);
     let mut rows = Vec::new();
-    for who in Who::ALL {
+    for process in MatrixProcess::ALL {
         for (phase, at) in PHASES.into_iter().zip(undisturbed.phases) {
-            eprintln!("lockstep: {}, {phase}", who.name());
+            eprintln!("lockstep: {}, {phase}", process.name());
             let mut all = settings();
-            // One kill in a run: the first target is meant.
-            all.push(setting("kill", "", &[(who.targets(false)[0], at)]));
-            let end = place.floor("lockstep", DURATION_S, &all, LIMIT);
-            let trace = Trace::read(&place.path(LOG));
-            rows.push(Row {
-                who,
+            // One kill in a run: the first target.
+            all.push(setting("kill", "", &[(process.targets(false)[0], at)]));
+            let end = folder.floor("lockstep", DURATION_S, &all, LIMIT);
+            let trace = Trace::read(&folder.path(LOG));
+            rows.push(KillResult {
+                process,
                 phase,
                 at,
                 end: end.word(),
                 completed: end.completed(),
-                without: trace.outages().iter().map(ExactSizeIterator::len).sum(),
+                without_fresh: trace.outages().iter().map(ExactSizeIterator::len).sum(),
                 missing: trace.missing(TICKS),
                 same: torques(&trace) == expected,
             });
@@ -70,7 +73,7 @@ pub(crate) fn rows(place: &Place, undisturbed: &Undisturbed) -> Vec<Row> {
     rows
 }
 
-/// All torques, bit by bit, with what the drive is asked to do.
+/// Bits of all torques, with the mode of the drive.
 fn torques(trace: &Trace) -> Vec<Option<(Option<u32>, Vec<u64>)>> {
     let bits = |command: &Command| {
         let all = command.torque.iter().chain(&command.raw).map(|torque| torque.to_bits());
@@ -79,24 +82,24 @@ fn torques(trace: &Trace) -> Vec<Option<(Option<u32>, Vec<u64>)>> {
     (0..TICKS).map(|tick| trace.command(tick).map(bits)).collect()
 }
 
-impl Row {
-    /// Nothing of the torque differs, and nothing is missing.
-    pub(crate) fn is_the_same(&self) -> bool {
-        self.same && self.without == 0 && self.missing == 0
+impl KillResult {
+    /// Whether the torques are the same, and no tick is missing.
+    pub(crate) fn is_unchanged(&self) -> bool {
+        self.same && self.without_fresh == 0 && self.missing == 0
     }
 }
 
-/// As a table.
-pub(crate) fn as_table(rows: &[Row]) -> String {
+/// Formats the results as a table.
+pub(crate) fn as_table(rows: &[KillResult]) -> String {
     let head = ["killed", "phase", "at, s", "completed", "ticks without fresh torque", "same bytes", "log complete"];
     let yes = |yes: bool| if yes { "yes" } else { "**no**" }.to_owned();
-    let row = |row: &Row| {
+    let row = |row: &KillResult| {
         vec![
-            row.who.name().to_owned(),
+            row.process.name().to_owned(),
             row.phase.to_owned(),
             format!("{:.3}", row.at as f64 * 1e-3),
             row.end.clone(),
-            row.without.to_string(),
+            row.without_fresh.to_string(),
             yes(row.same),
             yes(row.missing == 0),
         ]

@@ -1,66 +1,66 @@
-//! Kills of the supervisor at any moment, seen from outside.
+//! Kills of the supervisor at random times, and their remains.
 
 use crate::part::{Expectation, Part, digits, largest, median, table, verdict};
-use crate::runs::{LOG, Place};
+use crate::runs::{LOG, RunFolder};
 use crate::trace::Trace;
 use hapfic_tests::remains_of;
 use std::time::{Duration, Instant};
 
-/// Kills, of them during the start, and the same of a quick part.
+/// Number of kills, and of kills during the start: full and quick.
 const KILLS: [(usize, usize); 2] = [(100, 40), (20, 8)];
-/// The start, ms.
+/// Duration of the start [ms].
 const START_MS: f64 = 150.0;
-/// The latest kill, ms after the start of the program.
+/// Latest kill, from the start of the program [ms].
 const LATEST_MS: f64 = 3000.0;
-/// Of the moments.
+/// Seed of the kill times.
 const SEED: u64 = 11;
-/// Longest that anything may go on running, ms.
-const GONE_MS: f64 = 100.0;
-/// Most that may be missing at the end of a log, s.
+/// Longest time from the kill to the end of the last process [ms].
+const ALL_ENDED_MS: f64 = 100.0;
+/// Largest gap at the end of a log [s].
 const MISSING_S: f64 = 0.1;
-/// How long to look for what still runs.
+/// Time-out of the wait for the end of all processes.
 const TIMEOUT: Duration = Duration::from_secs(10);
-/// For how long nothing must be seen, at least: a process may be about to be started.
+/// Shortest time without a process that counts as the end: another process may be starting.
 const QUIET: Duration = Duration::from_millis(100);
-/// How long the next run, or a recovery, may take.
+/// Time limit of the next run, or of a recovery.
 const LIMIT: Duration = Duration::from_secs(60);
-/// What a recovery makes.
+/// Recovered log.
 const RECOVERED: &str = "recovered.mcap";
 
-/// What became of the log.
-enum Log {
-    /// There was none yet, or nothing in it.
+/// State of the log after a recovery.
+enum RecoveredLog {
+    /// No log, or an empty one.
     None,
-    /// It has no command: the first tick was still to come.
+    /// No command: killed before the first tick.
     NoTick,
-    /// What is missing at its end, s.
+    /// Gap at its end [s].
     Missing(f64),
-    /// It cannot be recovered, or has gaps: why.
+    /// Failed recovery, or gaps before the end, with the cause.
     Lost(String),
 }
 
-/// What came of a kill.
-struct Killed {
-    /// Until the last process was gone, ms.
-    gone_ms: f64,
-    /// What the next start, or its end, left.
-    left: Vec<String>,
-    /// The next start's exit code, if it was no good.
+/// Result of a kill.
+struct OrphanResult {
+    /// Time from the kill to the end of the last process [ms].
+    ended_ms: f64,
+    /// Remains after the next run.
+    remains: Vec<String>,
+    /// Error of the next run.
     next: Option<String>,
-    log: Log,
+    log: RecoveredLog,
 }
 
 /// Makes the part.
 pub(crate) fn make(quick: bool) -> Part {
     let (kills, early) = KILLS[usize::from(quick)];
     let mut random = fastrand::Rng::with_seed(SEED);
-    let place = Place::new();
+    let folder = RunFolder::new();
     let mut all = Vec::new();
     for kill in 0..kills {
         let (from, to) = if kill < early { (0.0, START_MS) } else { (START_MS, LATEST_MS) };
         let delay_ms = from + random.f64() * (to - from);
         eprintln!("kill {} of {kills}: {delay_ms:.0} ms after the start", kill + 1);
-        all.push((kill < early, once(&place, Duration::from_secs_f64(delay_ms * 1e-3))));
+        all.push((kill < early, once(&folder, Duration::from_secs_f64(delay_ms * 1e-3))));
     }
     let groups = [("during the start", true), ("later", false)];
     let rows: Vec<_> = groups
@@ -71,9 +71,9 @@ pub(crate) fn make(quick: bool) -> Part {
     let head = [
         "killed",
         "kills",
-        "until the last process was gone, ms: median",
+        "until the last process ended, ms: median",
         "max",
-        "next start works and removes the rest",
+        "next start works and cleans up",
         "no log yet",
         "log without a tick",
         "log recovered",
@@ -83,129 +83,132 @@ pub(crate) fn make(quick: bool) -> Part {
     Part { tables: vec![("supervisor", format!("{}\n{}", verdict(&expectations), table(&head, &rows)))], expectations }
 }
 
-fn once(place: &Place, delay: Duration) -> Killed {
+fn once(folder: &RunFolder, delay: Duration) -> OrphanResult {
     for written in [LOG, RECOVERED] {
-        let _ = std::fs::remove_file(place.path(written));
+        let _ = std::fs::remove_file(folder.path(written));
     }
     let begun = Instant::now();
-    let run = place.start(&["run", "floor", "--duration", "60", "--log", LOG]);
+    let run = folder.start(&["run", "floor", "--duration", "60", "--log", LOG]);
     let pid = run.pid();
     std::thread::sleep(delay.saturating_sub(begun.elapsed()));
     let killed_ns = run.kill();
-    let gone_ms = until_gone(pid, killed_ns);
-    let end = place.run(&["run", "floor", "--duration", "0.3", "--log", "next.mcap"], LIMIT);
+    let ended_ms = until_ended(pid, killed_ns);
+    let end = folder.run(&["run", "floor", "--duration", "0.3", "--log", "next.mcap"], LIMIT);
     let next =
         (end.code != Some(0)).then(|| format!("exit code {:?}: {}", end.code, end.err.lines().next_back().unwrap_or_default()));
-    let mut left = remains_of(pid);
-    if place.registrations() > 0 {
-        left.push(format!("{} registrations", place.registrations()));
+    let mut remains = remains_of(pid);
+    if folder.registrations() > 0 {
+        remains.push(format!("{} registrations", folder.registrations()));
     }
-    Killed { gone_ms, left, next, log: recovered(place, killed_ns) }
+    OrphanResult { ended_ms, remains, next, log: recovered(folder, killed_ns) }
 }
 
-/// Looks until nothing of the run runs any more. Returns when that was, ms after the kill.
-fn until_gone(pid: u32, killed_ns: u64) -> f64 {
+/// Waits until all processes of the run have ended. Returns the time from the kill until then [ms].
+fn until_ended(pid: u32, killed_ns: u64) -> f64 {
     let begun = Instant::now();
-    let mut gone_ns = None;
+    let mut ended_ns = None;
     loop {
-        let looked_ns = hapfic_ipc::clock::now_ns();
+        let now_ns = hapfic_ipc::clock::now_ns();
         if remains_of(pid).iter().any(|name| name.starts_with("process")) {
-            gone_ns = None;
+            ended_ns = None;
         } else {
-            gone_ns = gone_ns.or(Some(looked_ns));
+            ended_ns = ended_ns.or(Some(now_ns));
         }
-        let quiet = gone_ns.is_some_and(|gone| looked_ns - gone > QUIET.as_nanos() as u64);
+        let quiet = ended_ns.is_some_and(|ended| now_ns - ended > QUIET.as_nanos() as u64);
         if quiet || begun.elapsed() > TIMEOUT {
-            let gone_ns = gone_ns.unwrap_or(looked_ns);
-            return gone_ns.saturating_sub(killed_ns) as f64 * 1e-6;
+            let ended_ns = ended_ns.unwrap_or(now_ns);
+            return ended_ns.saturating_sub(killed_ns) as f64 * 1e-6;
         }
         std::thread::sleep(Duration::from_millis(1));
     }
 }
 
-/// Recovers the log and compares its end with the moment of the kill.
-fn recovered(place: &Place, killed_ns: u64) -> Log {
-    if std::fs::metadata(place.path(LOG)).map_or(0, |file| file.len()) == 0 {
-        return Log::None;
+/// Recovers the log and compares its end with the time of the kill.
+fn recovered(folder: &RunFolder, killed_ns: u64) -> RecoveredLog {
+    if std::fs::metadata(folder.path(LOG)).map_or(0, |file| file.len()) == 0 {
+        return RecoveredLog::None;
     }
-    let end = place.run(&["recover", LOG, "--output", RECOVERED], LIMIT);
+    let end = folder.run(&["recover", LOG, "--output", RECOVERED], LIMIT);
     if end.code == Some(2) && end.err.contains("nothing to recover") {
-        return Log::None;
+        return RecoveredLog::None;
     }
     if end.code != Some(0) {
-        return Log::Lost(format!("exit code {:?}: {}", end.code, end.err.lines().next_back().unwrap_or_default()));
+        return RecoveredLog::Lost(format!("exit code {:?}: {}", end.code, end.err.lines().next_back().unwrap_or_default()));
     }
-    // A log that is whole is not copied.
-    let copy = place.path(RECOVERED);
-    let trace = Trace::read(&if copy.exists() { copy } else { place.path(LOG) });
+    // `recover` does not copy a whole log.
+    let copy = folder.path(RECOVERED);
+    let trace = Trace::read(&if copy.exists() { copy } else { folder.path(LOG) });
     if let Some(error) = trace.error {
-        return Log::Lost(error);
+        return RecoveredLog::Lost(error);
     }
-    let Some(last) = trace.last() else { return Log::NoTick };
+    let Some(last) = trace.last() else { return RecoveredLog::NoTick };
     let missing = (0..=last).filter(|tick| trace.command(*tick).is_none()).count();
     if missing > 0 {
-        return Log::Lost(format!("{missing} commands missing before tick {last}"));
+        return RecoveredLog::Lost(format!("{missing} commands missing before tick {last}"));
     }
-    // What was told of the tick comes after its command: without it, that of an earlier one, a tick earlier each.
-    let told = (0..=last).rev().find_map(|tick| Some((tick, trace.ticks[tick].gated_ns?)));
-    match told {
+    // The timing of a tick follows its command. If it is missing, an earlier one serves, a period earlier for each
+    // tick.
+    let stamped = (0..=last).rev().find_map(|tick| Some((tick, trace.ticks[tick].command_ns?)));
+    match stamped {
         Some((tick, stamp)) => {
             let stamp_s = stamp as f64 * 1e-9 + (last - tick) as f64 * 1e-3;
-            Log::Missing((killed_ns as f64 * 1e-9 - stamp_s).max(0.0))
+            RecoveredLog::Missing((killed_ns as f64 * 1e-9 - stamp_s).max(0.0))
         }
-        None => Log::Lost("no command has a time".to_owned()),
+        None => RecoveredLog::Lost("found no command with a time".to_owned()),
     }
 }
 
-fn missing(kills: &[&Killed]) -> Vec<f64> {
-    let seconds = |kill: &&Killed| if let Log::Missing(seconds) = kill.log { Some(seconds) } else { None };
+fn missing(kills: &[&OrphanResult]) -> Vec<f64> {
+    let seconds = |kill: &&OrphanResult| if let RecoveredLog::Missing(seconds) = kill.log { Some(seconds) } else { None };
     kills.iter().filter_map(seconds).collect()
 }
 
-fn row(name: &str, kills: &[&Killed]) -> Vec<String> {
-    let gone: Vec<f64> = kills.iter().map(|kill| kill.gone_ms).collect();
-    let count = |wanted: &dyn Fn(&Killed) -> bool| kills.iter().filter(|kill| wanted(kill)).count().to_string();
+fn row(name: &str, kills: &[&OrphanResult]) -> Vec<String> {
+    let ended: Vec<f64> = kills.iter().map(|kill| kill.ended_ms).collect();
+    let count = |which: &dyn Fn(&OrphanResult) -> bool| kills.iter().filter(|kill| which(kill)).count().to_string();
     let missing = missing(kills);
     vec![
         name.to_owned(),
         kills.len().to_string(),
-        digits(median(&gone), 1),
-        digits(largest(&gone), 1),
-        count(&|kill: &Killed| kill.next.is_none() && kill.left.is_empty()),
-        count(&|kill: &Killed| matches!(kill.log, Log::None)),
-        count(&|kill: &Killed| matches!(kill.log, Log::NoTick)),
+        digits(median(&ended), 1),
+        digits(largest(&ended), 1),
+        count(&|kill: &OrphanResult| kill.next.is_none() && kill.remains.is_empty()),
+        count(&|kill: &OrphanResult| matches!(kill.log, RecoveredLog::None)),
+        count(&|kill: &OrphanResult| matches!(kill.log, RecoveredLog::NoTick)),
         missing.len().to_string(),
         digits(median(&missing), 3),
         digits(largest(&missing), 3),
     ]
 }
 
-fn expect(kills: &[&Killed]) -> Vec<Expectation> {
-    let gone: Vec<f64> = kills.iter().map(|kill| kill.gone_ms).collect();
+fn expect(kills: &[&OrphanResult]) -> Vec<Expectation> {
+    let ended: Vec<f64> = kills.iter().map(|kill| kill.ended_ms).collect();
     let missing = missing(kills);
     let bad: Vec<String> = kills
         .iter()
-        .flat_map(|kill| kill.next.iter().cloned().chain(kill.left.iter().map(|left| format!("left: {left}"))))
+        .flat_map(|kill| kill.next.iter().cloned().chain(kill.remains.iter().map(|name| format!("left: {name}"))))
         .collect();
-    let lost: Vec<&str> =
-        kills.iter().filter_map(|kill| if let Log::Lost(why) = &kill.log { Some(why.as_str()) } else { None }).collect();
+    let lost: Vec<&str> = kills
+        .iter()
+        .filter_map(|kill| if let RecoveredLog::Lost(cause) = &kill.log { Some(cause.as_str()) } else { None })
+        .collect();
     let first = |list: &[&str]| list.first().map_or("0".to_owned(), |first| format!("{}, the first: {first}", list.len()));
     vec![
         Expectation::new(
-            "longest time anything goes on running after its supervisor was killed",
-            &format!("{GONE_MS} ms at most"),
-            format!("{} ms", digits(largest(&gone), 1)),
-            largest(&gone).is_some_and(|ms| ms <= GONE_MS),
+            "longest time from the kill of a supervisor to the end of its last process",
+            &format!("{ALL_ENDED_MS} ms at most"),
+            format!("{} ms", digits(largest(&ended), 1)),
+            largest(&ended).is_some_and(|ms| ms <= ALL_ENDED_MS),
         ),
         Expectation::new(
-            "next starts that fail or leave something of the killed run",
+            "next starts that fail, or leave remains of the killed run",
             "0",
             first(&bad.iter().map(String::as_str).collect::<Vec<_>>()),
             bad.is_empty(),
         ),
         Expectation::new("logs that cannot be recovered, or have gaps", "0", first(&lost), lost.is_empty()),
         Expectation::new(
-            "most that is missing at the end of a recovered log",
+            "largest gap at the end of a recovered log",
             &format!("{MISSING_S} s"),
             format!("{} s", digits(largest(&missing), 3)),
             largest(&missing).is_some_and(|seconds| seconds <= MISSING_S),

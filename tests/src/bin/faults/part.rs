@@ -1,22 +1,22 @@
-//! What a part of the document is made of: tables, and what is expected of them.
+//! Part of the document: tables, and expectations of their figures.
 
-/// A part of the document.
+/// Part of the document.
 pub(crate) struct Part {
-    /// By the marker of its place.
+    /// Tables, each with its marker.
     pub(crate) tables: Vec<(&'static str, String)>,
-    /// What must hold.
+    /// Conditions that must hold.
     pub(crate) expectations: Vec<Expectation>,
 }
 
-/// Something that must hold.
+/// Condition that must hold.
 pub(crate) struct Expectation {
-    /// What it is about.
+    /// Subject.
     pub(crate) what: String,
-    /// What must be found.
+    /// Expected figure.
     pub(crate) expected: String,
-    /// What was found.
+    /// Measured figure.
     pub(crate) found: String,
-    /// Whether it holds.
+    /// Whether the condition holds.
     pub(crate) reached: bool,
 }
 
@@ -26,7 +26,7 @@ impl Expectation {
     }
 }
 
-/// A table, as Markdown.
+/// Formats a Markdown table.
 pub(crate) fn table(head: &[&str], rows: &[Vec<String>]) -> String {
     let line = |cells: String| format!("| {cells} |\n");
     let mut text = line(head.join(" | "));
@@ -35,7 +35,7 @@ pub(crate) fn table(head: &[&str], rows: &[Vec<String>]) -> String {
     text
 }
 
-/// Expected and found, as a table.
+/// Formats expectations as a table.
 pub(crate) fn verdict(expectations: &[Expectation]) -> String {
     let row = |e: &Expectation| {
         let reached = if e.reached { "yes" } else { "**no**" };
@@ -44,7 +44,7 @@ pub(crate) fn verdict(expectations: &[Expectation]) -> String {
     table(&["what", "expected", "found", "reached"], &expectations.iter().map(row).collect::<Vec<_>>())
 }
 
-/// The value in the middle; the mean of the two in the middle of an even number. `None` of nothing.
+/// Median; `None` of an empty list.
 pub(crate) fn median(values: &[f64]) -> Option<f64> {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -53,26 +53,26 @@ pub(crate) fn median(values: &[f64]) -> Option<f64> {
     Some(if sorted.len() % 2 == 1 { upper } else { (sorted[middle - 1] + upper) / 2.0 })
 }
 
-/// The largest; `None` of nothing.
+/// Largest value; `None` of an empty list.
 pub(crate) fn largest(values: &[f64]) -> Option<f64> {
     values.iter().copied().reduce(f64::max)
 }
 
-/// The mean; zero of nothing.
+/// Mean; zero of an empty list.
 pub(crate) fn mean(values: &[f64]) -> f64 {
     if values.is_empty() { 0.0 } else { values.iter().sum::<f64>() / values.len() as f64 }
 }
 
-/// With so many digits after the point, or a dash.
+/// Formats a value with a number of decimals; a dash for `None`.
 pub(crate) fn digits(value: Option<f64>, digits: usize) -> String {
-    // Without the sign of a zero that was rounded.
+    // A value that rounds to zero has no sign.
     value.map_or("-".to_owned(), |value| {
         let text = format!("{value:.digits$}");
         if text.trim_start_matches(['-', '0', '.']).is_empty() { text.trim_start_matches('-').to_owned() } else { text }
     })
 }
 
-/// Median and largest.
+/// Formats median and largest value.
 pub(crate) fn spread(values: &[f64], places: usize) -> String {
     if values.is_empty() {
         return "-".to_owned();
@@ -85,7 +85,7 @@ mod tests {
     use super::{digits, largest, mean, median, spread};
 
     #[test]
-    fn figures_of_lists() {
+    fn statistics_of_lists_computed_and_formatted() {
         assert_eq!((median(&[]), median(&[3.0]), median(&[4.0, 1.0, 2.0])), (None, Some(3.0), Some(2.0)));
         assert_eq!((median(&[1.0, 2.0]), largest(&[1.0, 5.0, 2.0]), mean(&[1.0, 2.0])), (Some(1.5), Some(5.0), 1.5));
         assert_eq!((digits(Some(-0.01), 1), digits(Some(-0.06), 1), digits(None, 1)), ("0.0".into(), "-0.1".into(), "-".into()));

@@ -1,26 +1,26 @@
-//! The realtime runs of the matrix: each beside an undisturbed one of the same length.
+//! Realtime runs of the matrix, each beside an undisturbed run of the same length.
 
-use crate::moment::{Moment, measure};
-use crate::runs::{End, LOG, Place};
+use crate::moment::{FaultImpact, measure};
+use crate::runs::{LOG, RunFolder, RunResult};
 use crate::trace::Trace;
 use hapfic_messages::{EventKind, Process};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// Length of a run, s: a second and more behind the last fault.
+/// Length of a run [s]: a second and more after the last fault.
 pub(crate) const DURATION_S: f64 = 6.2;
-/// Its ticks.
+/// Ticks of a run.
 pub(crate) const TICKS: usize = 6200;
 /// Names of the phases.
 pub(crate) const PHASES: [&str; 4] = ["free motion", "impact", "settled contact", "sliding"];
-/// How long a run may take.
+/// Time limit of a run.
 pub(crate) const LIMIT: Duration = Duration::from_secs(60);
-/// Ticks by which the supervisor may be late with a signal, since it waits for the process to be there.
-const LATEST: i64 = 400;
+/// Largest delay of a signal [ticks]: the supervisor waits until the process runs.
+const SIGNAL_DELAY_TICKS: i64 = 400;
 
-/// Where a fault happens.
+/// Process, or pair of processes, of a fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(crate) enum Who {
+pub(crate) enum MatrixProcess {
     Primary,
     Standby,
     Both,
@@ -28,7 +28,7 @@ pub(crate) enum Who {
     Plant,
 }
 
-impl Who {
+impl MatrixProcess {
     pub(crate) const ALL: [Self; 5] = [Self::Primary, Self::Standby, Self::Both, Self::Planner, Self::Plant];
 
     pub(crate) const fn name(self) -> &'static str {
@@ -41,7 +41,7 @@ impl Who {
         }
     }
 
-    /// Its name in a scenario, at each phase. After a fault that makes the other controller the primary, that one is meant next.
+    /// Names of the process in a scenario, for each phase. After a promotion the other controller is the next target.
     pub(crate) const fn targets(self, promotes: bool) -> [&'static str; 4] {
         match self {
             Self::Primary if promotes => ["controller", "standby", "controller", "standby"],
@@ -54,99 +54,100 @@ impl Who {
     }
 }
 
-/// A fault.
+/// Fault of the matrix.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Kind {
-    /// In the tables.
+pub(crate) struct MatrixFault {
+    /// Name in the tables.
     pub(crate) name: &'static str,
-    /// In a scenario.
+    /// Kind in a scenario.
     pub(crate) kind: &'static str,
-    /// What else belongs to it there.
+    /// Further keys in a scenario.
     pub(crate) more: &'static str,
-    /// The process is not there for more than two ticks, so the other controller becomes the primary.
+    /// Whether the process is absent for more than two ticks, so the other controller becomes the primary.
     pub(crate) promotes: bool,
-    /// It is done at its tick, as opposed to told ahead.
+    /// Whether the supervisor sends a signal at the tick; otherwise it announces the fault in advance.
     signal: bool,
-    /// It happens to both controllers or the plant, too.
+    /// Whether the fault also applies to both controllers, and to the plant.
     for_all: bool,
-    /// Repetitions, and those of a quick matrix.
+    /// Repetitions in a full and in a quick matrix.
     repetitions: (usize, usize),
 }
 
-/// All faults.
-pub(crate) const KINDS: [Kind; 9] = {
-    const MESSAGE: Kind =
-        Kind { name: "", kind: "", more: "", promotes: false, signal: false, for_all: true, repetitions: (3, 1) };
-    const SIGNAL: Kind = Kind { promotes: true, signal: true, ..MESSAGE };
+/// All faults of the matrix.
+pub(crate) const FAULTS: [MatrixFault; 9] = {
+    const MESSAGE: MatrixFault =
+        MatrixFault { name: "", kind: "", more: "", promotes: false, signal: false, for_all: true, repetitions: (3, 1) };
+    const SIGNAL: MatrixFault = MatrixFault { promotes: true, signal: true, ..MESSAGE };
     [
-        Kind { name: "kill", kind: "kill", repetitions: (10, 2), ..SIGNAL },
-        Kind { name: "stop 50 ms", kind: "stop", more: ",for_ms=50", ..SIGNAL },
-        Kind { name: "stop 3 s", kind: "stop", more: ",for_ms=3000", for_all: false, ..SIGNAL },
-        Kind { name: "nan", kind: "nan", ..MESSAGE },
-        Kind { name: "stale", kind: "stale", ..MESSAGE },
-        Kind { name: "drop", kind: "drop", ..MESSAGE },
-        Kind { name: "repeat", kind: "repeat", ..MESSAGE },
-        Kind { name: "corrupt", kind: "corrupt", ..MESSAGE },
-        Kind { name: "slow 2000 us, 20 ticks", kind: "slow", more: ",for_ms=20,by_us=2000", promotes: true, ..MESSAGE },
+        MatrixFault { name: "kill", kind: "kill", repetitions: (10, 2), ..SIGNAL },
+        MatrixFault { name: "stop 50 ms", kind: "stop", more: ",for_ms=50", ..SIGNAL },
+        MatrixFault { name: "stop 3 s", kind: "stop", more: ",for_ms=3000", for_all: false, ..SIGNAL },
+        MatrixFault { name: "nan", kind: "nan", ..MESSAGE },
+        MatrixFault { name: "stale", kind: "stale", ..MESSAGE },
+        MatrixFault { name: "drop", kind: "drop", ..MESSAGE },
+        MatrixFault { name: "repeat", kind: "repeat", ..MESSAGE },
+        MatrixFault { name: "corrupt", kind: "corrupt", ..MESSAGE },
+        MatrixFault { name: "slow 2000 us, 20 ticks", kind: "slow", more: ",for_ms=20,by_us=2000", promotes: true, ..MESSAGE },
     ]
 };
 
-impl Kind {
-    /// Whether it is done to this process.
-    pub(crate) fn fits(&self, who: Who) -> bool {
-        self.for_all || !matches!(who, Who::Both | Who::Plant)
+impl MatrixFault {
+    /// Whether the fault applies to a process.
+    pub(crate) fn applies_to(&self, process: MatrixProcess) -> bool {
+        self.for_all || !matches!(process, MatrixProcess::Both | MatrixProcess::Plant)
     }
 }
 
-/// Place of a process and a fault in the matrix.
-pub(crate) type Key = (Who, usize);
+/// Cell of the matrix: process and index of the fault.
+pub(crate) type CellKey = (MatrixProcess, usize);
 
-/// What came of a process and a fault.
+/// Results of a process and a fault.
 #[derive(Debug, Default)]
-pub(crate) struct Cell {
-    /// By phase.
-    pub(crate) disturbed: [Vec<Moment>; 4],
-    /// The same of the undisturbed runs beside.
-    pub(crate) beside: [Vec<Moment>; 4],
-    /// Ticks that a log has not.
+pub(crate) struct CellResult {
+    /// Disturbed runs, by phase.
+    pub(crate) disturbed: [Vec<FaultImpact>; 4],
+    /// Undisturbed runs, by phase.
+    pub(crate) undisturbed: [Vec<FaultImpact>; 4],
+    /// Ticks missing in the logs.
     pub(crate) missing: usize,
-    /// Runs that did not complete, in words.
-    pub(crate) broken: Vec<String>,
+    /// Runs that did not complete, with their causes.
+    pub(crate) incomplete: Vec<String>,
 }
 
-/// The setting of faults of one kind.
+/// Setting with faults of one kind.
 pub(crate) fn setting(kind: &str, more: &str, faults: &[(&str, usize)]) -> String {
-    let one = |(process, tick): &(&str, usize)| {
+    let entry = |(process, tick): &(&str, usize)| {
         format!("{{kind=\"{kind}\",process=\"{process}\",at_s={:.3}{more}}}", *tick as f64 * 1e-3)
     };
-    format!("fault=[{}]", faults.iter().map(one).collect::<Vec<_>>().join(","))
+    format!("fault=[{}]", faults.iter().map(entry).collect::<Vec<_>>().join(","))
 }
 
-/// Settings of all runs: processes are started again as often and as soon as it takes.
+/// Settings of all runs: unlimited restarts without a delay.
 pub(crate) fn settings() -> Vec<String> {
     ["supervisor.restart_budget=1000", "supervisor.restart_backoff_ms=0", "plant.on_loss=restart"].map(str::to_owned).to_vec()
 }
 
-impl Kind {
-    /// Whether a message of the process is not what it should be.
-    fn spoils(&self) -> bool {
+impl MatrixFault {
+    /// Whether the fault corrupts messages of the process.
+    fn corrupts(&self) -> bool {
         !self.signal && self.kind != "slow"
     }
 }
 
 /// Runs the whole matrix; `phases` are the ticks of its faults.
-pub(crate) fn matrix(place: &Place, phases: [usize; 4], quick: bool) -> BTreeMap<Key, Cell> {
-    let mut cells: BTreeMap<Key, Cell> = BTreeMap::new();
-    let count = |kind: &Kind| if quick { kind.repetitions.1 } else { kind.repetitions.0 };
-    let rounds = KINDS.iter().map(count).max().unwrap_or(0);
-    // Round by round, so that a bad time of the machine spoils a repetition of each and not all of one.
+pub(crate) fn matrix(folder: &RunFolder, phases: [usize; 4], quick: bool) -> BTreeMap<CellKey, CellResult> {
+    let mut cells: BTreeMap<CellKey, CellResult> = BTreeMap::new();
+    let count = |fault: &MatrixFault| if quick { fault.repetitions.1 } else { fault.repetitions.0 };
+    let rounds = FAULTS.iter().map(count).max().unwrap_or(0);
+    // Round by round, so a busy time of the machine affects all cells alike.
     for round in 0..rounds {
-        for who in Who::ALL {
-            for (index, kind) in KINDS.iter().enumerate().filter(|(_, kind)| kind.fits(who) && round < count(kind)) {
-                eprintln!("realtime, round {} of {rounds}: {}, {}", round + 1, who.name(), kind.name);
-                let cell = cells.entry((who, index)).or_default();
+        for process in MatrixProcess::ALL {
+            for (index, fault) in FAULTS.iter().enumerate().filter(|(_, fault)| fault.applies_to(process) && round < count(fault))
+            {
+                eprintln!("realtime, round {} of {rounds}: {}, {}", round + 1, process.name(), fault.name);
+                let cell = cells.entry((process, index)).or_default();
                 for disturbed in [round % 2 == 0, round % 2 != 0] {
-                    run(place, phases, who, kind, disturbed, cell);
+                    run(folder, phases, process, fault, disturbed, cell);
                 }
             }
         }
@@ -154,93 +155,100 @@ pub(crate) fn matrix(place: &Place, phases: [usize; 4], quick: bool) -> BTreeMap
     cells
 }
 
-fn run(place: &Place, phases: [usize; 4], who: Who, kind: &Kind, disturbed: bool, cell: &mut Cell) {
-    let targets = who.targets(kind.promotes);
+fn run(
+    folder: &RunFolder,
+    phases: [usize; 4],
+    process: MatrixProcess,
+    fault: &MatrixFault,
+    disturbed: bool,
+    cell: &mut CellResult,
+) {
+    let targets = process.targets(fault.promotes);
     let mut all = settings();
-    if who == Who::Both {
-        // With the leg's weight to hold there is a torque to ramp in.
+    if process == MatrixProcess::Both {
+        // Gravity compensation gives a torque that ramps in.
         all.push("controller.gravity_compensation=true".to_owned());
     }
     if disturbed {
         let faults: Vec<_> = targets.into_iter().zip(phases).collect();
-        all.push(setting(kind.kind, kind.more, &faults));
+        all.push(setting(fault.kind, fault.more, &faults));
     }
-    let end = place.floor("realtime", DURATION_S, &all, LIMIT);
-    let trace = Trace::read(&place.path(LOG));
-    // A state that the plant itself has spoilt is rejected by the recorder, too.
-    let spoilt = if disturbed && who == Who::Plant && kind.spoils() { phases.len() } else { 0 };
-    cell.missing += trace.missing(TICKS).saturating_sub(spoilt);
+    let end = folder.floor("realtime", DURATION_S, &all, LIMIT);
+    let trace = Trace::read(&folder.path(LOG));
+    // The recorder rejects corrupted states too.
+    let corrupted = if disturbed && process == MatrixProcess::Plant && fault.corrupts() { phases.len() } else { 0 };
+    cell.missing += trace.missing(TICKS).saturating_sub(corrupted);
     if !end.completed() {
-        cell.broken.push(words(&end));
+        cell.incomplete.push(cause(&end));
     }
     for (phase, at) in phases.into_iter().enumerate() {
         let next = phases.get(phase + 1).copied().unwrap_or(TICKS);
         if !disturbed {
-            cell.beside[phase].push(measure(&trace, at, next));
-        } else if let Some(at) = moment_of(&trace, at, targets[phase], kind.signal)
-            && is_meant(&trace, at, who, targets[phase])
+            cell.undisturbed[phase].push(measure(&trace, at, next));
+        } else if let Some(at) = fault_tick(&trace, at, targets[phase], fault.signal)
+            && has_role(&trace, at, process, targets[phase])
         {
             cell.disturbed[phase].push(measure(&trace, at, next));
         }
     }
 }
 
-/// How a run ended that should have completed.
-fn words(end: &End) -> String {
+/// Result of an incomplete run, with its cause.
+fn cause(end: &RunResult) -> String {
     let fault = end.out.lines().chain(end.err.lines()).find(|line| line.contains("FAULT") || line.starts_with("hapfic:"));
     format!("{} {}", end.word(), fault.unwrap_or_default().split_whitespace().collect::<Vec<_>>().join(" "))
 }
 
-/// The tick at which a fault really happened.
+/// Tick at which a fault took effect.
 ///
-/// A signal is sent at its tick at the earliest, and told of when the supervisor gets round to it: in between is the first tick that
-/// the process has not done any more.
-fn moment_of(trace: &Trace, planned: usize, target: &str, signal: bool) -> Option<usize> {
-    let window = planned as i64 - 5..planned as i64 + LATEST;
-    let told = trace.events(EventKind::Injected).find(|event| !signal || window.contains(&event.tick))?;
+/// The supervisor sends a signal at its tick at the earliest, and reports it some ticks later. In between lies the
+/// first tick that the process no longer did.
+fn fault_tick(trace: &Trace, planned: usize, target: &str, signal: bool) -> Option<usize> {
+    let window = planned as i64 - 5..planned as i64 + SIGNAL_DELAY_TICKS;
+    let injected = trace.events(EventKind::Injected).find(|event| !signal || window.contains(&event.tick))?;
     if !signal {
-        // Told ahead; happens at its tick.
+        // Announced in advance; takes effect at its tick.
         return Some(planned);
     }
     let both = [Process::Controller, Process::Standby];
-    let one = Process::from_name(target).map(|process| [process]);
-    let processes = one.as_ref().map_or(&both[..], |one| &one[..]);
-    let told = usize::try_from(told.tick).ok()?.max(planned);
-    let done = trace.last_done(processes, planned.saturating_sub(1)..told + 1);
-    Some(done.map_or(planned, |tick| tick + 1).clamp(planned, told))
+    let single = Process::from_name(target).map(|process| [process]);
+    let processes = single.as_ref().map_or(&both[..], |single| &single[..]);
+    let reported = usize::try_from(injected.tick).ok()?.max(planned);
+    let done = trace.last_done(processes, planned.saturating_sub(1)..reported + 1);
+    Some(done.map_or(planned, |tick| tick + 1).clamp(planned, reported))
 }
 
-/// Whether the controller that was hit was what the row says: a busy host may have made the other one the primary.
-fn is_meant(trace: &Trace, at: usize, who: Who, target: &str) -> bool {
-    let made = trace.command(at.saturating_sub(1)).and_then(|command| command.controller);
-    match who {
-        Who::Primary => made.is_some_and(|made| made.name() == target),
-        Who::Standby => made.is_none_or(|made| made.name() != target),
+/// Whether the faulted controller had the role of its row: a busy host may have promoted the other one.
+fn has_role(trace: &Trace, at: usize, process: MatrixProcess, target: &str) -> bool {
+    let primary = trace.command(at.saturating_sub(1)).and_then(|command| command.controller);
+    match process {
+        MatrixProcess::Primary => primary.is_some_and(|primary| primary.name() == target),
+        MatrixProcess::Standby => primary.is_none_or(|primary| primary.name() != target),
         _ => true,
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{KINDS, Who, moment_of, setting};
+    use super::{FAULTS, MatrixProcess, fault_tick, setting};
     use crate::trace::{Event, Tick, Trace};
     use hapfic_messages::{EventKind, Process};
 
     #[test]
-    fn a_signal_hits_where_its_process_ends_and_not_where_it_is_told_of() {
+    fn fault_tick_signal_is_first_tick_not_done() {
         let mut trace = Trace { ticks: vec![Tick::default(); 900], ..Trace::default() };
-        trace.ticks[..802].iter_mut().for_each(|tick| tick.done = 1 << Process::Standby.code());
+        trace.ticks[..802].iter_mut().for_each(|tick| tick.done_by = 1 << Process::Standby.code());
         trace.events.push(Event { tick: 805, kind: Some(EventKind::Injected) });
-        assert_eq!(moment_of(&trace, 800, "standby", true), Some(802));
-        assert_eq!(moment_of(&trace, 800, "controllers", true), Some(802));
-        // Dead before: nothing of it is found.
-        assert_eq!(moment_of(&trace, 800, "planner", true), Some(800));
-        assert_eq!(moment_of(&trace, 800, "standby", false), Some(800));
-        assert_eq!(moment_of(&trace, 300, "standby", true), None);
+        assert_eq!(fault_tick(&trace, 800, "standby", true), Some(802));
+        assert_eq!(fault_tick(&trace, 800, "controllers", true), Some(802));
+        // The process had ended before.
+        assert_eq!(fault_tick(&trace, 800, "planner", true), Some(800));
+        assert_eq!(fault_tick(&trace, 800, "standby", false), Some(800));
+        assert_eq!(fault_tick(&trace, 300, "standby", true), None);
     }
 
     #[test]
-    fn faults_are_written_as_a_setting() {
+    fn setting_two_faults_formatted() {
         let faults = [("controller", 800), ("standby", 1748)];
         assert_eq!(
             setting("stop", ",for_ms=50", &faults),
@@ -249,15 +257,15 @@ mod tests {
     }
 
     #[test]
-    fn every_fault_is_one_that_the_configuration_takes() {
-        for who in Who::ALL {
-            for kind in KINDS.iter().filter(|kind| kind.fits(who)) {
+    fn faults_all_accepted_by_config() {
+        for process in MatrixProcess::ALL {
+            for fault in FAULTS.iter().filter(|fault| fault.applies_to(process)) {
                 let mut settings = super::settings();
-                let faults: Vec<_> = who.targets(kind.promotes).into_iter().zip([800, 1748, 4200, 5000]).collect();
-                settings.push(setting(kind.kind, kind.more, &faults));
+                let faults: Vec<_> = process.targets(fault.promotes).into_iter().zip([800, 1748, 4200, 5000]).collect();
+                settings.push(setting(fault.kind, fault.more, &faults));
                 let loaded = hapfic_config::Settings::load("floor", &settings).unwrap();
                 let ticks: Vec<_> = loaded.faults.iter().map(|fault| fault.tick).collect();
-                assert_eq!(ticks, [800, 1748, 4200, 5000], "{} {}", who.name(), kind.name);
+                assert_eq!(ticks, [800, 1748, 4200, 5000], "{} {}", process.name(), fault.name);
             }
         }
     }

@@ -1,4 +1,4 @@
-//! Runs of the stack that end in any case.
+//! Runs of the stack with a time limit.
 
 use hapfic_tests::{Stack, remains_of};
 use rustix::process::{Pid, Signal, kill_process};
@@ -8,41 +8,41 @@ use std::path::PathBuf;
 use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
 
-/// How long a run may take to end after it was asked to.
-const TO_END: Duration = Duration::from_secs(10);
-/// How often to look whether it has ended: seldom enough not to be in its way.
+/// Time-out of the end of a run after a signal.
+const END_TIMEOUT: Duration = Duration::from_secs(10);
+/// Interval of the checks for its end: long enough not to disturb the run.
 const POLL_INTERVAL: Duration = Duration::from_millis(10);
-/// The log of a run.
+/// Log of a run.
 pub(crate) const LOG: &str = "run.mcap";
-/// Its summary.
+/// Summary of a run.
 const SUMMARY: &str = "run.json";
 
-/// A place for runs, one after the other; everything in it goes with it.
-pub(crate) struct Place {
+/// Temporary folder for consecutive runs, removed when dropped.
+pub(crate) struct RunFolder {
     stack: Stack,
 }
 
-/// How a run ended.
-pub(crate) struct End {
-    /// Its exit code; none if a signal ended it.
+/// Result of a run.
+pub(crate) struct RunResult {
+    /// Exit code; `None` if a signal ended the run.
     pub(crate) code: Option<i32>,
-    /// What it said.
+    /// Standard output.
     pub(crate) out: String,
-    /// What it said on standard error.
+    /// Standard error.
     pub(crate) err: String,
-    /// Its summary; null if there is none.
+    /// Summary; null if there is none.
     pub(crate) summary: Value,
-    /// It had to be ended.
+    /// Whether the run exceeded its time limit.
     pub(crate) hung: bool,
 }
 
-impl End {
-    /// Whether all its ticks were done.
+impl RunResult {
+    /// Whether the run completed all its ticks.
     pub(crate) fn completed(&self) -> bool {
         self.code == Some(0) && self.summary["completed"] == true
     }
 
-    /// In a word.
+    /// Result in a few words, as a table cell.
     pub(crate) fn word(&self) -> String {
         match self.code {
             _ if self.hung => "**hung**".to_owned(),
@@ -53,7 +53,7 @@ impl End {
     }
 }
 
-impl Place {
+impl RunFolder {
     pub(crate) fn new() -> Self {
         Self { stack: Stack::new() }
     }
@@ -62,36 +62,37 @@ impl Place {
         self.stack.path(name)
     }
 
-    /// Runs that are still registered.
+    /// Number of registered runs.
     pub(crate) fn registrations(&self) -> usize {
         self.stack.registrations()
     }
 
     /// Starts the program.
     pub(crate) fn start(&self, arguments: &[&str]) -> Running {
-        // Files, not pipes: nobody has to read them, and nobody is kept waiting by what a killed run has left.
+        // Files instead of pipes: no reader is needed, and orphans of a killed run cannot block one.
         let [out, err] = ["out.txt", "err.txt"].map(|name| self.path(name));
-        let file = |path: &PathBuf| Stdio::from(File::create(path).expect("a file for what the run says"));
+        let file = |path: &PathBuf| Stdio::from(File::create(path).expect("a file for the run's output"));
         let child = self.stack.command(arguments).stdout(file(&out)).stderr(file(&err)).spawn().expect("the binary starts");
         Running { child, out, err, summary: self.path(SUMMARY), ended: false }
     }
 
-    /// Runs the program to its end, for so long at most.
-    pub(crate) fn run(&self, arguments: &[&str], limit: Duration) -> End {
+    /// Runs the program to its end, or to a time limit.
+    pub(crate) fn run(&self, arguments: &[&str], limit: Duration) -> RunResult {
         let running = self.start(arguments);
         let pid = running.pid();
         let end = running.finish(limit);
         if end.hung && !remains_of(pid).is_empty() {
-            // The next start removes what is left of a run that had to be killed.
-            let _ =
-                self.start(&["run", "floor", "--clock", "lockstep", "--duration", "0.05", "--log", "sweep.mcap"]).finish(TO_END);
+            // The next start removes the remains of a killed run.
+            let _ = self
+                .start(&["run", "floor", "--clock", "lockstep", "--duration", "0.05", "--log", "clean_up.mcap"])
+                .finish(END_TIMEOUT);
         }
         end
     }
 
     /// Runs the floor scenario with a log and a summary.
-    pub(crate) fn floor(&self, clock: &str, duration_s: f64, settings: &[String], limit: Duration) -> End {
-        // What an earlier run wrote must not stand for this one.
+    pub(crate) fn floor(&self, clock: &str, duration_s: f64, settings: &[String], limit: Duration) -> RunResult {
+        // Removes the files of an earlier run.
         for written in [LOG, SUMMARY] {
             let _ = std::fs::remove_file(self.path(written));
         }
@@ -105,7 +106,7 @@ impl Place {
     }
 }
 
-/// A program that runs; ended when dropped.
+/// Running program; ended when dropped.
 pub(crate) struct Running {
     child: Child,
     out: PathBuf,
@@ -119,24 +120,24 @@ impl Running {
         self.child.id()
     }
 
-    /// Whether it has ended.
+    /// Whether the program has ended.
     pub(crate) fn has_ended(&mut self) -> bool {
         self.ended = self.ended || !matches!(self.child.try_wait(), Ok(None));
         self.ended
     }
 
-    /// Kills it and waits for its end. Returns when, on `CLOCK_MONOTONIC`, ns.
+    /// Kills the program and waits for its end. Returns the time of the kill on `CLOCK_MONOTONIC` [ns].
     pub(crate) fn kill(mut self) -> u64 {
         let now = hapfic_ipc::clock::now_ns();
-        // One that has ended already is as good.
+        // The program may have ended already.
         let _ = self.child.kill();
         let _ = self.child.wait();
         self.ended = true;
         now
     }
 
-    /// Waits for its end, for so long at most, then ends it.
-    pub(crate) fn finish(mut self, limit: Duration) -> End {
+    /// Waits for the end of the program, and ends it after a time limit.
+    pub(crate) fn finish(mut self, limit: Duration) -> RunResult {
         let hung = !self.wait(limit);
         if hung {
             self.end();
@@ -145,7 +146,7 @@ impl Running {
         self.ended = true;
         let read = |path: &PathBuf| std::fs::read_to_string(path).unwrap_or_default();
         let summary = serde_json::from_str(&read(&self.summary)).unwrap_or(Value::Null);
-        End { code, out: read(&self.out), err: read(&self.err), summary, hung }
+        RunResult { code, out: read(&self.out), err: read(&self.err), summary, hung }
     }
 
     fn wait(&mut self, limit: Duration) -> bool {
@@ -159,10 +160,10 @@ impl Running {
         true
     }
 
-    /// As by Ctrl-C, and if that does not help, by force.
+    /// Ends the program by SIGINT, and after a time-out by SIGKILL.
     fn end(&mut self) {
         let _ = kill_process(Pid::from_child(&self.child), Signal::INT);
-        if !self.wait(TO_END) {
+        if !self.wait(END_TIMEOUT) {
             let _ = self.child.kill();
             let _ = self.child.wait();
         }

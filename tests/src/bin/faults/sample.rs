@@ -1,45 +1,45 @@
-//! What a run takes of the machine, seen from outside.
+//! Resources of a run, as the operating system shows them.
 
 use hapfic_tests::{children_of, remains_of};
 use std::fs;
 use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 
-/// Bytes of a block, as the system counts them.
+/// Size of a block [bytes].
 const BLOCK: u64 = 512;
 
-/// What a process takes.
+/// Resources of a process.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Taken {
-    /// Resident memory, kB.
+pub(crate) struct ProcessResources {
+    /// Resident memory [kB].
     pub(crate) rss_kb: u64,
     pub(crate) threads: u64,
     pub(crate) files: u64,
 }
 
-/// What a run takes.
+/// Resources of a run.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Sample {
-    /// When, s after the start of the program.
+pub(crate) struct ResourceSample {
+    /// Time since the start of the program [s].
     pub(crate) at_s: f64,
-    pub(crate) supervisor: Taken,
-    pub(crate) plant: Taken,
-    /// Files in shared memory.
+    pub(crate) supervisor: ProcessResources,
+    pub(crate) plant: ProcessResources,
+    /// Number of files in shared memory.
     pub(crate) shared: u64,
-    /// What they take of it, bytes.
+    /// Size of these files [bytes].
     pub(crate) shared_bytes: u64,
-    /// Entries of the run's folder in shared memory, and of those in it.
+    /// Number of entries in the run's folder in shared memory, at any depth.
     pub(crate) entries: u64,
 }
 
-impl Sample {
-    /// Takes a sample of a run that is under way; `None` if it is not, or not any more.
+impl ResourceSample {
+    /// Takes a sample of a run; `None` before its start or after its end.
     pub(crate) fn take(supervisor: u32, at_s: f64) -> Option<Self> {
         let plant = children_of(supervisor).into_iter().find(|(name, _)| name == "plant")?.1;
-        let mut sample = Self { at_s, supervisor: taken(supervisor)?, plant: taken(plant)?, ..Self::default() };
+        let mut sample = Self { at_s, supervisor: resources(supervisor)?, plant: resources(plant)?, ..Self::default() };
         for name in remains_of(supervisor) {
             let path = Path::new(&name);
-            // Others are processes, or have gone meanwhile.
+            // Other entries are processes, or have vanished meanwhile.
             let Ok(found) = fs::symlink_metadata(path) else { continue };
             if found.is_dir() {
                 sample.entries += entries(path);
@@ -52,14 +52,14 @@ impl Sample {
     }
 }
 
-fn taken(pid: u32) -> Option<Taken> {
+fn resources(pid: u32) -> Option<ProcessResources> {
     let status = fs::read_to_string(format!("/proc/{pid}/status")).ok()?;
     let figure = |name: &str| -> Option<u64> {
         let line = status.lines().find_map(|line| line.strip_prefix(name))?;
         line.split_whitespace().next()?.parse().ok()
     };
     let files = fs::read_dir(format!("/proc/{pid}/fd")).ok()?.count() as u64;
-    Some(Taken { rss_kb: figure("VmRSS:")?, threads: figure("Threads:")?, files })
+    Some(ProcessResources { rss_kb: figure("VmRSS:")?, threads: figure("Threads:")?, files })
 }
 
 fn entries(folder: &Path) -> u64 {
@@ -69,17 +69,17 @@ fn entries(folder: &Path) -> u64 {
 
 #[cfg(test)]
 mod tests {
-    use super::{entries, taken};
+    use super::{entries, resources};
 
     #[test]
-    fn this_process_takes_something() {
-        let own = taken(std::process::id()).unwrap();
+    fn resources_own_process_measured() {
+        let own = resources(std::process::id()).unwrap();
         assert!(own.rss_kb > 0 && own.threads > 0 && own.files > 2, "{own:?}");
-        assert!(taken(u32::MAX).is_none());
+        assert!(resources(u32::MAX).is_none());
     }
 
     #[test]
-    fn entries_are_counted_through_all_folders() {
+    fn entries_nested_folders_counted() {
         let folder = tempfile::tempdir().unwrap();
         std::fs::create_dir(folder.path().join("a")).unwrap();
         std::fs::write(folder.path().join("a/b"), "").unwrap();

@@ -1,4 +1,4 @@
-//! A run's log, tick by tick.
+//! Trace of a run: its log, tick by tick.
 
 use hapfic_log::{Reader, Record};
 use hapfic_messages::{EventKind, Mode, Phase, Process, Source};
@@ -6,90 +6,90 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::Path;
 
-/// Most ticks that are believed.
+/// Largest plausible number of ticks.
 const MOST_TICKS: i64 = 10_000_000;
-/// The plant's timer was late by more than this: the host was elsewhere, ns.
-const HOST_LATE_NS: u64 = 500_000;
+/// Lateness of the plant's timer above which the tick counts as steal time [ns].
+const STEAL_LATENESS_NS: u64 = 500_000;
 
-/// A command, as far as it matters here.
+/// Fields of a command that the measurements need.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Command {
     pub(crate) mode: Option<Mode>,
     pub(crate) source: Option<Source>,
-    /// Who made the accepted request.
+    /// Controller of the accepted request.
     pub(crate) controller: Option<Process>,
-    /// To the drive, N m.
+    /// Torque to the drive [N m].
     pub(crate) torque: Vec<f64>,
-    /// As asked for, N m.
+    /// Requested torque [N m].
     pub(crate) raw: Vec<f64>,
-    /// Joints whose torque was limited in its rate, a bit each.
+    /// Joints with an active rate limit, a bit each.
     pub(crate) ramped: u32,
 }
 
 impl Command {
-    /// The torque of a request of this very tick.
+    /// Whether the torque is that of a request of the same tick.
     pub(crate) fn fresh(&self) -> bool {
         self.active() && self.source == Some(Source::Fresh)
     }
 
-    /// The drive applies a torque.
+    /// Whether the drive applies a torque.
     pub(crate) fn active(&self) -> bool {
         self.mode == Some(Mode::Active)
     }
 
-    /// The drive brakes.
+    /// Whether the drive brakes.
     pub(crate) fn brakes(&self) -> bool {
         matches!(self.mode, Some(Mode::Brake | Mode::Stopped))
     }
 
-    /// A valid request has come, passed on or not.
+    /// Whether a valid request arrived, passed on or suppressed.
     pub(crate) fn answered(&self) -> bool {
         matches!(self.source, Some(Source::Fresh | Source::Suppressed))
     }
 }
 
-/// What a log says of a tick.
+/// Logged data of a tick.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Tick {
     pub(crate) command: Option<Command>,
-    /// Where the foot is, m.
+    /// Position of the foot [m].
     pub(crate) foot: Option<[f64; 3]>,
-    /// Where it should be, m.
-    pub(crate) wanted: Option<[f64; 3]>,
-    /// The foot touches something.
-    pub(crate) touches: bool,
-    /// How late the plant's timer was, ns.
-    pub(crate) late_ns: u64,
-    /// Periods slipped since the start.
+    /// Reference position [m].
+    pub(crate) reference: Option<[f64; 3]>,
+    /// Whether a force acts on the foot.
+    pub(crate) in_contact: bool,
+    /// Lateness of the plant's timer [ns].
+    pub(crate) timer_lateness_ns: u64,
+    /// Slipped periods since the start.
     pub(crate) slipped: u64,
-    /// When the command went out, on `CLOCK_MONOTONIC`, ns.
-    pub(crate) gated_ns: Option<u64>,
-    /// Processes that have done it, a bit each by their codes.
-    pub(crate) done: u32,
+    /// Publication time of the command on `CLOCK_MONOTONIC` [ns].
+    pub(crate) command_ns: Option<u64>,
+    /// Processes that have done the tick, a bit each by their codes.
+    pub(crate) done_by: u32,
 }
 
-/// Something that happened.
+/// Event of a run.
 #[derive(Clone, Debug)]
 pub(crate) struct Event {
     pub(crate) tick: i64,
     pub(crate) kind: Option<EventKind>,
 }
 
-/// A run.
+/// Logged data of a run.
 #[derive(Debug, Default)]
 pub(crate) struct Trace {
     pub(crate) ticks: Vec<Tick>,
     pub(crate) events: Vec<Event>,
-    /// Messages rejected, by process and start of it.
+    /// Rejected messages, by process and generation.
     pub(crate) rejected: BTreeMap<(String, u32), u32>,
-    /// What was wrong with the log.
+    /// Error of the log.
     pub(crate) error: Option<String>,
-    /// The first tick with a torque.
+    /// First tick with a torque.
     pub(crate) first: usize,
 }
 
 impl Trace {
-    /// Reads a log as far as it goes.
+    /// Reads a log up to its first error.
     pub(crate) fn read(log: &Path) -> Self {
         let mut trace = Self::default();
         match Reader::open(log) {
@@ -123,15 +123,15 @@ impl Trace {
                     && tick.foot.is_none()
                 {
                     tick.foot = state.foot_position.try_into().ok();
-                    tick.touches = state.foot_force.iter().any(|force| *force != 0.0);
-                    (tick.late_ns, tick.slipped) = (state.wake_lateness_ns, state.slipped);
+                    tick.in_contact = state.foot_force.iter().any(|force| *force != 0.0);
+                    (tick.timer_lateness_ns, tick.slipped) = (state.wake_lateness_ns, state.slipped);
                 }
             }
             Record::Reference(reference) => {
                 if let Some(tick) = self.at(reference.tick)
-                    && tick.wanted.is_none()
+                    && tick.reference.is_none()
                 {
-                    tick.wanted = reference.position.try_into().ok();
+                    tick.reference = reference.position.try_into().ok();
                 }
             }
             Record::Command(command) => {
@@ -156,9 +156,9 @@ impl Trace {
                     && let Some(process) = Process::from_name(&timing.process)
                     && let Some(tick) = self.at(timing.tick)
                 {
-                    tick.done |= 1 << process.code();
+                    tick.done_by |= 1 << process.code();
                     if process == Process::Supervisor {
-                        tick.gated_ns.get_or_insert(timing.publish_ns);
+                        tick.command_ns.get_or_insert(timing.publish_ns);
                     }
                 }
             }
@@ -173,23 +173,23 @@ impl Trace {
         self.ticks.get(tick)?.command.as_ref()
     }
 
-    /// The last tick of `ticks` that one of these processes has done.
+    /// Last tick of `ticks` that one of these processes has done.
     pub(crate) fn last_done(&self, processes: &[Process], ticks: Range<usize>) -> Option<usize> {
         let bits = processes.iter().fold(0_u32, |bits, process| bits | (1 << process.code()));
-        ticks.rev().find(|tick| self.ticks.get(*tick).is_some_and(|tick| tick.done & bits != 0))
+        ticks.rev().find(|tick| self.ticks.get(*tick).is_some_and(|tick| tick.done_by & bits != 0))
     }
 
-    /// The last tick that has a command.
+    /// Last tick with a command.
     pub(crate) fn last(&self) -> Option<usize> {
         self.ticks.iter().rposition(|tick| tick.command.is_some())
     }
 
-    /// Ticks of `0..count` without state or command.
+    /// Number of ticks of `0..count` without state or command.
     pub(crate) fn missing(&self, count: usize) -> usize {
         count - self.ticks.iter().take(count).filter(|tick| tick.foot.is_some() && tick.command.is_some()).count()
     }
 
-    /// Ticks that gave the drive no fresh torque, after the first that did, one after the other.
+    /// Stretches of consecutive ticks without fresh torque, after the first one with it.
     pub(crate) fn outages(&self) -> Vec<Range<usize>> {
         let mut outages: Vec<Range<usize>> = Vec::new();
         for tick in self.first..self.ticks.len() {
@@ -204,12 +204,12 @@ impl Trace {
         outages
     }
 
-    /// Whether the host was elsewhere when this outage began: the plant's own timer was late around its first tick.
-    pub(crate) fn host_took(&self, outage: &Range<usize>) -> bool {
+    /// Whether steal time explains an outage: the plant's own timer was late around its first tick.
+    pub(crate) fn is_steal_time(&self, outage: &Range<usize>) -> bool {
         let from = outage.start.saturating_sub(1);
         let to = (outage.start + 2).min(self.ticks.len());
         let slipped = |tick: usize| self.ticks[tick].slipped;
-        (from..to).any(|tick| self.ticks[tick].late_ns > HOST_LATE_NS)
+        (from..to).any(|tick| self.ticks[tick].timer_lateness_ns > STEAL_LATENESS_NS)
             || (from + 1..to).any(|tick| slipped(tick) > slipped(tick - 1))
     }
 
@@ -218,7 +218,7 @@ impl Trace {
         self.events.iter().filter(move |event| event.kind == Some(kind))
     }
 
-    /// Messages rejected by all processes together.
+    /// Number of rejected messages of all processes.
     pub(crate) fn rejected(&self) -> u32 {
         self.rejected.values().sum()
     }

@@ -1,25 +1,25 @@
-//! The command line.
+//! Command line of `fuzz`.
 
 use hapfic_tests::fuzz::{ALL, FOLDER, Target, named};
 use std::path::PathBuf;
 
-/// What was asked for.
+/// Arguments of the command line.
 #[derive(Debug)]
 pub struct Arguments {
-    /// One after the other.
+    /// Targets, in their order.
     pub targets: Vec<&'static Target>,
-    /// For each target.
+    /// Duration for each target [s].
     pub seconds: u64,
-    /// Of the first job; each further one has the next.
+    /// Seed of the first job; each further job has the next one.
     pub seed: u64,
     /// Folder of the corpus.
     pub corpus: PathBuf,
-    /// Campaigns of a target at a time.
+    /// Simultaneous campaigns of a target.
     pub jobs: usize,
 }
 
 impl Arguments {
-    /// Reads the command line. The error says what is wrong with it.
+    /// Reads the command line. The error has the pattern of all messages: place, found, expected, hint.
     pub fn read(arguments: &[String]) -> Result<Self, String> {
         let names: Vec<&str> = ALL.iter().map(|target| target.name).collect();
         let usage =
@@ -50,6 +50,6 @@ impl Arguments {
 fn whole(option: &str, text: &str, least: u64) -> Result<u64, String> {
     match text.parse() {
         Ok(number) if number >= least => Ok(number),
-        _ => Err(format!("fuzz: {option}: found {text:?}, expected a whole number from {least} on; give one")),
+        _ => Err(format!("fuzz: {option}: found {text:?}, expected a whole number from {least} on; change it")),
     }
 }

@@ -1,4 +1,4 @@
-//! One campaign in a process of its own.
+//! Worker: the process of one campaign.
 
 use hapfic_tests::fuzz::{Budget, Options, campaign, named};
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
@@ -8,32 +8,32 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
 
-/// First argument of a worker.
+/// First argument of a worker process.
 pub const COMMAND: &str = "worker";
-/// Memory a campaign may take beside what the program has at its start, bytes.
+/// Memory of a campaign beside that of the program at its start [bytes].
 const MEMORY: u64 = 1 << 30;
-/// The campaign could not be run.
+/// Exit code for a campaign that could not run.
 const FAILED: u8 = 3;
 
-/// What a worker tells at its end.
+/// Result of a worker, printed as JSON at its end.
 #[derive(Debug)]
-pub struct Told {
-    /// Executions.
+pub struct WorkerResult {
+    /// Number of executions.
     pub executions: u64,
-    /// Of them accepted.
+    /// Executions with an accepted input.
     pub accepted: u64,
-    /// How long it took, s.
+    /// Duration [s].
     pub seconds: f64,
-    /// All findings.
+    /// Number of findings, repeated kinds included.
     pub finding_count: u64,
-    /// Different refusals.
+    /// Shapes of the rejections.
     pub shapes: Vec<String>,
-    /// Findings that differ: file and cause.
+    /// Findings, one of each kind: file and cause.
     pub findings: Vec<String>,
 }
 
-impl Told {
-    /// From what a worker has written.
+impl WorkerResult {
+    /// Reads the output of a worker.
     pub fn read(value: &Value) -> Option<Self> {
         let list = |key: &str| -> Option<Vec<String>> {
             value.get(key)?.as_array()?.iter().map(|text| text.as_str().map(str::to_owned)).collect()
@@ -49,16 +49,16 @@ impl Told {
     }
 }
 
-/// The file in which a worker notes what it is about to execute.
+/// File with the present input of a worker.
 pub fn notebook(scratch: &Path, job: usize) -> PathBuf {
     scratch.join(format!("{job}.input"))
 }
 
-/// Runs a campaign: target, seconds, seed, job, corpus, scratch, findings.
+/// Runs a campaign. Arguments: target, seconds, seed, job, corpus, scratch, findings.
 pub fn main(arguments: &[String]) -> ExitCode {
     match work(arguments) {
-        Ok(told) => {
-            let _ = writeln!(std::io::stdout(), "{told}");
+        Ok(result) => {
+            let _ = writeln!(std::io::stdout(), "{result}");
             ExitCode::SUCCESS
         }
         Err(message) => {
@@ -70,10 +70,10 @@ pub fn main(arguments: &[String]) -> ExitCode {
 
 fn work(arguments: &[String]) -> Result<Value, String> {
     let [target, seconds, seed, job, corpus, scratch, findings] = arguments else {
-        return Err("worker: started by `fuzz` only".to_owned());
+        return Err("worker: found other arguments, expected seven; only `fuzz` starts a worker".to_owned());
     };
     let number = |text: &String| text.parse::<u64>().map_err(|error| format!("worker: {text}: {error}"));
-    let target = named(target).ok_or_else(|| format!("worker: no target {target}"))?;
+    let target = named(target).ok_or_else(|| format!("worker: found no target {target}"))?;
     let job = usize::try_from(number(job)?).map_err(|error| error.to_string())?;
     let scratch = Path::new(scratch);
     let own = scratch.join(job.to_string());
@@ -87,20 +87,20 @@ fn work(arguments: &[String]) -> Result<Value, String> {
         findings: PathBuf::from(findings),
         notebook: Some(notebook(scratch, job)),
     };
-    let tally = campaign(target, &options).map_err(|error| format!("worker: {error}"))?;
+    let result = campaign(target, &options).map_err(|error| format!("worker: {error}"))?;
     let findings: Vec<String> =
-        tally.findings.iter().map(|finding| format!("{}: {}", finding.file.display(), finding.what)).collect();
+        result.findings.iter().map(|finding| format!("{}: {}", finding.file.display(), finding.what)).collect();
     Ok(json!({
-        "executions": tally.executions,
-        "accepted": tally.accepted,
-        "seconds": tally.elapsed.as_secs_f64(),
-        "finding_count": tally.finding_count,
-        "shapes": tally.shapes,
+        "executions": result.executions,
+        "accepted": result.accepted,
+        "seconds": result.elapsed.as_secs_f64(),
+        "finding_count": result.finding_count,
+        "shapes": result.shapes,
         "findings": findings,
     }))
 }
 
-/// From here on an execution that asks for too much memory aborts. Without a limit, if the system tells no size.
+/// Limits the memory, so an execution that allocates too much aborts. Sets no limit if the system reports no size.
 fn limit_memory() {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let kib = status.lines().find_map(|line| line.strip_prefix("VmSize:")?.trim().strip_suffix("kB")?.trim().parse::<u64>().ok());

@@ -1,26 +1,26 @@
-//! The command line.
+//! Command line of `scale`.
 
 const USAGE: &str = "usage: scale FILE [--quick] [--seconds S] [--rounds N]";
-/// Length of a measurement, s: without and with `--quick`.
+/// Length of a measurement without and with `--quick` [s].
 const SECONDS: (u64, u64) = (10, 3);
-/// Rounds: without and with `--quick`.
+/// Rounds without and with `--quick`.
 const ROUNDS: (u64, u64) = (3, 1);
-/// Longest measurement, s, and most rounds.
+/// Longest measurement [s], and largest number of rounds.
 const MOST: u64 = 1000;
 
-/// What was asked for.
+/// Arguments of the command line.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) struct Arguments {
-    /// The document.
+    /// Path of the document.
     pub(crate) file: String,
-    /// Length of a measurement, s.
+    /// Length of a measurement [s].
     pub(crate) seconds: u64,
-    /// How often everything is measured.
+    /// Number of rounds.
     pub(crate) rounds: u64,
 }
 
 impl Arguments {
-    /// Reads the command line. The error says what is wrong with it.
+    /// Reads the command line. The error has the pattern of all messages: place, found, expected, hint.
     pub(crate) fn read(words: &[String]) -> Result<Self, String> {
         let (mut file, mut quick, mut seconds, mut rounds) = (None, false, None, None);
         let mut rest = words.iter();
@@ -56,7 +56,7 @@ mod tests {
     }
 
     #[test]
-    fn a_command_line_is_read() {
+    fn arguments_valid_line_parsed() {
         let figures = |line| read(line).map(|arguments| (arguments.file, arguments.seconds, arguments.rounds)).unwrap();
         assert_eq!(figures("a.md"), ("a.md".to_owned(), 10, 3));
         assert_eq!(figures("--quick a.md"), ("a.md".to_owned(), 3, 1));
@@ -64,7 +64,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_told() {
+    fn arguments_bad_line_rejected() {
         for (line, word) in [
             ("", "no file"),
             ("a b", "found \"b\""),

@@ -1,60 +1,60 @@
-//! How fast a scenario is simulated.
+//! Simulation speed of a scenario without a realtime clock.
 
 use hapfic_tests::{Finished, Stack, Started};
 use serde_json::Value;
 
-/// A way to simulate.
+/// Mode of simulation.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Way {
-    /// As the table calls it.
+pub(crate) struct SimulationMode {
+    /// Name in the table.
     pub(crate) name: &'static str,
-    /// Stacks of processes at once; none: `hapfic simulate`.
+    /// Simultaneous stacks of processes; zero for `hapfic simulate`.
     stacks: usize,
-    /// Jobs of that.
+    /// Jobs of `hapfic simulate`.
     jobs: usize,
 }
 
-/// In the order of the table.
-pub(crate) const WAYS: [Way; 4] = [
-    Way { name: "processes in lockstep, 1 stack", stacks: 1, jobs: 0 },
-    Way { name: "processes in lockstep, 2 stacks at once", stacks: 2, jobs: 0 },
-    Way { name: "`hapfic simulate`, 1 job", stacks: 0, jobs: 1 },
-    Way { name: "`hapfic simulate`, 2 jobs", stacks: 0, jobs: 2 },
+/// All modes, in the order of the table.
+pub(crate) const MODES: [SimulationMode; 4] = [
+    SimulationMode { name: "processes in lockstep, 1 stack", stacks: 1, jobs: 0 },
+    SimulationMode { name: "processes in lockstep, 2 simultaneous stacks", stacks: 2, jobs: 0 },
+    SimulationMode { name: "`hapfic simulate`, 1 job", stacks: 0, jobs: 1 },
+    SimulationMode { name: "`hapfic simulate`, 2 jobs", stacks: 0, jobs: 2 },
 ];
-/// Runs of `hapfic simulate` for each job.
+/// Runs for each job of `hapfic simulate`.
 const RUNS: usize = 2;
 
-/// What was measured of a way.
-pub(crate) struct Speed {
-    pub(crate) way: Way,
-    /// Simulated seconds per wall second, all together, of each round.
+/// Measured speeds of a mode.
+pub(crate) struct SpeedResult {
+    pub(crate) mode: SimulationMode,
+    /// Total speed of each round [simulated seconds per wall-clock second].
     pub(crate) totals: Vec<f64>,
-    /// What fell short.
+    /// Shortfalls.
     pub(crate) shortfalls: Vec<String>,
 }
 
-impl Speed {
-    pub(crate) fn new(way: Way) -> Self {
-        Self { way, totals: Vec::new(), shortfalls: Vec::new() }
+impl SpeedResult {
+    pub(crate) fn new(mode: SimulationMode) -> Self {
+        Self { mode, totals: Vec::new(), shortfalls: Vec::new() }
     }
 
-    /// A round of it, of so many simulated seconds.
+    /// Measures a round; `seconds` is the simulated time of a run.
     pub(crate) fn measure(&mut self, seconds: u64) {
         let stack = Stack::new();
         let duration = seconds.to_string();
-        let total = if self.way.stacks > 0 {
-            processes(&stack, self.way.stacks, &duration)
+        let total = if self.mode.stacks > 0 {
+            processes(&stack, self.mode.stacks, &duration)
         } else {
-            study(&stack, self.way.jobs, &duration)
+            study(&stack, self.mode.jobs, &duration)
         };
         match total {
             Ok(total) => self.totals.push(total),
-            Err(what) => self.shortfalls.push(format!("{}: {what}", self.way.name)),
+            Err(cause) => self.shortfalls.push(format!("{}: {cause}", self.mode.name)),
         }
     }
 }
 
-/// The speeds of stacks that run at once, together: each from its first to its last tick.
+/// Sum of the speeds of simultaneous stacks, each from its first to its last tick.
 fn processes(stack: &Stack, stacks: usize, duration: &str) -> Result<f64, String> {
     let file = |number: usize, ending: &str| stack.path(&format!("{number}.{ending}")).display().to_string();
     let started: Vec<Started> = (0..stacks)
@@ -65,20 +65,21 @@ fn processes(stack: &Stack, stacks: usize, duration: &str) -> Result<f64, String
         })
         .collect();
     let mut total = 0.0;
-    // All of them, before an error ends the rest.
+    // Waits for all runs, before an error drops the others.
     let ended: Vec<Finished> = started.into_iter().map(Started::finish).collect();
     for (number, end) in ended.iter().enumerate() {
         expect_done(end)?;
-        let text = std::fs::read_to_string(file(number, "json")).map_err(|error| format!("no summary: {error}"))?;
+        let text =
+            std::fs::read_to_string(file(number, "json")).map_err(|error| format!("its summary cannot be read: {error}"))?;
         total += speed(&text)?;
     }
     Ok(total)
 }
 
-/// The speed of a study with so many jobs.
+/// Speed of a study with a number of jobs.
 fn study(stack: &Stack, jobs: usize, duration: &str) -> Result<f64, String> {
     let runs = jobs * RUNS;
-    // The floor has nothing random: they are all the same work.
+    // The floor scenario has no random part, so all runs are the same work.
     let sweep = format!("seed=1:{runs}:{runs}");
     let end = stack.run(&["simulate", "floor", "--duration", duration, "--sweep", &sweep, "--jobs", &jobs.to_string(), "--json"]);
     expect_done(&end)?;
@@ -89,9 +90,9 @@ fn expect_done(end: &Finished) -> Result<(), String> {
     if end.code == Some(0) { Ok(()) } else { Err(format!("ended with {:?}: {}{}", end.code, end.out, end.err)) }
 }
 
-/// `speed` of a JSON object.
+/// Field `speed` of a JSON object.
 fn speed(text: &str) -> Result<f64, String> {
-    let object: Value = serde_json::from_str(text).map_err(|error| format!("what it wrote is no JSON: {error}"))?;
+    let object: Value = serde_json::from_str(text).map_err(|error| format!("its output is no JSON: {error}"))?;
     object["speed"]
         .as_f64()
         .filter(|speed| *speed > 0.0)
@@ -103,10 +104,10 @@ mod tests {
     use super::speed;
 
     #[test]
-    fn a_speed_is_read() {
+    fn speed_positive_number_required() {
         assert_eq!(speed("{\"speed\": 4.5}"), Ok(4.5));
-        for wrong in ["{}", "{\"speed\": 0}", "{\"speed\": null}", "no"] {
-            assert!(speed(wrong).is_err(), "{wrong}");
+        for bad in ["{}", "{\"speed\": 0}", "{\"speed\": null}", "no"] {
+            assert!(speed(bad).is_err(), "{bad}");
         }
     }
 }

@@ -1,4 +1,4 @@
-//! What a stack takes of the machine, seen from outside.
+//! Processor time and memory of a stack, as the operating system shows them.
 
 use hapfic_tests::{children_of, remains_of};
 use std::collections::BTreeMap;
@@ -7,73 +7,76 @@ use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 use std::time::Instant;
 
-/// Who takes processor time, in the order of the table: processes, and threads of the supervisor.
-pub(crate) const KINDS: [&str; 7] = ["plant", "planner", "controller", "standby", "gate", "recorder", "supervisor"];
-/// Of the supervisor's threads, those that are told apart, by the name the system knows.
+/// Groups of processor time, in the order of the table: processes, and threads of the supervisor.
+pub(crate) const GROUPS: [&str; 7] = ["plant", "planner", "controller", "standby", "gate", "recorder", "supervisor"];
+/// Threads of the supervisor with a group of their own, by thread name.
 const THREADS: [(&str, &str); 4] =
     [("hapfic-gate", "gate"), ("hapfic-gate-2", "gate"), ("hapfic-recorder", "recorder"), ("hapfic-writer", "recorder")];
-/// The rest of its threads.
+/// Group of the other threads.
 const SUPERVISOR: &str = "supervisor";
-/// Places of user and system time in a `stat` file behind the name of the program.
-const TIMES: [usize; 2] = [11, 12];
-/// Ticks of these in a second: USER_HZ is 100 on every Linux there is.
+/// Fields of user and system time in a `stat` file, counted after the program's name.
+const TIME_FIELDS: [usize; 2] = [11, 12];
+/// Unit of these times [1/s]: USER_HZ is 100 on every Linux.
 const USER_HZ: f64 = 100.0;
-/// Bytes of a block, as the system counts them.
+/// Size of a block [bytes].
 const BLOCK: u64 = 512;
 
-/// Processor time of a stack so far.
+/// Processor time of a stack since its start.
 #[derive(Clone, Debug)]
-pub(crate) struct Busy {
+pub(crate) struct CpuTime {
     at: Instant,
-    /// By kind, s.
+    /// Time by group [s].
     seconds: BTreeMap<&'static str, f64>,
 }
 
-impl Busy {
-    /// Of a run that is under way; `None` if one of its processes is not, or not any more.
+impl CpuTime {
+    /// Reads the processor time of a run; `None` if one of its processes does not run.
     pub(crate) fn take(supervisor: u32) -> Option<Self> {
         let mut seconds = BTreeMap::new();
-        let mut add = |kind, time| *seconds.entry(kind).or_insert(0.0) += time;
+        let mut add = |group, time| *seconds.entry(group).or_insert(0.0) += time;
         let children = children_of(supervisor);
-        for kind in &KINDS[..4] {
-            let pid = children.iter().find(|(name, _)| name == kind)?.1;
-            add(*kind, times(&fs::read_to_string(format!("/proc/{pid}/stat")).ok()?)?);
+        for group in &GROUPS[..4] {
+            let pid = children.iter().find(|(name, _)| name == group)?.1;
+            add(*group, times(&fs::read_to_string(format!("/proc/{pid}/stat")).ok()?)?);
         }
         for task in fs::read_dir(format!("/proc/{supervisor}/task")).ok()?.flatten() {
             // A thread may end meanwhile.
             let read = |name| fs::read_to_string(task.path().join(name)).ok();
             let (Some(name), Some(time)) = (read("comm"), read("stat").and_then(|stat| times(&stat))) else { continue };
-            add(THREADS.iter().find(|(thread, _)| *thread == name.trim()).map_or(SUPERVISOR, |(_, kind)| *kind), time);
+            add(THREADS.iter().find(|(thread, _)| *thread == name.trim()).map_or(SUPERVISOR, |(_, group)| *group), time);
         }
         Some(Self { at: Instant::now(), seconds })
     }
 
-    /// Share of a core between an earlier moment and this one, by kind, %.
+    /// Share of a core since an earlier reading, by group [%].
     pub(crate) fn since(&self, earlier: &Self) -> BTreeMap<&'static str, f64> {
         let wall = self.at.duration_since(earlier.at).as_secs_f64();
-        self.seconds.iter().map(|(kind, now)| (*kind, 100.0 * (now - earlier.seconds.get(kind).unwrap_or(&0.0)) / wall)).collect()
+        self.seconds
+            .iter()
+            .map(|(group, now)| (*group, 100.0 * (now - earlier.seconds.get(group).unwrap_or(&0.0)) / wall))
+            .collect()
     }
 }
 
-/// User and system time of a `stat` file, s.
+/// User and system time in a `stat` file [s].
 fn times(stat: &str) -> Option<f64> {
-    // The program's name may hold anything, and stands in parentheses.
+    // The program's name stands in parentheses, and may hold any character.
     let fields: Vec<&str> = stat.rsplit_once(')')?.1.split_whitespace().collect();
-    let ticks = TIMES.map(|place| fields.get(place)?.parse::<u64>().ok());
+    let ticks = TIME_FIELDS.map(|field| fields.get(field)?.parse::<u64>().ok());
     Some((ticks[0]? + ticks[1]?) as f64 / USER_HZ)
 }
 
-/// Memory of a stack, MB.
+/// Memory of a stack [MB].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Memory {
-    /// Of all its processes; what several share counts with its share, shared memory as well.
+    /// Proportional set size of all its processes, shared memory included.
     pub(crate) proportional: f64,
-    /// Files in shared memory.
+    /// Size of its files in shared memory.
     pub(crate) shared: f64,
 }
 
 impl Memory {
-    /// Of a run that is under way.
+    /// Reads the memory of a run.
     pub(crate) fn take(supervisor: u32) -> Option<Self> {
         let children = children_of(supervisor).into_iter().map(|(_, pid)| pid);
         let pages = children.chain([supervisor]).map(proportional_kb).sum::<Option<u64>>()?;
@@ -87,7 +90,7 @@ fn proportional_kb(pid: u32) -> Option<u64> {
     text.lines().find_map(|line| line.strip_prefix("Pss:"))?.split_whitespace().next()?.parse().ok()
 }
 
-/// What is taken by a file, or by all in a folder; nothing by what is gone.
+/// Size of a file, or of all files in a folder [bytes]; zero if the path does not exist.
 fn bytes(path: &Path) -> u64 {
     let Ok(found) = fs::symlink_metadata(path) else { return 0 };
     let inside = if found.is_dir() { fs::read_dir(path).ok() } else { None };
@@ -99,7 +102,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn times_are_found_behind_any_name() {
+    fn times_any_program_name_found() {
         let stat = "7 (a) b (c d) S 1 2 3 4 5 6 7 8 9 10 150 25 0 0";
         assert_eq!(times(stat), Some(1.75));
         assert_eq!((times("7 (a) S 1"), times("")), (None, None));
@@ -108,21 +111,21 @@ mod tests {
     }
 
     #[test]
-    fn shares_are_of_the_time_between() {
+    fn since_two_readings_shares_computed() {
         let begun = Instant::now();
-        let busy = |seconds_later, plant, gate| Busy {
+        let reading = |seconds_later, plant, gate| CpuTime {
             at: begun + std::time::Duration::from_secs(seconds_later),
             seconds: BTreeMap::from([("plant", plant), ("gate", gate)]),
         };
-        let shares = busy(4, 2.0, 0.5).since(&busy(0, 1.0, 0.5));
+        let shares = reading(4, 2.0, 0.5).since(&reading(0, 1.0, 0.5));
         assert_eq!(shares, BTreeMap::from([("plant", 25.0), ("gate", 0.0)]));
     }
 
     #[test]
-    fn this_process_has_memory_and_no_stack() {
+    fn own_process_memory_found_no_stack() {
         let own = std::process::id();
         assert!(proportional_kb(own).unwrap() > 0 && proportional_kb(u32::MAX).is_none());
-        assert!(Busy::take(own).is_none());
+        assert!(CpuTime::take(own).is_none());
         let folder = tempfile::tempdir().unwrap();
         std::fs::create_dir(folder.path().join("a")).unwrap();
         std::fs::write(folder.path().join("a/b"), vec![1; 100_000]).unwrap();

@@ -1,4 +1,4 @@
-//! Changes of a running stack: `key=value` pairs in the text of an operator's request.
+//! Target `change`: changes of a running stack, as `key=value` pairs in an operator's request.
 
 use crate::fuzz::target::{FuzzOutcome, Target};
 use hapfic_config::{OperatorChange, Parameters, Settings};
@@ -71,24 +71,24 @@ fn execute(input: &[u8], _: &Path) -> FuzzOutcome {
     let text = String::from_utf8_lossy(input).replace('\n', "\0");
     let request = match OperatorRequest::new(OperatorKind::Set, &text) {
         Ok(request) => request,
-        Err(defect) => return FuzzOutcome::Refused(defect.to_string()),
+        Err(error) => return FuzzOutcome::Rejected(error.to_string()),
     };
     match request.parts() {
         Ok((_, text)) => match changed(text) {
             Ok(()) => FuzzOutcome::Accepted,
-            Err(message) => FuzzOutcome::Refused(message),
+            Err(message) => FuzzOutcome::Rejected(message),
         },
-        Err(defect) => panic!("a request made from text is rejected: {defect}"),
+        Err(error) => panic!("found a rejected request, expected a valid one from text: {error}"),
     }
 }
 
-/// Does what the supervisor does with the text of a request.
+/// Applies the text of a request as the supervisor does.
 pub(super) fn changed(text: &str) -> Result<(), String> {
     let pairs: Vec<&str> = text.split('\0').filter(|pair| !pair.is_empty()).collect();
     for base in [base(), Parameters { target_position: Some([0.1, 0.2, 0.3]), ..base() }] {
-        let asked = OperatorChange::from_pairs(&pairs, &base).map_err(|error| error.to_string())?;
-        let set = parameters(&base.with(&asked.change), 2, 100, [0.0; 3]);
-        assert_eq!(set.check(), Ok(()), "a change that was let pass makes a set that everyone refuses");
+        let parsed = OperatorChange::from_pairs(&pairs, &base).map_err(|error| error.to_string())?;
+        let set = parameters(&base.with(&parsed.change), 2, 100, [0.0; 3]);
+        assert_eq!(set.check(), Ok(()), "an accepted change makes an invalid set");
     }
     Ok(())
 }

@@ -1,4 +1,4 @@
-//! Scenarios: TOML.
+//! Target `config`: scenarios in TOML.
 
 use super::SCENARIO_WORDS;
 use crate::fuzz::target::{FuzzOutcome, Target};
@@ -10,9 +10,9 @@ use std::path::Path;
 pub(super) const TARGET: Target =
     Target { name: "config", seeds, dictionary: SCENARIO_WORDS, text: true, longest: 32 * 1024, execute };
 
-/// What complaints call the scenario.
+/// Name of the scenario in error messages.
 const ORIGIN: &str = "fuzz.toml";
-/// Ticks for which an accepted scenario is simulated: enough to use every number of it.
+/// Simulated ticks of an accepted scenario: enough to use every number of it.
 const TICKS: usize = 2;
 
 fn seeds() -> Vec<Vec<u8>> {
@@ -24,26 +24,29 @@ fn execute(input: &[u8], _: &Path) -> FuzzOutcome {
     match Settings::from_str(&text, ORIGIN, None, &[]) {
         Err(error) => {
             let message = error.to_string();
-            assert!(message.starts_with(ORIGIN), "a complaint without its place: {message}");
-            assert!(message.contains(": found ") && message.contains(". Hint: "), "half a complaint: {message}");
-            FuzzOutcome::Refused(message)
+            assert!(message.starts_with(ORIGIN), "found an error without its place: {message}");
+            assert!(
+                message.contains(": found ") && message.contains(". Hint: "),
+                "found an error without found value or hint: {message}"
+            );
+            FuzzOutcome::Rejected(message)
         }
         Ok(settings) => {
             let urdf = &settings.robot.urdf;
             let again = Settings::from_effective(&settings.effective_toml(), &urdf.name, &urdf.text);
-            assert_eq!(again.as_ref(), Ok(&settings), "what was loaded loads to something else");
+            assert_eq!(again.as_ref(), Ok(&settings), "the effective settings load to other settings");
             match simulated(&settings) {
                 Ok(plant) => {
-                    assert_eq!(plant.sample().check(), Ok(()), "the plant of a scenario publishes what everyone refuses");
+                    assert_eq!(plant.sample().check(), Ok(()), "the plant publishes an invalid state");
                     FuzzOutcome::Accepted
                 }
-                Err(message) => FuzzOutcome::Refused(message),
+                Err(message) => FuzzOutcome::Rejected(message),
             }
         }
     }
 }
 
-/// The plant of a scenario after its first ticks without a torque.
+/// Plant of a scenario after its first ticks without a torque.
 pub(super) fn simulated(settings: &Settings) -> Result<Plant, String> {
     let mut plant = Plant::new(settings).map_err(|error| error.to_string())?;
     plant.take(&Command { tick: -1, mode: Mode::Active.code(), ..Command::default() });

@@ -1,12 +1,14 @@
-//! Decisions drawn from an input: so that messages, which are no text, are mutated as bytes like everything else, and an input in a
-//! file gives the same messages again.
+//! Sampler: reads decisions from the bytes of an input.
+//!
+//! So messages, which are not text, are mutated as bytes as well, and an input in a file always gives the same
+//! messages.
 
-/// Draws from bytes; zeros when there are none left.
-pub(super) struct Draw<'a> {
+/// Reader of decisions; zeros after the last byte.
+pub(super) struct Sampler<'a> {
     bytes: &'a [u8],
 }
 
-impl<'a> Draw<'a> {
+impl<'a> Sampler<'a> {
     pub(super) fn new(bytes: &'a [u8]) -> Self {
         Self { bytes }
     }
@@ -25,7 +27,7 @@ impl<'a> Draw<'a> {
         }
     }
 
-    /// A number below `count`, which is 1 to 256.
+    /// Returns a number below `count`, which is 1 to 256.
     pub(super) fn below(&mut self, count: usize) -> usize {
         usize::from(self.byte()) % count
     }
@@ -34,7 +36,7 @@ impl<'a> Draw<'a> {
         (0..8).fold(0_u64, |word, _| (word << 8) | u64::from(self.byte()))
     }
 
-    /// A number in place of another one.
+    /// Returns a replacement for a number.
     pub(super) fn number(&mut self, old: f64) -> f64 {
         const SPECIAL: [f64; 12] = [
             f64::NAN,
@@ -54,7 +56,7 @@ impl<'a> Draw<'a> {
             0 => SPECIAL[self.below(SPECIAL.len())],
             1 => f64::from_bits(self.word()),
             2 => -old,
-            // From 1e-32 to 1e31 times as much.
+            // Scaled by 1e-32 to 1e31.
             3 => old * 10_f64.powi(i32::from(self.byte() % 64) - 32),
             // From 1e-300 to 1e300.
             4 => 10_f64.powi(i32::from(self.byte()) * 600 / 255 - 300),
@@ -64,7 +66,7 @@ impl<'a> Draw<'a> {
         }
     }
 
-    /// A code, a count or a flag in place of another one.
+    /// Returns a replacement for a code, a count or a flag.
     pub(super) fn code(&mut self, old: u32) -> u32 {
         match self.byte() % 8 {
             0 => u32::MAX,
@@ -75,7 +77,7 @@ impl<'a> Draw<'a> {
         }
     }
 
-    /// A time, a version or a number of ticks in place of another one.
+    /// Returns a replacement for a time, a version or a number of ticks.
     pub(super) fn count(&mut self, old: u64) -> u64 {
         match self.byte() % 8 {
             0 => u64::MAX,
@@ -88,7 +90,7 @@ impl<'a> Draw<'a> {
         }
     }
 
-    /// A tick in place of another one.
+    /// Returns a replacement for a tick.
     pub(super) fn tick(&mut self, old: i64) -> i64 {
         match self.byte() % 8 {
             0 => i64::MAX,

@@ -1,21 +1,21 @@
-//! The fields of every message, to be spoilt.
+//! Access to the fields of every message, for their corruption.
 
-use super::draw::Draw;
+use super::draw::Sampler;
 use hapfic_messages::{
     Command, ControllerState, Credit, Event, Operator, OperatorReply, OperatorRequest, Parameters, PlannerState, Reference,
     Request, State, Timing,
 };
 use std::slice::from_mut;
 
-/// Most fields that are spoilt in one message.
+/// Largest number of corrupted fields in one message.
 const MOST: usize = 5;
 
-/// Fields of a kind that lie beside each other.
+/// Adjacent fields of one kind.
 pub(super) enum Field<'a> {
     Numbers(&'a mut [f64]),
-    /// Codes, counts up to a few, flags.
+    /// Codes, small counts, flags.
     Codes(&'a mut [u32]),
-    /// Times, versions, ticks since.
+    /// Times, versions, numbers of ticks.
     Counts(&'a mut [u64]),
     Ticks(&'a mut [i64]),
     Bytes(&'a mut [u8]),
@@ -23,41 +23,41 @@ pub(super) enum Field<'a> {
 
 use Field::{Bytes, Codes, Counts, Numbers, Ticks};
 
-/// A message whose fields can be changed.
+/// Message with accessible fields.
 pub(super) trait Fields {
     fn fields(&mut self) -> Vec<Field<'_>>;
 }
 
-/// Changes no to five fields of a message.
-pub(super) fn spoil<T: Fields>(message: &mut T, draw: &mut Draw<'_>) {
-    for _ in 0..draw.below(MOST + 1) {
+/// Corrupts zero to five fields of a message.
+pub(super) fn corrupt<T: Fields>(message: &mut T, sampler: &mut Sampler<'_>) {
+    for _ in 0..sampler.below(MOST + 1) {
         let mut fields = message.fields();
-        let place = draw.below(fields.len());
+        let place = sampler.below(fields.len());
         match &mut fields[place] {
             Numbers(values) => {
-                if draw.byte().is_multiple_of(8) {
-                    let new = draw.number(values[0]);
+                if sampler.byte().is_multiple_of(8) {
+                    let new = sampler.number(values[0]);
                     values.fill(new);
                 } else {
-                    let place = draw.below(values.len());
-                    values[place] = draw.number(values[place]);
+                    let place = sampler.below(values.len());
+                    values[place] = sampler.number(values[place]);
                 }
             }
             Codes(values) => {
-                let place = draw.below(values.len());
-                values[place] = draw.code(values[place]);
+                let place = sampler.below(values.len());
+                values[place] = sampler.code(values[place]);
             }
             Counts(values) => {
-                let place = draw.below(values.len());
-                values[place] = draw.count(values[place]);
+                let place = sampler.below(values.len());
+                values[place] = sampler.count(values[place]);
             }
             Ticks(values) => {
-                let place = draw.below(values.len());
-                values[place] = draw.tick(values[place]);
+                let place = sampler.below(values.len());
+                values[place] = sampler.tick(values[place]);
             }
             Bytes(values) => {
                 for byte in values.iter_mut().take(64) {
-                    *byte = draw.byte();
+                    *byte = sampler.byte();
                 }
             }
         }
@@ -99,7 +99,7 @@ impl Fields for State {
                 Numbers(&mut object.angular_velocity),
             ]);
         }
-        // The others are like these.
+        // Two contacts stand for all.
         for contact in self.contacts.iter_mut().take(2) {
             fields.extend([
                 Codes(from_mut(&mut contact.body)),

@@ -1,4 +1,4 @@
-//! Logs: MCAP, read, recovered and reported.
+//! Target `log`: MCAP logs, read, recovered and reported.
 
 use super::stage::Stage;
 use crate::fuzz::target::{FuzzOutcome, Target};
@@ -54,14 +54,14 @@ pub(super) const TARGET: Target = Target {
     execute,
 };
 
-/// What errors call the log.
+/// Name of the log in error messages.
 const NAME: &str = "fuzz.mcap";
-/// One input in so many is drawn as well: that takes a hundred times as long as the rest.
-const DRAWN: u8 = 32;
+/// One input in this many is also rendered, which takes a hundred times as long as the rest.
+const RENDER_INTERVAL: u8 = 32;
 /// Ticks of a seed.
 const TICKS: i64 = 5;
 
-/// The same log as the recorder writes it, and without compression and checksums: there changes get through to what is inside.
+/// One log as the recorder writes it, and without compression and checksums, where mutations reach the content.
 fn seeds() -> Vec<Vec<u8>> {
     let log = Stage::with(written);
     let plain = plain(&log);
@@ -79,7 +79,7 @@ fn written(stage: &Stage) -> Vec<u8> {
     let mut writer =
         Writer::new(&mut bytes, Path::new(NAME), &stage.names, &header, &attachments, &options).expect("a log in memory");
     for tick in 0..TICKS {
-        let mut snapshot = stage.moments[tick as usize % stage.moments.len()].snapshot;
+        let mut snapshot = stage.snapshots[tick as usize % stage.snapshots.len()].messages;
         snapshot.state.tick = tick;
         snapshot.reference.tick = tick;
         snapshot.command.tick = tick;
@@ -139,26 +139,26 @@ fn execute(input: &[u8], scratch: &Path) -> FuzzOutcome {
     let read = Reader::new(input, Path::new(NAME)).and_then(|mut reader| read_all(&mut reader));
     match read {
         Ok(()) => FuzzOutcome::Accepted,
-        Err(error) => FuzzOutcome::Refused(error.to_string()),
+        Err(error) => FuzzOutcome::Rejected(error.to_string()),
     }
 }
 
-/// Reads until the end or the first error, which must be the last thing that comes; what comes before makes finite figures.
+/// Reads until the end or the first error, which must be the last item; computes the metrics of the entries before.
 fn read_all<R: Read>(reader: &mut Reader<R>) -> Result<(), LogError> {
     let mut metrics = Metrics::new();
     let mut error = None;
     for item in &mut *reader {
-        assert!(error.is_none(), "something comes after the error {error:?}");
+        assert!(error.is_none(), "found an item after the error {error:?}");
         match item {
             Ok(entry) => metrics.push(&entry.record),
-            Err(told) => error = Some(told),
+            Err(found) => error = Some(found),
         }
     }
     let _ = (reader.names(), metrics.summary());
     error.map_or(Ok(()), Err)
 }
 
-/// A recovery leaves the original as it is, and a log that opens or nothing.
+/// Asserts that a recovery keeps the original, and writes a log that opens or nothing.
 fn recovered(input: &[u8], scratch: &Path) {
     let (original, new) = (scratch.join("run.mcap"), scratch.join("new.mcap"));
     let _ = fs::remove_file(&new);
@@ -178,23 +178,23 @@ fn recovered(input: &[u8], scratch: &Path) {
         let read = Reader::open(&path).and_then(|mut reader| read_all(&mut reader));
         match read {
             Ok(()) => {}
-            // A chunk whose checksum is right, or that has none, is kept bit for bit, also what another program wrote into it.
+            // A chunk with a valid checksum, or none, is kept bit for bit, also if another program wrote its content.
             Err(LogError::Damaged { what, .. }) if what.contains("does not decode") => {}
             Err(error) => panic!("the recovered log is damaged: {error}"),
         }
     }
 }
 
-/// A report of whatever can be read.
+/// Asserts that a report of all readable entries succeeds.
 fn reported(input: &[u8]) {
     let path = Path::new(NAME);
     let Ok(reader) = Reader::new(input, path) else { return };
     let Ok(report) = Report::from_reader(reader, path) else { return };
-    assert!(report.metrics().is_object(), "no figures");
+    assert!(report.metrics().is_object(), "found no metrics");
     let _ = (report.text(), report.json());
-    if input.iter().fold(0_u8, |sum, byte| sum.wrapping_add(*byte)) % DRAWN == 0 {
+    if input.iter().fold(0_u8, |sum, byte| sum.wrapping_add(*byte)) % RENDER_INTERVAL == 0 {
         let page = report.html().expect("a page");
-        assert!(page.ends_with("</html>\n") || page.ends_with("</html>"), "half a page");
+        assert!(page.ends_with("</html>\n") || page.ends_with("</html>"), "the page has no end");
         assert!(!report.pictures().expect("pictures").is_empty());
     }
 }

@@ -1,12 +1,12 @@
-//! Messages of other processes: whatever bits they hold they are rejected, or used without harm.
+//! Target `message`: messages of other processes. Whatever their bits, each is rejected, or used without harm.
 //!
-//! An input says which messages come, and which of their fields are spoilt how; they arrive one after the other at a stack in the
-//! middle of a run, where each is used as the process that takes it does.
+//! An input selects the messages, and how their fields are corrupted. They arrive one after the other at a stack in the
+//! middle of a run, and each is used as its receiving process does.
 
 use super::change::changed;
-use super::draw::Draw;
-use super::fields::{Fields, spoil};
-use super::stage::{Moment, PEAK, Stage};
+use super::draw::Sampler;
+use super::fields::{Fields, corrupt};
+use super::stage::{PEAK, StackSnapshot, Stage};
 use crate::fuzz::target::{FuzzOutcome, Target};
 use hapfic_controller::control_step::{ControlInputs, control_step};
 use hapfic_gate::protocol::{ControllerSlot, GateInputs, Observation};
@@ -21,18 +21,18 @@ use std::path::Path;
 
 pub(super) const TARGET: Target = Target { name: "message", seeds, dictionary: &[], text: false, longest: 1024, execute };
 
-/// Most messages of an input.
+/// Largest number of messages of an input.
 const MOST: usize = 16;
 
 fn seeds() -> Vec<Vec<u8>> {
-    // Each kind of message in both moments: as it is, and with one field spoilt in different ways.
+    // Each kind of message in both snapshots, with one field corrupted in different ways.
     let mut seeds = Vec::new();
-    for moment in 0..2_u8 {
+    for snapshot in 0..2_u8 {
         for kind in 0..=255_u8 {
-            seeds.push(vec![moment, kind, 1, kind.wrapping_mul(7), 1, kind, kind.wrapping_mul(31), 3]);
+            seeds.push(vec![snapshot, kind, 1, kind.wrapping_mul(7), 1, kind, kind.wrapping_mul(31), 3]);
         }
         // State after state, as in a run.
-        let mut states = vec![moment];
+        let mut states = vec![snapshot];
         states.resize(20, 0);
         seeds.push(states);
     }
@@ -41,86 +41,87 @@ fn seeds() -> Vec<Vec<u8>> {
 
 fn execute(input: &[u8], _: &Path) -> FuzzOutcome {
     Stage::with(|stage| {
-        let mut draw = Draw::new(input);
-        let moment = &stage.moments[draw.below(stage.moments.len())];
-        let mut bench = Bench::new(stage, moment);
+        let mut sampler = Sampler::new(input);
+        let snapshot = &stage.snapshots[sampler.below(stage.snapshots.len())];
+        let mut stack = StackUnderTest::new(stage, snapshot);
         let mut rejected = None;
         for _ in 0..MOST {
-            if let Err(message) = bench.receive(&mut draw) {
+            if let Err(message) = stack.receive(&mut sampler) {
                 rejected.get_or_insert(message);
             }
-            if draw.is_empty() {
+            if sampler.is_empty() {
                 break;
             }
         }
-        bench.sum_up();
-        rejected.map_or(FuzzOutcome::Accepted, FuzzOutcome::Refused)
+        stack.check_metrics();
+        rejected.map_or(FuzzOutcome::Accepted, FuzzOutcome::Rejected)
     })
 }
 
-/// A message with some fields changed.
-fn spoilt<T: Fields>(mut message: T, draw: &mut Draw<'_>) -> T {
-    spoil(&mut message, draw);
+/// Returns a message with some fields corrupted.
+fn corrupted<T: Fields>(mut message: T, sampler: &mut Sampler<'_>) -> T {
+    corrupt(&mut message, sampler);
     message
 }
 
-/// Whether a message passes its check; if not, why.
+/// Checks a message; the error has its kind and the defect.
 fn checked(kind: &str, message: &impl Check) -> Result<(), String> {
-    message.check().map_err(|defect| format!("{kind}: {defect}"))
+    message.check().map_err(|error| format!("{kind}: {error}"))
 }
 
-struct Bench<'a> {
+/// Receiving parts of all processes.
+struct StackUnderTest<'a> {
     stage: &'a Stage,
     names: &'a Names,
-    moment: Moment,
+    snapshot: StackSnapshot,
     metrics: Metrics,
     viewer: Viewer,
-    /// The last state that was taken.
+    /// Last valid state.
     state: State,
     plan: Option<Plan>,
-    /// The reference that a controller follows.
+    /// Reference of the controller.
     reference: Reference,
     operator: Operator,
-    /// Of the last command.
+    /// Controller state in the last command.
     previous_state: ControllerState,
     active: bool,
 }
 
-impl<'a> Bench<'a> {
-    fn new(stage: &'a Stage, moment: &Moment) -> Self {
-        let snapshot = &moment.snapshot;
+impl<'a> StackUnderTest<'a> {
+    fn new(stage: &'a Stage, snapshot: &StackSnapshot) -> Self {
+        let messages = &snapshot.messages;
         Self {
             stage,
             names: &stage.names,
             metrics: Metrics::new(),
             viewer: Viewer::new(Scene::default(), 60, 0),
-            state: snapshot.state,
-            plan: Some(Plan { tick: snapshot.reference.tick, state: snapshot.reference.planner }),
-            reference: snapshot.reference,
-            operator: snapshot.operator,
-            previous_state: snapshot.command.request.state,
+            state: messages.state,
+            plan: Some(Plan { tick: messages.reference.tick, state: messages.reference.planner }),
+            reference: messages.reference,
+            operator: messages.operator,
+            previous_state: messages.command.request.state,
             active: true,
-            moment: moment.clone(),
+            snapshot: snapshot.clone(),
         }
     }
 
-    fn receive(&mut self, draw: &mut Draw<'_>) -> Result<(), String> {
-        let base = self.moment.snapshot;
+    fn receive(&mut self, sampler: &mut Sampler<'_>) -> Result<(), String> {
+        let base = self.snapshot.messages;
         let next = self.state.tick.saturating_add(1);
-        match draw.byte() % 16 {
-            0..=3 => self.state(&spoilt(State { tick: next, ..base.state }, draw)),
-            4 | 5 => self.reference(&spoilt(Reference { tick: next, ..base.reference }, draw)),
+        match sampler.byte() % 16 {
+            0..=3 => self.state(&corrupted(State { tick: next, ..base.state }, sampler)),
+            4 | 5 => self.reference(&corrupted(Reference { tick: next, ..base.reference }, sampler)),
             6 | 7 => {
-                let tick = self.moment.gate.tick();
+                let tick = self.snapshot.gate.tick();
                 let parameters_version = self.operator.at(tick).version;
                 let request = Request { tick, state_tick: tick, parameters_version, ..base.command.request };
-                self.request(&spoilt(request, draw))
+                self.request(&corrupted(request, sampler))
             }
             8 | 9 => {
-                let tick = self.moment.plant.command_tick().saturating_add(1);
-                self.command(&spoilt(Command { tick, ..base.command }, draw))
+                let tick = self.snapshot.plant.command_tick().saturating_add(1);
+                self.command(&corrupted(Command { tick, ..base.command }, sampler))
             }
-            10 | 11 => self.operator(&spoilt(base.operator, draw)),
+            10 | 11 => self.operator(&corrupted(base.operator, sampler)),
             12 => {
                 let event = Event::new(
                     next,
@@ -130,7 +131,7 @@ impl<'a> Bench<'a> {
                     Detector::Heartbeat,
                     "größer als ein Byte",
                 );
-                let event = spoilt(event, draw);
+                let event = corrupted(event, sampler);
                 let _ = convert::event(&event);
                 let _ = event.text();
                 checked("event", &event)
@@ -139,25 +140,25 @@ impl<'a> Bench<'a> {
                 let (process, phase) = (Process::Supervisor.code(), Phase::Running.code());
                 let timing =
                     Timing { process, phase, tick: next, due_ns: 10, wake_ns: 20, latency_ns: 50_000, ..Timing::default() };
-                let timing = spoilt(Timing { publish_ns: 60_000, ..timing }, draw);
+                let timing = corrupted(Timing { publish_ns: 60_000, ..timing }, sampler);
                 self.metrics.push_timing(&convert::timing(&timing));
                 checked("timing", &timing)
             }
             14 => {
                 let request =
                     OperatorRequest::new(OperatorKind::Set, "stiffness.z=9000\0taper=0.1").map_err(|e| e.to_string())?;
-                let request = spoilt(request, draw);
-                let (_, text) = request.parts().map_err(|defect| format!("operator's request: {defect}"))?;
+                let request = corrupted(request, sampler);
+                let (_, text) = request.parts().map_err(|error| format!("operator's request: {error}"))?;
                 changed(text)
             }
             _ => {
-                checked("credit", &spoilt(Credit { tick: next }, draw))?;
-                checked("operator's reply", &spoilt(OperatorReply::new(ReplyCode::Refused, "größer"), draw))
+                checked("credit", &corrupted(Credit { tick: next }, sampler))?;
+                checked("operator's reply", &corrupted(OperatorReply::new(ReplyCode::Refused, "größer"), sampler))
             }
         }
     }
 
-    /// Planner, controller, gate and recorder take a state.
+    /// Passes a state to planner, controller, gate and recorder.
     fn state(&mut self, state: &State) -> Result<(), String> {
         let logged = convert::state(state, self.names);
         self.metrics.push_state(&logged);
@@ -167,31 +168,31 @@ impl<'a> Bench<'a> {
         }
         checked("state", state)?;
         if state.tick <= self.state.tick {
-            return Err("state: an old tick".to_owned());
+            return Err("state: found an old tick".to_owned());
         }
         self.state = *state;
         let parameters = *self.operator.at(state.tick);
         let plan = Plan::next(self.plan, state, self.active, &self.operator);
         self.plan = Some(plan);
-        let known = ControlInputs {
+        let inputs = ControlInputs {
             state,
             reference_position: self.reference.position,
             reference_velocity: self.reference.velocity,
             parameters: &parameters,
             previous_state: self.previous_state,
         };
-        let request = control_step(&self.stage.chain, &self.stage.gravity, &known, Process::Controller);
-        // The planner's answer is for the tick after; nobody follows one that is no good.
+        let request = control_step(&self.stage.chain, &self.stage.gravity, &inputs, Process::Controller);
+        // The reference is for the next tick; the controller ignores an invalid one.
         let reference = plan.reference(parameters.version);
         if reference.check().is_ok() {
             self.reference = reference;
         }
         let Some(request) = request else {
             self.miss();
-            return Err("state: the controller has no answer".to_owned());
+            return Err("state: the controller makes no request".to_owned());
         };
         for (force, most) in request.force.iter().zip(&parameters.max_force) {
-            assert!(force.abs() <= *most, "a force of {force} N beyond F_max, {most} N");
+            assert!(force.abs() <= *most, "found a force of {force} N, expected {most} N (F_max) at most");
         }
         self.request(&request)
     }
@@ -200,53 +201,53 @@ impl<'a> Bench<'a> {
         self.metrics.push_reference(&convert::reference(reference));
         checked("reference", reference)?;
         self.reference = *reference;
-        // A planner that is started again goes on from here.
+        // A restarted planner continues from here.
         self.plan = Some(Plan::resumed(reference));
         Ok(())
     }
 
-    /// The gate takes a request.
+    /// Passes a request to the gate.
     fn request(&mut self, request: &Request) -> Result<(), String> {
         let _ = convert::request(request);
-        let gate = &mut self.moment.gate;
+        let gate = &mut self.snapshot.gate;
         let parameters = self.operator.at(gate.tick());
-        if let Err(defect) = gate.validate(request, &self.state, parameters) {
+        if let Err(error) = gate.validate(request, &self.state, parameters) {
             self.miss();
-            return Err(format!("request: {defect}"));
+            return Err(format!("request: {error}"));
         }
         let command = gate.accept(ControllerSlot::First, request, &Observation::alone(), &GateInputs::default());
-        self.passed(&command);
+        self.publish(&command);
         Ok(())
     }
 
     fn miss(&mut self) {
-        let command = self.moment.gate.miss(&Observation { overdue: true, ..Observation::default() }, &GateInputs::default());
-        self.passed(&command);
+        let command = self.snapshot.gate.miss(&Observation { overdue: true, ..Observation::default() }, &GateInputs::default());
+        self.publish(&command);
     }
 
-    /// What the gate passes on is good, whatever came in.
-    fn passed(&mut self, command: &Command) {
-        assert_eq!(command.check(), Ok(()), "the gate passes on what everyone refuses");
+    /// Asserts that a command of the gate is valid, whatever the inputs were, and passes it on.
+    fn publish(&mut self, command: &Command) {
+        assert_eq!(command.check(), Ok(()), "the gate publishes an invalid command");
         let within = command.torque.iter().all(|torque| torque.abs() <= PEAK);
-        assert!(within, "the gate passes on {:?} N m, its peak is {PEAK} N m", command.torque);
+        assert!(within, "the gate publishes {:?} N m, its peak is {PEAK} N m", command.torque);
         let _ = self.command(command);
     }
 
-    /// Plant, planner and controllers take a command.
+    /// Passes a command to plant, planner and controllers.
     fn command(&mut self, command: &Command) -> Result<(), String> {
         self.metrics.push_command(&convert::command(command));
         checked("command", command)?;
         self.previous_state = command.request.state;
         self.active = command.mode == Mode::Active.code();
-        let plant = &mut self.moment.plant;
+        let plant = &mut self.snapshot.plant;
         if plant.take(command) {
             let advanced = plant.advance();
             assert!(
                 advanced.is_ok(),
-                "a command that was let pass: {}",
+                "the plant fails after an accepted command: {}",
                 advanced.err().map(|e| e.to_string()).unwrap_or_default()
             );
-            assert_eq!(plant.sample().check(), Ok(()), "after a command that was let pass");
+            assert_eq!(plant.sample().check(), Ok(()), "the plant publishes an invalid state after an accepted command");
         }
         Ok(())
     }
@@ -259,10 +260,10 @@ impl<'a> Bench<'a> {
         Ok(())
     }
 
-    /// Figures are finite, whatever they are made from.
-    fn sum_up(&self) {
+    /// Asserts that all metrics are finite, whatever the messages were.
+    fn check_metrics(&self) {
         let figures = format!("{:?}", self.metrics.summary());
-        let odd = figures.split(|c: char| !c.is_ascii_alphanumeric()).find(|word| matches!(*word, "NaN" | "inf"));
-        assert_eq!(odd, None, "among the figures {figures}");
+        let invalid = figures.split(|c: char| !c.is_ascii_alphanumeric()).find(|word| matches!(*word, "NaN" | "inf"));
+        assert_eq!(invalid, None, "among the metrics {figures}");
     }
 }

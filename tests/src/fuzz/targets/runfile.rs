@@ -1,4 +1,4 @@
-//! Run files: JSON that the supervisor writes and its children read.
+//! Target `runfile`: run files, JSON that the supervisor writes and its children read.
 
 use super::SCENARIO_WORDS;
 use crate::fuzz::target::{FuzzOutcome, Target};
@@ -35,16 +35,16 @@ fn execute(input: &[u8], scratch: &Path) -> FuzzOutcome {
     fs::write(&path, input).expect("scratch can be written");
     let run = match RunFile::read(&path) {
         Ok(run) => run,
-        // The path says nothing of the input.
-        Err(error) => return FuzzOutcome::Refused(error.to_string().replace(&path.display().to_string(), "run.json")),
+        // The path does not depend on the input.
+        Err(error) => return FuzzOutcome::Rejected(error.to_string().replace(&path.display().to_string(), "run.json")),
     };
     run.write(&path).expect("scratch can be written");
-    assert_eq!(RunFile::read(&path).expect("what was written"), run, "what was read is written as something else");
+    assert_eq!(RunFile::read(&path).expect("what was written"), run, "a run file that was written again has changed");
     if let Err(error) = Domain::new(&run.prefix, &run.root) {
-        return FuzzOutcome::Refused(error.to_string());
+        return FuzzOutcome::Rejected(error.to_string());
     }
     match Settings::from_effective(&run.settings, &run.urdf_name, &run.urdf) {
         Ok(_) => FuzzOutcome::Accepted,
-        Err(error) => FuzzOutcome::Refused(error.to_string()),
+        Err(error) => FuzzOutcome::Rejected(error.to_string()),
     }
 }

@@ -1,4 +1,4 @@
-//! The stack in the middle of a run, for messages to arrive at.
+//! Stack in the middle of a run, as the receiver of messages.
 
 use hapfic_config::Settings;
 use hapfic_gate::protocol::{ControllerSlot, GateInputs, Observation};
@@ -11,29 +11,29 @@ use hapfic_robot::Chain;
 use hapfic_simulation::{Simulation, Snapshot};
 use nalgebra::Vector3;
 
-/// The floor this high is reached soon after the first target is given, m.
+/// Setting of a floor so high that the foot reaches it soon after the first target.
 const FLOOR: &str = "world.floor.height_m=0.12";
-/// Ticks at which messages arrive: in the air, and in contact.
-const AT: [i64; 2] = [20, 600];
-/// Peak of the gate, N m.
+/// Ticks of the snapshots: in the air, and in contact.
+const SNAPSHOT_TICKS: [i64; 2] = [20, 600];
+/// Peak torque of the gate [N m].
 pub(super) const PEAK: f64 = 40.0;
 
-/// What stays as it is.
+/// Constant parts, and the snapshots.
 pub(super) struct Stage {
     pub(super) chain: Chain,
     pub(super) gravity: Vector3<f64>,
     pub(super) names: Names,
-    pub(super) moments: Vec<Moment>,
+    pub(super) snapshots: Vec<StackSnapshot>,
 }
 
-/// A moment of a run.
+/// Stack between two ticks.
 #[derive(Clone)]
-pub(super) struct Moment {
-    /// What went through at its tick.
-    pub(super) snapshot: Snapshot,
-    /// At the tick after.
+pub(super) struct StackSnapshot {
+    /// Messages of its tick.
+    pub(super) messages: Snapshot,
+    /// Plant at the next tick.
     pub(super) plant: Plant,
-    /// At the tick after; it has accepted a request before.
+    /// Gate at the next tick; it has accepted a request before.
     pub(super) gate: Gate,
 }
 
@@ -42,9 +42,9 @@ thread_local! {
 }
 
 impl Stage {
-    /// Does something with the stage, which is made once.
-    pub(super) fn with<T>(act: impl FnOnce(&Self) -> T) -> T {
-        STAGE.with(act)
+    /// Calls a function with the stage, which each thread makes once.
+    pub(super) fn with<T>(call: impl FnOnce(&Self) -> T) -> T {
+        STAGE.with(call)
     }
 
     fn new() -> Self {
@@ -60,12 +60,12 @@ impl Stage {
             discontinuity: settings.supervisor.discontinuity,
         };
         let mut gate = Gate::new(limits, TorqueCheck::new(chain.clone(), settings.world.gravity_m_per_s2));
-        let mut moments = Vec::new();
-        for tick in 0..=AT[AT.len() - 1] {
+        let mut snapshots = Vec::new();
+        for tick in 0..=SNAPSHOT_TICKS[SNAPSHOT_TICKS.len() - 1] {
             let snapshot = *simulation.step().expect("an embedded scenario runs");
             gate.accept(ControllerSlot::First, &snapshot.command.request, &Observation::alone(), &GateInputs::default());
-            if AT.contains(&tick) {
-                moments.push(Moment { snapshot, plant: simulation.plant().clone(), gate: gate.clone() });
+            if SNAPSHOT_TICKS.contains(&tick) {
+                snapshots.push(StackSnapshot { messages: snapshot, plant: simulation.plant().clone(), gate: gate.clone() });
             }
         }
         let names = Names {
@@ -73,6 +73,6 @@ impl Stage {
             bodies: simulation.plant().body_names().to_vec(),
             objects: Vec::new(),
         };
-        Self { chain, gravity: Vector3::from(settings.world.gravity_m_per_s2), names, moments }
+        Self { chain, gravity: Vector3::from(settings.world.gravity_m_per_s2), names, snapshots }
     }
 }

@@ -1,4 +1,4 @@
-//! Robot descriptions: XML.
+//! Target `urdf`: robot descriptions in XML.
 
 use super::config::simulated;
 use crate::fuzz::target::{FuzzOutcome, Target};
@@ -66,9 +66,9 @@ pub(super) const TARGET: Target = Target {
     execute,
 };
 
-/// No posture of the leg reaches a floor as deep as this, m.
+/// Setting of a floor so deep that no posture of the leg reaches it.
 const DEEP: &str = "world.floor.height_m=-0.2";
-/// A posture, rad.
+/// Posture, and velocity and acceleration too [rad, rad/s, rad/s^2].
 const POSTURE: [f64; MAX_JOINTS] = [0.3, -0.4, 0.5, -0.6, 0.7, -0.8, 0.9, -1.0];
 
 fn seeds() -> Vec<Vec<u8>> {
@@ -88,7 +88,7 @@ fn execute(input: &[u8], _: &Path) -> FuzzOutcome {
     settings.robot.urdf.text = String::from_utf8_lossy(input).into_owned();
     let chain = match Chain::from_settings(&settings.robot) {
         Ok(chain) => chain,
-        Err(error) => return FuzzOutcome::Refused(error.to_string()),
+        Err(error) => return FuzzOutcome::Rejected(error.to_string()),
     };
     let n = chain.dof();
     assert!((1..=MAX_JOINTS).contains(&n), "{n} joints");
@@ -99,11 +99,11 @@ fn execute(input: &[u8], _: &Path) -> FuzzOutcome {
     let _ = chain.inverse_dynamics(&kin, &POSTURE[..n], &POSTURE[..n], &gravity);
     settings.robot.start_position = chain.joints().iter().map(|joint| 0.0_f64.clamp(joint.lower, joint.upper)).collect();
     match simulated(&settings) {
-        // Lengths and masses near the largest number overflow, and then nobody takes what the plant publishes.
+        // Lengths and masses near the largest number overflow, and then the plant publishes an invalid state.
         Ok(plant) => match plant.sample().check() {
             Ok(()) => FuzzOutcome::Accepted,
-            Err(defect) => FuzzOutcome::Refused(format!("the first state: {defect}")),
+            Err(error) => FuzzOutcome::Rejected(format!("the first state: {error}")),
         },
-        Err(message) => FuzzOutcome::Refused(message),
+        Err(message) => FuzzOutcome::Rejected(message),
     }
 }

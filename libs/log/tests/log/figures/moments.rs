@@ -1,14 +1,14 @@
-//! What explains an error, single holds, and what happened in the scene.
+//! Metrics: causes of errors, single holds, and the scene.
 
 use super::{Z, assert_close, command, operator, reference, run, state};
 use hapfic_log::{Metrics, proto};
 
 #[test]
-fn a_tick_outside_the_bound_has_one_cause() {
+fn tracking_tick_outside_bound_has_one_cause() {
     let mut metrics = Metrics::new();
     metrics.push_operator(&operator(1, 0, 50.0));
     for tick in 0..60 {
-        // The foot feels its wished force in the fourth ten only.
+        // The foot has contact in the fourth ten ticks only.
         let force = if (30..40).contains(&tick) { 20.0 } else { 0.0 };
         metrics.push_state(&state(tick, [0.0, 0.0, 0.03], force));
         metrics.push_reference(&reference(tick, 0.0));
@@ -31,7 +31,7 @@ fn a_tick_outside_the_bound_has_one_cause() {
 }
 
 #[test]
-fn holds_are_told_apart_and_the_worst_is_known() {
+fn force_holds_are_separate_and_worst_is_kept() {
     let sets = [operator(1, 0, 50.0), operator(2, 1000, 100.0), operator(3, 2000, 20.0)];
     let contact = |tick: i64| match tick {
         ..1000 => 50.1,
@@ -47,12 +47,12 @@ fn holds_are_told_apart_and_the_worst_is_known() {
 }
 
 #[test]
-fn every_axis_has_its_own_wish() {
+fn force_axes_have_separate_targets() {
     let set = proto::Operator { desired_force: vec![20.0, -10.0, 0.0], ..operator(1, 0, 0.0) };
     let mut metrics = Metrics::new();
     metrics.push_operator(&set);
     for tick in 0..1000 {
-        // Nothing to press against along x; a load along z that nobody wished.
+        // No contact along x; along z a contact without a desired force.
         metrics.push_state(&proto::State { foot_force: vec![0.0, -10.05, 44.0], ..state(tick, [0.0; 3], 0.0) });
         metrics.push_reference(&reference(tick, 0.0));
         metrics.push_command(&command(tick, [0.0; 3], "active", "fresh"));
@@ -65,7 +65,7 @@ fn every_axis_has_its_own_wish() {
 }
 
 #[test]
-fn a_change_of_gains_is_recovered_from_or_not() {
+fn force_gain_change_counts_recovery_or_not() {
     let gains =
         |version, tick, stiffness: f64| proto::Operator { stiffness: vec![stiffness; 3], ..operator(version, tick, 50.0) };
     let sets = [gains(1, 0, 6000.0), gains(2, 1000, 18_000.0), gains(3, 2000, 1000.0)];
@@ -80,11 +80,11 @@ fn a_change_of_gains_is_recovered_from_or_not() {
     assert_eq!((force.recoveries[Z], force.unrecovered[Z]), (2, 1));
     assert_eq!(force.slowest_recovery_ticks[Z], Some(160));
     assert_close(force.overshoot_n[Z], 80.0);
-    // What came before it was back does not count as settled.
+    // Ticks before the recovery do not count as settled.
     assert_eq!(force.holds[Z], 3);
 }
 
-/// A body turned about x by an angle, degrees.
+/// Body rotated about x by an angle [degrees].
 fn body(angle_deg: f64, speed: f64) -> proto::Object {
     let half = 0.5 * angle_deg.to_radians();
     proto::Object {
@@ -109,7 +109,7 @@ fn tipped(angle_deg: f64, rest_ticks: i64) -> hapfic_log::metrics::ObjectSummary
 }
 
 #[test]
-fn a_box_on_another_face_has_to_rest_there() {
+fn object_tipped_needs_rest_on_other_face() {
     let object = tipped(90.0, 200);
     assert_close(Some(object.max_turn_deg), 90.0);
     assert_close(Some(object.final_turn_deg), 90.0);
@@ -120,7 +120,7 @@ fn a_box_on_another_face_has_to_rest_there() {
 }
 
 #[test]
-fn contacts_are_summed_by_pair_and_a_free_foot_is_told() {
+fn contact_pairs_are_summed_and_count_free_foot() {
     let contact = |body: &str, against: &str, force: f64| proto::Contact {
         body: body.into(),
         against: against.into(),
@@ -145,12 +145,12 @@ fn contacts_are_summed_by_pair_and_a_free_foot_is_told() {
 }
 
 #[test]
-fn a_straight_knee_and_a_wish_in_the_air_are_seen() {
+fn posture_counts_straight_knee_and_desired_force_in_air() {
     let mut metrics = Metrics::new();
     metrics.push_operator(&operator(1, 0, 50.0));
     for tick in 0..100 {
         let knee = 0.1 - 0.002 * tick as f64;
-        // The foot touches something in the first half.
+        // The foot has contact in the first half.
         let force = if tick < 50 { 50.0 } else { 0.0 };
         metrics.push_state(&proto::State { joint_position: vec![1.0, knee], ..state(tick, [0.0; 3], force) });
         let offset = if tick < 50 { 0.02 } else { 0.001 };
@@ -164,15 +164,15 @@ fn a_straight_knee_and_a_wish_in_the_air_are_seen() {
     assert_eq!(moments.joints.len(), 2);
     assert_close(Some(moments.joints[0].smallest_deg), 1.0_f64.to_degrees());
     assert!(moments.joints[1].smallest_deg < 1e-9);
-    // 0.01745 rad are 8 steps and something to either side.
+    // 0.01745 rad are a little more than 8 steps to either side.
     assert_eq!((moments.joints[0].straight_ticks, moments.joints[1].straight_ticks), (0, 17));
     assert_eq!(moments.air.ticks, [0, 0, 50]);
     assert_eq!((moments.air.max_offset_m, moments.air.max_error_m), ([0.0, 0.0, 0.001], [0.0, 0.0, 0.002]));
 }
 
 #[test]
-fn energy_that_contacts_create_is_the_rise_above_the_least() {
-    // Work done, and energy stored, J: a spring that gives back what it took creates none.
+fn integration_created_energy_is_rise_above_minimum() {
+    // Work and stored energy [J]: a spring that returns its energy creates none.
     let account = [(0.0, 0.0), (-0.5, 0.4), (-0.1, 0.0), (-0.3, 0.0), (-0.3, 0.02), (-0.4, 0.05), (-0.4, 0.11)];
     let mut metrics = Metrics::new();
     for (tick, (contact_work_j, contact_stored_j)) in account.into_iter().enumerate() {

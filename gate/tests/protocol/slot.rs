@@ -1,61 +1,61 @@
-//! A controller's place: the process in it, and what the supervisor knows of it.
+//! Model of a controller's slot: its process, and the supervisor's knowledge of it.
 //!
-//! The code's times would never repeat, and the states would have no end. A seat keeps ages instead: how long ago a restart was and
-//! how far off one is. Before each signal the restart is made anew from them, as if it were always the same millisecond.
+//! The code's times would never repeat, so the states would have no end. The model keeps ages instead: the time since
+//! each restart, and until the next. Before each signal it rebuilds the restart state from them, at a constant time.
 
 use crate::mutation::{self, Mutation};
 use crate::rules::{Broken, Rule};
 use hapfic_gate::restart::{RestartAction, RestartPolicy, RestartSignal, RestartStage, RestartState};
 
-/// Length of the window, ms.
+/// Length of the window [ms].
 const WINDOW: usize = 2;
-/// How places are restarted. The first restart is at once, the second waits 1 ms, a third within the window is one too many.
+/// Policy of the restarts. The first is immediate, the second waits 1 ms, a third within the window exceeds the budget.
 pub const POLICY: RestartPolicy = RestartPolicy { budget: 2, window_ms: WINDOW as u64, backoff_ms: 1 };
-/// The millisecond that it always is.
+/// Constant time of the model [ms].
 pub const NOW_MS: u64 = 1000;
 
-/// The process in a place.
+/// Process in a slot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Process {
-    /// There is none, and the supervisor knows it.
-    Absent,
-    /// It was started and does not answer yet.
+    /// There is no process, and the supervisor knows it.
+    Missing,
+    /// The process was started and does not answer yet.
     Joining,
-    /// It answers, in time or late.
+    /// The process answers, in time or late.
     Present,
-    /// It was killed or hangs: until a detector speaks, both are silence.
+    /// The process was killed or hangs: until a detector reports, both look the same.
     Silent,
-    /// What it sends is rejected.
+    /// The gate rejects its requests.
     Garbage,
 }
 
-/// A place.
+/// Model of a slot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Seat {
+pub struct SlotModel {
     pub process: Process,
-    /// Where its restart stands; when a restart is due, counted from [`NOW_MS`].
+    /// Stage of its restart; a due time counts from [`NOW_MS`].
     pub stage: RestartStage,
-    /// Restarts by their age in ms, youngest first.
+    /// Number of restarts by age [ms], youngest first.
     restarts: [u8; WINDOW],
-    /// The rules' own account: the budget was spent, and nobody has re-armed since.
+    /// The rules' own account: the budget is spent, without a re-arm since.
     pub spent: bool,
 }
 
-impl Default for Seat {
-    /// At the start of a run.
+impl Default for SlotModel {
+    /// Slot at the start of a run.
     fn default() -> Self {
         Self { process: Process::Joining, stage: RestartStage::Starting, restarts: [0; WINDOW], spent: false }
     }
 }
 
-impl Seat {
-    /// The supervisor takes note of something.
-    pub fn take_note(&mut self, signal: RestartSignal, mutation: Option<Mutation>, broken: &mut Broken) -> Option<RestartAction> {
+impl SlotModel {
+    /// Processes a signal to the supervisor.
+    pub fn on_signal(&mut self, signal: RestartSignal, mutation: Option<Mutation>, broken: &mut Broken) -> Option<RestartAction> {
         let recent: u32 = self.restarts.iter().map(|n| u32::from(*n)).sum();
-        let (restart, action) = mutation::live(mutation, self.restart(), signal);
+        let (restart, action) = mutation::restart_after(mutation, self.restart(), signal);
         match signal {
             RestartSignal::Lost => {
-                self.process = Process::Absent;
+                self.process = Process::Missing;
                 self.spent = self.spent || recent >= POLICY.budget;
             }
             RestartSignal::Rearmed => {
@@ -68,7 +68,7 @@ impl Seat {
             broken.expect(Rule::Budget, recent < POLICY.budget);
             broken.expect(Rule::Spent, !self.spent);
             self.process = Process::Joining;
-            // One more than allowed is enough to tell, and keeps a mutant's states finite.
+            // One restart above the budget breaks the rule, and keeps a mutant's states finite.
             self.restarts[0] = (self.restarts[0] + 1).min(POLICY.budget as u8 + 1);
         }
         self.stage = restart.stage;
@@ -76,8 +76,8 @@ impl Seat {
         action
     }
 
-    /// A millisecond passes. What has left the window is forgotten: it counts for nothing any more.
-    pub fn grow_older(&mut self) {
+    /// Lets a millisecond pass. Restarts that leave the window no longer count.
+    pub fn advance_ms(&mut self) {
         self.restarts.rotate_right(1);
         self.restarts[0] = 0;
         if let RestartStage::BackOff(at) = self.stage {
@@ -85,7 +85,7 @@ impl Seat {
         }
     }
 
-    /// What the code would know.
+    /// Restart state of the code that corresponds to the model.
     fn restart(&self) -> RestartState {
         let mut restart = RestartState::default();
         for (age, count) in self.restarts.iter().enumerate().rev() {

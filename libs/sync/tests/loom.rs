@@ -1,0 +1,202 @@
+//! Every interleaving of each lock-free piece, explored by loom: `RUSTFLAGS="--cfg loom" cargo test -p hapfic-sync --release`.
+//!
+//! Each test names what it explores. Where an older design was wrong it stands beside the new one, and loom finds its fault.
+#![cfg(loom)]
+#![allow(clippy::unwrap_used, missing_docs)]
+
+use hapfic_sync::{DeadlineWord, DoorbellWord, GenerationCell, HandOffCell, PendingId, VersionedCell};
+use loom::sync::atomic::{AtomicU32, AtomicU64, Ordering};
+use loom::sync::{Arc, Condvar, Mutex};
+use loom::thread;
+
+/// The kernel's futex: comparing and falling asleep are one step under the lock of the hash bucket.
+#[derive(Default)]
+struct Futex {
+    bucket: Mutex<()>,
+    sleepers: Condvar,
+}
+
+impl Futex {
+    fn wait(&self, word: &AtomicU32, expected: u32) {
+        let held = self.bucket.lock().unwrap();
+        if word.load(Ordering::SeqCst) == expected {
+            drop(self.sleepers.wait(held).unwrap());
+        }
+    }
+
+    fn wake(&self) {
+        drop(self.bucket.lock().unwrap());
+        self.sleepers.notify_all();
+    }
+}
+
+/// A notifier and a waiter: no notification is lost. A lost one would be a deadlock, which loom reports.
+#[test]
+fn doorbell_waiter_always_wakes() {
+    loom::model(|| {
+        let shared = Arc::new((DoorbellWord::default(), Futex::default(), AtomicU32::new(0)));
+        let theirs = Arc::clone(&shared);
+        let notifier = thread::spawn(move || {
+            theirs.2.store(1, Ordering::Relaxed);
+            theirs.0.notify(|_| theirs.1.wake());
+        });
+        let (word, futex, message) = &*shared;
+        if word.sequence() == 0 {
+            let _waiter = word.register();
+            futex.wait(word.futex(), 0);
+        }
+        assert_eq!(word.sequence(), 1, "the only wake-up is the notification");
+        assert_eq!(message.load(Ordering::Relaxed), 1, "what was written before the notification is visible");
+        notifier.join().unwrap();
+        assert!(!word.has_waiters());
+    });
+}
+
+/// The same with the waiter registered after it fell asleep, as a program without `WaiterGuard` would: loom finds the lost wake-up.
+#[test]
+#[should_panic(expected = "deadlock")]
+fn doorbell_without_registration_loses_a_wake_up() {
+    loom::model(|| {
+        let shared = Arc::new((DoorbellWord::default(), Futex::default()));
+        let theirs = Arc::clone(&shared);
+        let notifier = thread::spawn(move || theirs.0.notify(|_| theirs.1.wake()));
+        shared.1.wait(shared.0.futex(), 0);
+        notifier.join().unwrap();
+    });
+}
+
+/// A deadline that is disarmed or replaced while the helper thread looks at it: it fires at most once, and never a replaced one.
+#[test]
+fn deadline_fires_once_and_never_a_replaced_one() {
+    loom::model(|| {
+        let word = Arc::new(DeadlineWord::default());
+        word.arm(10);
+        let theirs = Arc::clone(&word);
+        let helper = thread::spawn(move || [theirs.fire_if_due(10), theirs.fire_if_due(10)]);
+        word.arm(20);
+        word.disarm();
+        let looks = helper.join().unwrap();
+        assert!(looks.iter().filter(|(_, fired)| *fired).count() <= 1);
+        assert!(looks.iter().all(|(when, fired)| !fired || *when == 10), "the one at 20 is not due");
+        assert!(!word.is_armed(), "a look that came late must not arm it again");
+    });
+}
+
+/// Two threads that take the gate, work and put it back: each has it alone, and no work is lost.
+#[test]
+fn hand_off_has_one_owner() {
+    loom::model(|| {
+        let cell = Arc::new(HandOffCell::default());
+        assert!(cell.put(Box::new(0_u32)).is_none());
+        let theirs = Arc::clone(&cell);
+        let work = |cell: &HandOffCell<u32>| {
+            let Some(mut gate) = cell.take() else { return 0 };
+            *gate += 1;
+            assert!(cell.put(gate).is_none(), "nobody can have put another one meanwhile");
+            1
+        };
+        let spare = thread::spawn(move || work(&theirs));
+        let done = work(&cell) + spare.join().unwrap();
+        assert_eq!(*cell.take().unwrap(), done);
+    });
+}
+
+/// A reader beside three writes: it never sees words of two writes, and never goes back.
+#[test]
+fn versioned_cell_reads_whole_writes() {
+    loom::model(|| {
+        let cell = Arc::new(VersionedCell::<2>::default());
+        let theirs = Arc::clone(&cell);
+        let writer = thread::spawn(move || (1..=3).for_each(|n| theirs.write([n, 10 * n])));
+        let [first, second] = [cell.read(), cell.read()];
+        for words in [first, second] {
+            assert_eq!(words[1], 10 * words[0]);
+        }
+        assert!(second[0] >= first[0]);
+        writer.join().unwrap();
+        assert_eq!(cell.read(), [3, 30]);
+    });
+}
+
+/// A successor is expected while the predecessor's last heartbeat is being recorded: nothing of the predecessor counts afterwards.
+#[test]
+fn generation_cell_hides_the_predecessor() {
+    loom::model(|| {
+        let cell = Arc::new(GenerationCell::<3>::default());
+        let theirs = Arc::clone(&cell);
+        let recorder = thread::spawn(move || {
+            theirs.write(0, [0, 7, 8]);
+            theirs.write(1, [0, 1, 2]);
+        });
+        cell.expect(1);
+        if let Some([_, tick, phase]) = cell.read() {
+            assert_eq!((tick, phase), (1, 2), "words of the predecessor");
+        }
+        recorder.join().unwrap();
+        assert_eq!(cell.read().map(|words| words[1]), Some(1));
+    });
+}
+
+/// The heartbeat words as they were: a generation that is checked first, and words that are stored one by one afterwards.
+struct CheckedFirst {
+    generation: AtomicU64,
+    tick: AtomicU64,
+}
+
+impl CheckedFirst {
+    fn record(&self, generation: u64, tick: u64) {
+        if self.generation.load(Ordering::Acquire) == generation {
+            self.tick.store(tick, Ordering::Relaxed);
+        }
+    }
+
+    fn expect(&self, generation: u64) {
+        self.generation.store(generation, Ordering::Release);
+        self.tick.store(0, Ordering::Relaxed);
+    }
+}
+
+/// Loom finds the race of that design: the predecessor's tick survives into its successor.
+#[test]
+#[should_panic(expected = "tick of the predecessor")]
+fn checking_the_generation_first_lets_the_predecessor_survive() {
+    loom::model(|| {
+        let words = Arc::new(CheckedFirst { generation: AtomicU64::new(0), tick: AtomicU64::new(0) });
+        let theirs = Arc::clone(&words);
+        let recorder = thread::spawn(move || theirs.record(0, 7));
+        words.expect(1);
+        recorder.join().unwrap();
+        assert_ne!(words.tick.load(Ordering::Relaxed), 7, "tick of the predecessor");
+    });
+}
+
+/// An operator's server that withdraws while the gate takes: exactly one of them has the request.
+#[test]
+fn pending_id_is_taken_or_withdrawn() {
+    loom::model(|| {
+        let pending = Arc::new(PendingId::default());
+        pending.open(1);
+        let theirs = Arc::clone(&pending);
+        let gate = thread::spawn(move || theirs.take(1));
+        let withdrawn = pending.withdraw(1);
+        let taken = gate.join().unwrap();
+        assert!(withdrawn != taken);
+        assert!(!pending.take(1) && !pending.withdraw(1), "closed for good");
+    });
+}
+
+/// A request that was withdrawn and replaced: the gate, which finds the old one in its queue first, takes the new one alone.
+#[test]
+fn pending_id_replaced_request_is_not_taken() {
+    loom::model(|| {
+        let pending = Arc::new(PendingId::default());
+        pending.open(1);
+        assert!(pending.withdraw(1));
+        let theirs = Arc::clone(&pending);
+        let gate = thread::spawn(move || (theirs.take(1), theirs.take(2)));
+        pending.open(2);
+        let (old, new) = gate.join().unwrap();
+        assert!(!old);
+        assert!(new != pending.withdraw(2));
+    });
+}
