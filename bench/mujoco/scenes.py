@@ -7,7 +7,7 @@ MuJoCo's normal force at a contact, in its direct mode (solref = (-S, -D), const
 with A the inverse inertia it assumes for the pair (body_invweight0). S = k (1 - I) A and D = b (1 - I) A therefore give the
 plant's k and b; the last term is MuJoCo's own and has no counterpart. The impedance comes in over the transition width, as the plant's
 force does. MuJoCo has one coefficient of friction; the plant runs with its dynamic one alone here, too. Near rest the slope of MuJoCo's
-friction over slip is impratio * b; impratio is set so that it is the plant's, 2 mu F / v_c, at the wished force.
+friction over slip is impratio * b; impratio is set so that it is the plant's, 2 mu F / v_c, at the desired force.
 """
 
 import pathlib
@@ -21,7 +21,7 @@ HERE = pathlib.Path(__file__).resolve().parent
 IMPEDANCE = 0.2
 # MuJoCo allows no less.
 LEAST_IMPEDANCE = 1e-4
-# Wished forces, N, as in bench/substep/src/plan.rs; they matter for impratio alone.
+# Desired forces, N, as in bench/substep/src/plan.rs; they matter for impratio alone.
 PRESSED = {"floor": 50.0, "box": 50.0, "ball": 30.0}
 INTEGRATORS = {"euler": mujoco.mjtIntegrator.mjINT_EULER, "implicitfast": mujoco.mjtIntegrator.mjINT_IMPLICITFAST}
 

@@ -1,4 +1,4 @@
-//! The improvements over the printed law, each against the trouble it is there for.
+//! Improvements over the printed law (decision 8), each against the problem that it solves.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use hapfic_controller::task_space::{self, Input};
@@ -7,7 +7,7 @@ use hapfic_messages::{ControllerState, Parameters, ResetPolicy, Saturation, Sear
 
 const PERIOD_S: f64 = 1e-3;
 
-/// Both improvements, as an operator would give them.
+/// Parameters with both improvements.
 fn improved() -> Parameters {
     Parameters {
         stiffness: [6000.0; 3],
@@ -25,13 +25,13 @@ fn improved() -> Parameters {
     }
 }
 
-/// As the paper has it.
+/// Parameters without the improvements, as in the paper.
 fn printed(p: Parameters) -> Parameters {
     Parameters { offset_anti_windup: 0, stall_release: 0, ..p }
 }
 
-/// Errors, m, over `ticks` of a mass of 2 kg with a damper, N s/m, that starts 0.2 m off its reference.
-fn way_back(p: &Parameters, damper: f64, ticks: usize) -> Vec<f64> {
+/// Simulates a mass of 2 kg with a damper [N s/m] from 0.2 m off its reference, and returns the errors [m].
+fn errors_of_damped_mass(p: &Parameters, damper: f64, ticks: usize) -> Vec<f64> {
     const MASS_KG: f64 = 2.0;
     const SUBSTEPS: u32 = 10;
     let h = PERIOD_S / f64::from(SUBSTEPS);
@@ -52,26 +52,26 @@ fn way_back(p: &Parameters, damper: f64, ticks: usize) -> Vec<f64> {
 }
 
 #[test]
-fn a_strongly_damped_mass_stands_half_way_and_arrives_when_released() {
-    // Critical is 2 sqrt(2 F_max m / x_max) = 110 N s/m.
-    let stands = way_back(&printed(improved()), 130.0, 1500);
-    assert!(stands[800..].iter().all(|e| (e - 0.1).abs() < 1e-3), "stands at {} m", stands[1499]);
-    let arrives = way_back(&improved(), 130.0, 1500);
-    assert!(arrives[1400..].iter().all(|e| e.abs() < 1e-5), "is at {} m", arrives[1499]);
-    // Weakly damped, it arrives without.
-    let free = way_back(&printed(improved()), 100.0, 1500);
+fn stall_release_strong_damping_reaches_reference() {
+    // Eq. 1: critical damping is 2 sqrt(2 F_max m / x_max) = 110 N s/m; without release the mass rests at x_max / 2 = 0.1 m.
+    let stalled = errors_of_damped_mass(&printed(improved()), 130.0, 1500);
+    assert!(stalled[800..].iter().all(|e| (e - 0.1).abs() < 1e-3), "rests at {} m", stalled[1499]);
+    let released = errors_of_damped_mass(&improved(), 130.0, 1500);
+    assert!(released[1400..].iter().all(|e| e.abs() < 1e-5), "is at {} m", released[1499]);
+    // Weakly damped, it released without.
+    let free = errors_of_damped_mass(&printed(improved()), 100.0, 1500);
     assert!(free[1400..].iter().all(|e| e.abs() < 1e-5), "is at {} m", free[1499]);
 }
 
 #[test]
-fn stops_at_every_half_way_give_back_a_third_of_the_energy() {
-    // K0 M^2 / 4 (1 + 1/4 + 1/16 + ...) = K0 M^2 / 3 of the K0 M^2 / 2 that were stored.
+fn stall_release_halving_stops_return_third_of_energy() {
+    // Eq. 1 with a linear profile: K0 M^2 / 4 (1 + 1/4 + 1/16 + ...) = K0 M^2 / 3 of the stored K0 M^2 / 2.
     let profile = ForceProfile { stiffness: 1000.0, max_force: 1e3, position_bound: 1.0, saturation: Saturation::Continuous };
     let (mut attractor, mut stall) = (Attractor::default(), Stall::default());
     let mut tick = |error: f64, error_rate: f64| {
         let (next, force) = attractor.step(error, error_rate, &profile);
-        let seen = StallInput { error, error_rate, force, contact_force: 0.0, force_resolution: 0.01, period_s: PERIOD_S };
-        let (after, released, force) = stall.step(next, &seen, &profile);
+        let stall_input = StallInput { error, error_rate, force, contact_force: 0.0, force_resolution: 0.01, period_s: PERIOD_S };
+        let (after, released, force) = stall.step(next, &stall_input, &profile);
         (stall, attractor) = (after, released);
         force
     };
@@ -92,33 +92,34 @@ fn stops_at_every_half_way_give_back_a_third_of_the_energy() {
 }
 
 #[test]
-fn only_standing_still_in_convergence_without_contact_counts() {
+fn stall_not_at_rest_resets_count() {
     let profile = ForceProfile { stiffness: 1000.0, max_force: 40.0, position_bound: 0.05, saturation: Saturation::Continuous };
     let stalled = Attractor { x_max_m: 0.2, converging: true };
-    let seen =
+    let stall_input =
         StallInput { error: 0.1, error_rate: 0.0, force: 0.0, contact_force: 0.0, force_resolution: 0.01, period_s: PERIOD_S };
     let nearly = Stall { at_rest_ticks: 19 };
-    let (after, attractor, force) = nearly.step(stalled, &seen, &profile);
+    let (after, attractor, force) = nearly.step(stalled, &stall_input, &profile);
     assert_eq!((after, attractor.x_max_m, force), (Stall::default(), 0.1, profile.force(0.1)));
-    let (after, attractor, force) = Stall { at_rest_ticks: 18 }.step(stalled, &seen, &profile);
+    let (after, attractor, force) = Stall { at_rest_ticks: 18 }.step(stalled, &stall_input, &profile);
     assert_eq!((after, attractor, force), (nearly, stalled, 0.0));
     let diverging = Attractor { converging: false, ..stalled };
     for (attractor, input) in [
-        (diverging, seen),
-        (stalled, StallInput { error_rate: -1e-3, ..seen }),
-        (stalled, StallInput { contact_force: -0.02, ..seen }),
-        (stalled, StallInput { error_rate: f64::NAN, ..seen }),
-        (stalled, StallInput { contact_force: f64::NAN, ..seen }),
+        (diverging, stall_input),
+        (stalled, StallInput { error_rate: -1e-3, ..stall_input }),
+        (stalled, StallInput { contact_force: -0.02, ..stall_input }),
+        (stalled, StallInput { error_rate: f64::NAN, ..stall_input }),
+        (stalled, StallInput { contact_force: f64::NAN, ..stall_input }),
     ] {
         assert_eq!(nearly.step(attractor, &input, &profile), (Stall::default(), attractor, 0.0), "{input:?}");
     }
-    // A force that has nothing to gain: it goes on standing, and counting.
-    let held = StallInput { force: profile.force(0.1) - 0.005, ..seen };
+    // A release that gains no force does not occur; the count continues.
+    let held = StallInput { force: profile.force(0.1) - 0.005, ..stall_input };
     assert_eq!(nearly.step(stalled, &held, &profile), (Stall { at_rest_ticks: 20 }, stalled, held.force));
 }
 
-/// An operator who first wants more than F_max allows from a rigid wall, then 10 N: the offset at the end of the first part, m,
-/// and the ticks that the second needs.
+/// Presses on a rigid wall with a desired force beyond F_max, then with 10 N.
+///
+/// Returns the offset at the end of the first part [m], and the ticks that the second part needs.
 fn beyond_the_limit(p: &Parameters) -> (f64, usize) {
     let (mut state, mut measured) = (ControllerState::default(), 0.0);
     let mut tick = |desired: f64| {
@@ -139,7 +140,7 @@ fn beyond_the_limit(p: &Parameters) -> (f64, usize) {
 }
 
 #[test]
-fn the_offset_does_not_wind_up_at_f_max() {
+fn anti_windup_saturated_force_stops_offset() {
     let p = Parameters { stiffness: [2000.0; 3], max_force: [20.0; 3], position_bound: [0.05; 3], ..improved() };
     let (offset, ticks) = beyond_the_limit(&printed(p));
     assert!(offset <= -0.05 && ticks > 800, "{offset} m, {ticks} ticks");
@@ -148,8 +149,8 @@ fn the_offset_does_not_wind_up_at_f_max() {
 }
 
 #[test]
-fn a_change_of_gains_keeps_the_force() {
-    // In contact, with the wished force matched: the search itself rests. The target is 1 mm deep.
+fn anti_windup_gain_change_keeps_force() {
+    // In contact with a matched force the search is at rest. The target is 1 mm deep: K0 (dx + d) = 2000 (-0.003 - 0.001) N.
     let input = Input { contact_force: [8.0; 3], reference_position: [-0.001; 3], ..Input::default() };
     let with = |stiffness: f64, max_force: f64, p: Parameters| Parameters {
         stiffness: [stiffness; 3],
@@ -174,29 +175,29 @@ fn a_change_of_gains_keeps_the_force() {
     assert!(old.state.converging[0] == 1 && old.force[0] < -4.0, "{old:?}");
     let new = after(old.state, &with(6000.0, 150.0, improved()));
     assert!((old.force[0] - new.force[0]).abs() < 1e-9, "{old:?} {new:?}");
-    // What F_max held back does not come at once.
+    // The force that F_max held back does not return immediately.
     let held = after(found.state, &with(2000.0, 3.0, improved()));
     assert!((held.force[0] + 3.0).abs() < 1e-9);
     let freed = after(held.state, &with(2000.0, 150.0, improved()));
     assert!((freed.force[0] + 3.0).abs() < 1e-9, "{}", freed.force[0]);
-    // Where the linear part ends below the force, that is as much as there is: never more than before.
+    // A linear part that ends below the force limits it to 0.95 K0 x_b (eq. 4).
     let soft = after(found.state, &with(100.0, 150.0, improved()));
     assert!((soft.force[0] + 0.95 * 100.0 * 0.025).abs() < 1e-9, "{}", soft.force[0]);
-    // A tighter bound, within which dx still can take back what the target's depth asks for.
+    // A tighter bound, within which dx can still compensate the target's depth: 0.95 K0 x_b (eq. 4).
     let tight = Parameters { position_bound: [0.003; 3], ..with(2000.0, 150.0, improved()) };
     let force = after(found.state, &tight).force[0];
     assert!((force + 0.95 * 2000.0 * 0.003).abs() < 1e-9, "{force}");
-    assert_eq!(after(start, &with(6000.0, 150.0, improved())).state.offset[0], -0.003, "nothing is known of a tick before");
-    // Gains that bring the force nearer to the wish by themselves are left to do so.
+    assert_eq!(after(start, &with(6000.0, 150.0, improved())).state.offset[0], -0.003, "no previous tick");
+    // Gains that move the force towards the desired force keep dx.
     let hard = Input { contact_force: [80.0; 3], ..input };
     let pressing = ControllerState { force: [-80.0; 3], ..found.state };
     let relaxed = task_space::step(pressing, &hard, &with(1000.0, 150.0, improved()), PERIOD_S).unwrap();
     assert!(relaxed.force[0] > -8.0, "{}", relaxed.force[0]);
-    // The next tick knows the new gains and leaves the offset alone.
+    // The next tick has the same gains and keeps the offset.
     let p = with(6000.0, 150.0, improved());
     let next = after(found.state, &p).state;
     assert_eq!(after(next, &p).state.offset[0], next.offset[0]);
-    // In the air there is no force to keep, and no offset.
+    // Without contact there is no force to keep, and no offset.
     let air = Input { contact_force: [0.0; 3], ..input };
     assert_eq!(task_space::step(found.state, &air, &p, PERIOD_S).unwrap().state.offset[0], 0.0);
 }

@@ -280,7 +280,11 @@ fn target_trembles_slows_reference() {
         }
         position
     };
-    println!("travel after 0.5 s [m]: {} to a constant target, {} to a target that trembles by 0.1 mm", travel(0.0), travel(1e-4));
+    println!(
+        "travel after 0.5 s [m]: {} to a constant target, {} to a target that trembles by 0.1 mm",
+        travel(0.0),
+        travel(1e-4)
+    );
     assert!((travel(0.0) - 0.1).abs() < 1e-12);
     assert!(travel(1e-4) < 0.05 && travel(1e-4) > 0.0);
 }

@@ -148,7 +148,7 @@ impl Newton {
                 }
                 (taken, scale) = (scale, if kept { 0.0 } else { 0.5 * scale });
             }
-            // Not good enough any more, or no good at all: then it starts again from where it was.
+            // Not good enough any more, or invalid at all: then it starts again from where it was.
             self.known.factored = norm <= tolerance || norm <= KEEP * last;
         }
         for ((change, after), before) in self.known.change.iter_mut().zip(&*v).zip(&self.v0).take(n) {

@@ -36,7 +36,7 @@ impl Plant {
     /// Builds robot and world of a scenario, in the start posture, brakes on.
     ///
     /// # Errors
-    /// [`PlantError`] if the robot description or the start posture is no good.
+    /// [`PlantError`] if the robot description or the start posture is invalid.
     pub fn new(settings: &Settings) -> Result<Self, PlantError> {
         let chain = Chain::from_settings(&settings.robot)?;
         let q = start(&settings.robot.start_position, &chain)?;

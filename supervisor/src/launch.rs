@@ -151,7 +151,7 @@ impl Prepared {
             schedule: ParameterSchedule::new(settings, here),
             ticks: settings.duration_ticks as i64,
             deadline: Duration::from_micros(settings.supervisor.deadline_us.into()),
-            wish: realtime.then(|| SchedRequest::new(settings.realtime.priority_gate, cores.gate)),
+            sched: realtime.then(|| SchedRequest::new(settings.realtime.priority_gate, cores.gate)),
             deadline_timer: realtime.then(|| SchedRequest::new(settings.realtime.priority_gate, cores.reserve)),
             busy_poll_lead_us: if cores.gate_busy_polls { settings.realtime.busy_poll_lead_us } else { 0 },
             spare: cores.spare.map(|core| SchedRequest::new(settings.realtime.priority_gate, Some(core))),

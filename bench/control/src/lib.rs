@@ -3,7 +3,7 @@
 //!
 //! Decision variables are joint accelerations, torques and the normal force of the contact; the equations of motion are its
 //! equality constraint, torque limits and a contact that cannot pull its inequalities ([`qp`]). It tracks the same reference on
-//! the same leg, and presses with the same wished force ([`OperationalSpace`]).
+//! the same leg, and presses with the same desired force ([`OperationalSpace`]).
 
 mod acceleration;
 mod error;

@@ -119,27 +119,27 @@ fn problem(chain: &Chain, gravity: &Vector3<f64>, gains: &Gains, state: &State, 
     let velocity = jacobian.linear_mul(qd);
     let off = Vector3::from(task.position) - kin.tip_position();
     let off_rate = Vector3::from(task.velocity) - velocity;
-    let mut wished = Vector3::from(task.acceleration) + off * gains.position + off_rate * gains.velocity;
+    let mut desired = Vector3::from(task.acceleration) + off * gains.position + off_rate * gains.velocity;
 
     let touching = state.foot_force[2] > TOUCH_N;
-    let mut wished_force = 0.0;
+    let mut desired_force = 0.0;
     if touching {
         let p = task.parameters;
         // As deep as the reference lies below the foot, so hard it presses.
         let pressed = if p.desired_force[2] > 0.0 { p.desired_force[2] } else { -p.stiffness[2] * off.z };
-        wished_force = pressed.clamp(0.0, p.max_force[2]);
-        wished.z = -gains.velocity * velocity.z;
+        desired_force = pressed.clamp(0.0, p.max_force[2]);
+        desired.z = -gains.velocity * velocity.z;
     }
 
-    // |J q'' + J' q' - wished|^2, and a little of |q''|^2.
-    let missing = wished - tip_bias_acceleration(chain, &kin, qd);
+    // |J q'' + J' q' - desired|^2, and a little of |q''|^2.
+    let missing = desired - tip_bias_acceleration(chain, &kin, qd);
     let mut problem = Problem {
         hessian: MassMatrix::zeros(),
         gradient: [0.0; MAX_JOINTS],
         mass: chain.mass_matrix(&kin),
         bias: chain.bias(&kin, qd, gravity),
         normal: [0.0; MAX_JOINTS],
-        wished_force,
+        desired_force,
     };
     for (column, rate) in qd.iter().enumerate() {
         for row in 0..=column {

@@ -37,7 +37,7 @@ pub struct Problem {
     /// s J_z^T: what a newton of normal force does to the joints, N m/N.
     pub normal: JointVector,
     /// f_d, N.
-    pub wished_force: f64,
+    pub desired_force: f64,
 }
 
 /// What does not change from tick to tick.
@@ -177,7 +177,7 @@ fn fill(
         constraints[n * n + 3 * n + column] = -problem.normal[column];
         bounds[column] = -problem.bias[column];
     }
-    gradient[2 * n] = -force_weight * problem.wished_force;
+    gradient[2 * n] = -force_weight * problem.desired_force;
 }
 
 #[cfg(test)]
@@ -187,15 +187,15 @@ mod tests {
 
     const LIMITS: Limits = Limits { torque: [10.0; 8], force: 100.0, torque_weight: 1e-6, force_weight: 1.0 };
 
-    /// One joint: inertia 2, wished acceleration 3, lifted by a contact with an arm of 0.5 m.
-    fn problem(acceleration: f64, wished_force: f64) -> Problem {
+    /// One joint: inertia 2, desired acceleration 3, lifted by a contact with an arm of 0.5 m.
+    fn problem(acceleration: f64, desired_force: f64) -> Problem {
         let mut mass = MassMatrix::zeros();
         mass[(0, 0)] = 2.0;
         let mut hessian = MassMatrix::zeros();
         hessian[(0, 0)] = 1.0;
         let (mut gradient, mut bias, mut normal) = ([0.0; 8], [0.0; 8], [0.0; 8]);
         (gradient[0], bias[0], normal[0]) = (-acceleration, 1.0, 0.5);
-        Problem { hessian, gradient, mass, bias, normal, wished_force }
+        Problem { hessian, gradient, mass, bias, normal, desired_force }
     }
 
     #[test]

@@ -90,7 +90,7 @@ fn both_follow_a_small_motion_through_the_air() {
 }
 
 #[test]
-fn it_lands_presses_with_the_wished_force_and_slides_under_it() {
+fn it_lands_presses_with_the_desired_force_and_slides_under_it() {
     let qp = under_qp(&floor(&[]), 6000);
     let mean = |ticks: std::ops::Range<usize>| {
         let n = ticks.len() as f64;

@@ -73,10 +73,10 @@ fn main() -> Result<()> {
         let mut turn = all.iter().cycle();
         b.iter(|| {
             turn.next().map(|p| {
-                let wished = p.moment.operator.at(p.moment.state.tick).desired_force;
+                let desired = p.moment.operator.at(p.moment.state.tick).desired_force;
                 let step = |axis: usize| {
                     let search = HapticSearch { offset_m: p.moment.previous_state.offset[axis] };
-                    search.step(black_box(wished[axis]), p.input.contact_force[axis], &p.haptic[axis])
+                    search.step(black_box(desired[axis]), p.input.contact_force[axis], &p.haptic[axis])
                 };
                 [step(0), step(1), step(2)]
             })

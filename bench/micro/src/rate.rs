@@ -64,13 +64,13 @@ impl Outcome {
 ///
 /// # Errors
 /// If shared memory, threads or the file cannot be had.
-pub fn measure(wish: &SchedRequest) -> Result<Outcome> {
+pub fn measure(sched: &SchedRequest) -> Result<Outcome> {
     let settings = Settings::load("floor", &[])?;
     let chain = Chain::from_settings(&settings.robot)?;
     let moments = moments("floor", 1000)?;
     let corner = Corner::open()?;
     let options = WriterOptions { chunk_bytes: u64::from(settings.recorder.chunk_kib) * 1024, ..WriterOptions::default() };
-    let writer = Writer::create(&wish.log, &names(&settings, &chain), &[], &[], &options)?;
+    let writer = Writer::create(&sched.log, &names(&settings, &chain), &[], &[], &options)?;
     let recorder = Recorder::new(writer, &settings, &chain);
     let (sender, receiver) = sync_channel(QUEUE);
     let (ready, connected) = channel();
@@ -87,7 +87,7 @@ pub fn measure(wish: &SchedRequest) -> Result<Outcome> {
         });
         let write = scope.spawn(move || write(recorder, &receiver));
         connected.recv().context("the draining thread ended at once")??;
-        let published = publish(corner.domain(), &moments, wish);
+        let published = publish(corner.domain(), &moments, sched);
         done.store(true, Ordering::Release);
         let drain_s = drain.join().map_err(|_| anyhow!("the draining thread panicked"))??;
         let written = write.join().map_err(|_| anyhow!("the writing thread panicked"))??;
@@ -98,7 +98,7 @@ pub fn measure(wish: &SchedRequest) -> Result<Outcome> {
 
 /// Sends `times` ticks of messages each millisecond, everything on ports of its own as in the stack. Returns how many messages, and
 /// how long it took, s.
-fn publish(domain: &Domain, moments: &[Moment], wish: &SchedRequest) -> Result<(u64, f64)> {
+fn publish(domain: &Domain, moments: &[Moment], sched: &SchedRequest) -> Result<(u64, f64)> {
     let bus = Bus::open(domain, "publisher")?;
     let mut state = bus.output(&topic::STATE)?;
     let mut reference = bus.output(&topic::REFERENCE)?;
@@ -108,9 +108,9 @@ fn publish(domain: &Domain, moments: &[Moment], wish: &SchedRequest) -> Result<(
     let start = clock::now_ns();
     let mut turn = (0..).zip(moments.iter().cycle());
     let mut sent = 0;
-    for millisecond in 0..u64::from(wish.seconds) * 1000 {
+    for millisecond in 0..u64::from(sched.seconds) * 1000 {
         clock::sleep_until(start + millisecond * TICK_NS);
-        for (tick, moment) in turn.by_ref().take(wish.times as usize) {
+        for (tick, moment) in turn.by_ref().take(sched.times as usize) {
             for message in messages(moment, tick) {
                 match message {
                     Message::State(m) => send(&mut state, &m)?,

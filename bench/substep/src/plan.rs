@@ -1,7 +1,7 @@
 //! What the leg is told to do: a joint servo around a path that lands, presses and slides.
 //!
 //! Torque at tick k, held for the tick: `tau = tau_k + K_p (q_k - q) + K_d (q'_k - q')`. The feed-forward tau_k presses the foot down
-//! with the wished force and carries the leg's weight. Torque alone, without the servo, would not do: a foot pressed on a floor
+//! with the desired force and carries the leg's weight. Torque alone, without the servo, would not do: a foot pressed on a floor
 //! without friction by a constant torque runs away, and what a run then shows is how fast, not how well it was integrated.
 
 use crate::Scene;
@@ -46,7 +46,7 @@ struct Place {
     touch: Vector3<f64>,
     /// How far the foot slides along x, m.
     slide: f64,
-    /// Wished force, N.
+    /// Desired force, N.
     force: f64,
     /// Push along x against the friction of sliding, N.
     drag: f64,
@@ -57,7 +57,7 @@ struct Place {
 fn place(scene: Scene) -> Place {
     match scene {
         Scene::Floor => Place { touch: Vector3::new(-0.10, 0.05, 0.02), slide: 0.02, force: 50.0, drag: 0.0, give: 0.0 },
-        // The friction of the wished force.
+        // The friction of the desired force.
         Scene::Box => Place { touch: Vector3::new(-0.22, -0.07, 0.32), slide: -0.04, force: 50.0, drag: -15.0, give: 0.0 },
         // 30 N on 1e3 N/m, twice: the ball gives above and below.
         Scene::Ball => Place { touch: Vector3::new(-0.30, 0.05, 0.22), slide: -0.01, force: 30.0, drag: 0.0, give: 0.06 },

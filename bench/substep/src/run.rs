@@ -42,7 +42,7 @@ pub struct Run {
 /// would stick here and slide there.
 ///
 /// # Errors
-/// If the scenario is no good.
+/// If the scenario is invalid.
 pub fn one_friction(scene: Scene) -> Result<Vec<String>> {
     let world = Settings::load(scene.name(), &[])?.world;
     let floor = world.floor.iter().map(|floor| ("floor".to_owned(), floor.surface.friction_dynamic));
@@ -54,7 +54,7 @@ pub fn one_friction(scene: Scene) -> Result<Vec<String>> {
 /// The plant of a scene with one sub-step in the air and in contact, us, and its plan; the leg is where the plan starts.
 ///
 /// # Errors
-/// If the scenario, its start or the plan is no good.
+/// If the scenario, its start or the plan is invalid.
 pub fn set_up(scene: Scene, substep_us: u32) -> Result<(Plant, Plan)> {
     let mut overrides = vec![format!("plant.contact_substep_us={substep_us}"), format!("plant.flight_substep_us={substep_us}")];
     overrides.extend(one_friction(scene)?);

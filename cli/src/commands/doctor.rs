@@ -22,7 +22,9 @@ pub fn doctor(seconds: u32, json: bool) -> Result<Outcome> {
         }
     };
     if others > 0 {
-        log_line(&format!("hapfic: found runs in progress ({others}), expected none: they and the measurement disturb each other"));
+        log_line(&format!(
+            "hapfic: found runs in progress ({others}), expected none: they and the measurement disturb each other"
+        ));
     }
     let process_info = ProcessInfo::ask(priority, others);
     // The checks come before the measurement, which loads the machine.

@@ -43,7 +43,11 @@ fn make(args: &ReportArgs) -> Result<(), ReportError> {
     let about = if no_output_given {
         report.text()
     } else {
-        report.run().cut_off.as_ref().map_or_else(String::new, |cause| format!("the report covers the intact part of the log: {cause}"))
+        report
+            .run()
+            .cut_off
+            .as_ref()
+            .map_or_else(String::new, |cause| format!("the report covers the intact part of the log: {cause}"))
     };
     report.write(&places, |what, path| {
         // Printed after the first output exists, so that an error stands alone.

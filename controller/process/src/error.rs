@@ -1,12 +1,12 @@
-//! What can go wrong in a controller process.
+//! Errors of a controller process.
 
 /// An error of a controller process.
 #[derive(Debug, thiserror::Error)]
 pub enum ControllerError {
-    /// The robot description.
+    /// The robot description is invalid.
     #[error(transparent)]
     Robot(#[from] hapfic_robot::RobotError),
-    /// Messaging.
+    /// Messaging failed.
     #[error(transparent)]
     Ipc(#[from] hapfic_ipc::IpcError),
 }

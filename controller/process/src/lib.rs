@@ -1,7 +1,7 @@
-//! The controller as a process: state(k), reference(k) and command(k - 1) in, request(k) out.
+//! Process of a controller: state(k), reference(k) and command(k - 1) in, request(k) out.
 //!
-//! It keeps nothing from tick to tick: the controller's state comes with the command, as the gate accepted it. So any number of
-//! controllers compute the same, and one that starts late needs no seeding.
+//! The process keeps no state of the law between ticks: command(k - 1) carries the state that the gate accepted. Any number
+//! of controllers therefore compute the same, and a controller that starts late needs no initial state.
 
 mod error;
 
@@ -15,32 +15,32 @@ use hapfic_messages::{Check, Clock, Command, Operator, Process, Reference, Reque
 use hapfic_robot::Chain;
 use nalgebra::Vector3;
 
-/// Ticks by which a reference may be behind the newest: those that are handed over when a planner is started again are.
-const OLD: i64 = 16;
+/// Largest lag of a reference behind the newest one [ticks]; references handed over by a restarted planner lag.
+const MAX_REFERENCE_LAG: i64 = 16;
 
-/// How soon a gate that looks out has answered a request, ns. By then the plant has given up looking out for the command, too.
-const GATED_WITHIN_NS: u64 = 40_000;
+/// Response time of a polling gate [ns]; by then the plant has stopped polling for the command too.
+const GATE_RESPONSE_NS: u64 = 40_000;
 
 struct Ports {
     state: Input<State>,
     reference: Input<Reference>,
     command: Input<Command>,
     operator: Input<Operator>,
-    answered: Listener,
+    command_sent_listener: Listener,
     request: Output<Request>,
-    /// Rung for the gate with each request.
-    request_bell: Doorbell,
-    /// Rung for the plant with each command.
-    command_bell: Doorbell,
-    /// Rung by the gate alone: after each command, and when it calls those in reserve.
-    gated: Doorbell,
-    /// Rung for the gate's spare.
-    spare: Doorbell,
+    /// Notifies the gate of each request.
+    request_doorbell: Doorbell,
+    /// Notifies the plant of each command.
+    command_doorbell: Doorbell,
+    /// Notified only by the gate: after each command, and when it calls the standby controller.
+    command_sent: Doorbell,
+    /// Notifies the spare_gate gate thread.
+    spare_gate: Doorbell,
     injector: Injector<Request>,
 }
 
 impl Ports {
-    /// Work for the idle_work: the next loan, and meeting those who have joined.
+    /// Idle work: preloans the next request and updates the connections.
     fn preloan(&mut self) {
         self.request.preloan();
         self.state.preloan();
@@ -48,10 +48,10 @@ impl Ports {
         self.command.preloan();
     }
 
-    /// Calls the gate's spare, if there is one, should the gate not answer what was published.
-    fn call_spare_if_unanswered(&self, gated: u32, published_ns: u64) {
-        if self.spare.has_waiters() && !self.gated.spin_until_changed(gated, published_ns + GATED_WITHIN_NS) {
-            self.spare.notify();
+    /// Notifies the spare gate thread, if there is one, when the gate does not respond to a request.
+    fn notify_spare_gate_on_timeout(&self, command_sent: u32, published_ns: u64) {
+        if self.spare_gate.has_waiters() && !self.command_sent.spin_until_changed(command_sent, published_ns + GATE_RESPONSE_NS) {
+            self.spare_gate.notify();
         }
     }
 
@@ -64,26 +64,26 @@ impl Ports {
     }
 }
 
-/// What has come in.
+/// Buffers of the received messages.
 #[derive(Clone, Copy, Debug, Default)]
 struct InputBuffers {
-    /// The planner is one tick ahead, so the newest is not the one to follow.
+    /// References; the planner is one tick ahead, so the newest is not the present one.
     references: TickBuffer<Reference>,
     commands: TickBuffer<Command>,
     operator: Option<Operator>,
-    /// Whether a state has been answered.
-    joined: bool,
+    /// Whether a state has been command_sent_listener.
+    has_responded: bool,
 }
 
 impl InputBuffers {
-    /// Takes a reference; `false` if it is older than all that are kept.
+    /// Inserts a reference; returns `false` if it lags more than [`MAX_REFERENCE_LAG`].
     fn take_reference(&mut self, new: Reference) -> bool {
-        let oldest = self.references.newest().map_or(i64::MIN, |newest| newest.tick.saturating_sub(OLD));
+        let oldest = self.references.newest().map_or(i64::MIN, |newest| newest.tick.saturating_sub(MAX_REFERENCE_LAG));
         self.references.insert(new);
         new.tick > oldest
     }
 
-    /// The reference to follow at a tick: its own, or the last one held at rest, or (before any) where the foot is.
+    /// Returns the reference of a tick, or the last one held at rest, or (before any) the position of the foot.
     fn setpoint(&self, state: &State) -> ([f64; 3], [f64; 3]) {
         if let Some(r) = self.references.at(state.tick) {
             return (r.position, r.velocity);
@@ -92,8 +92,8 @@ impl InputBuffers {
         (held, [0.0; 3])
     }
 
-    /// Whether the gate uses another controller's requests, as far as the last command tells. At first it uses the primary's.
-    fn answers_come_from_elsewhere(&self, process: Process) -> bool {
+    /// Whether the gate uses another controller's requests, according to the last command; initially the primary's.
+    fn is_standby(&self, process: Process) -> bool {
         let used = self.commands.newest().and_then(|c| Process::from_code(c.request.controller));
         match used {
             Some(used @ (Process::Controller | Process::Standby)) => used != process,
@@ -101,7 +101,7 @@ impl InputBuffers {
         }
     }
 
-    /// What there is to answer a state with; `None` if something is missing.
+    /// Returns the inputs of the control step for a state; `None` if one is missing.
     fn inputs<'a>(&'a self, state: &'a State) -> Option<ControlInputs<'a>> {
         let parameters = self.operator.as_ref()?.at(state.tick);
         let command = self.commands.before(state.tick)?;
@@ -110,34 +110,34 @@ impl InputBuffers {
     }
 }
 
-/// Runs a controller until its last tick or its end.
+/// Runs a controller until the last tick or the end of the process.
 ///
 /// # Errors
-/// [`ControllerError`] if the robot description is no good or messaging fails.
+/// [`ControllerError`] if the robot description is invalid or messaging fails.
 pub fn run(context: &mut Context, settings: &Settings) -> Result<(), ControllerError> {
-    let in_step = if context.clock == Clock::Lockstep { Wait::Yes } else { Wait::No };
+    let wait_in_lockstep = if context.clock == Clock::Lockstep { Wait::Yes } else { Wait::No };
     let mut ports = Ports {
         state: context.bus.input(&topic::STATE, Wait::Yes)?,
-        reference: context.bus.input(&topic::REFERENCE, in_step)?,
-        command: context.bus.input(&topic::COMMAND, in_step)?,
+        reference: context.bus.input(&topic::REFERENCE, wait_in_lockstep)?,
+        command: context.bus.input(&topic::COMMAND, wait_in_lockstep)?,
         operator: context.bus.input(&topic::OPERATOR, Wait::No)?,
-        answered: context.bus.listener(topic::COMMAND_SENT),
+        command_sent_listener: context.bus.listener(topic::COMMAND_SENT),
         request: context.bus.output(&topic::REQUEST)?,
-        request_bell: context.bus.doorbell(topic::REQUEST_DOORBELL),
-        command_bell: context.bus.doorbell(topic::COMMAND_DOORBELL),
-        gated: context.bus.doorbell(topic::COMMAND_SENT),
-        spare: context.bus.doorbell(topic::SPARE_GATE),
+        request_doorbell: context.bus.doorbell(topic::REQUEST_DOORBELL),
+        command_doorbell: context.bus.doorbell(topic::COMMAND_DOORBELL),
+        command_sent: context.bus.doorbell(topic::COMMAND_SENT),
+        spare_gate: context.bus.doorbell(topic::SPARE_GATE),
         injector: Injector::open(context)?,
     };
     let chain = Chain::from_settings(&settings.robot)?;
     let gravity = Vector3::from(settings.world.gravity_m_per_s2);
-    // The standby gives way to the primary, and is out of its way.
+    // The standby has a lower priority than the primary, and its own core.
     let realtime = &settings.realtime;
-    let wish = match context.process {
+    let sched_request = match context.process {
         Process::Standby => SchedRequest::new(realtime.priority_controller - 1, realtime.core_standby),
         _ => SchedRequest::new(realtime.priority_controller, realtime.core_controller),
     };
-    context.ready(wish)?;
+    context.ready(sched_request)?;
     context.enable_busy_poll(realtime.busy_poll_lead_us);
 
     let last_tick = settings.duration_ticks as i64 - 1;
@@ -145,9 +145,9 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), ControllerE
     let mut seen = -1;
     let mut last: Option<State> = None;
     loop {
-        let standby = context.clock == Clock::Realtime && buffers.answers_come_from_elsewhere(context.process);
+        let standby = context.clock == Clock::Realtime && buffers.is_standby(context.process);
         if !standby && context.sleep_until_window(seen + 1) {
-            // It is one tick ahead.
+            // The planner is one tick ahead.
             take_references(context, &mut ports.reference, &mut buffers, i64::MAX)?;
             read_ahead(context, &mut ports, &mut buffers)?;
             let inputs = last.as_ref().filter(|state| state.check().is_ok()).and_then(|state| buffers.inputs(state));
@@ -155,7 +155,7 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), ControllerE
                 ports.request.warm_up(&request);
             }
         }
-        let instead = standby.then_some(&ports.answered as &dyn Wakes);
+        let instead = standby.then_some(&ports.command_sent_listener as &dyn Wakes);
         let Some(state) = context.next_state(&mut ports.state, seen, Gaps::Allowed, instead, || {
             ports.request.preloan();
             ports.reference.preloan();
@@ -168,29 +168,29 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), ControllerE
         let wake = clock::now_ns();
         context.begin();
         seen = state.tick;
-        let filled = receive_inputs(context, &mut ports, &mut buffers, state.tick)?;
+        let status = receive_inputs(context, &mut ports, &mut buffers, state.tick)?;
         let mut published = 0;
-        let inputs = match filled {
+        let inputs = match status {
             InputStatus::Complete => buffers.inputs(&state),
             InputStatus::TooLate => None,
             InputStatus::End => break,
         };
         match inputs.and_then(|inputs| control_step(&chain, &gravity, &inputs, context.process)) {
             Some(request) => {
-                buffers.joined = true;
+                buffers.has_responded = true;
                 let request = Request { stamp_ns: context.stamp(), ..request };
-                // A gate that is awake answers at once, on another core: the plant may as well wake up meanwhile.
-                let at_once = !standby && ports.request_bell.is_polled();
-                let gated = ports.gated.count();
+                // A polling gate responds immediately, on another core, so the plant can wake up meanwhile.
+                let gate_polls = !standby && ports.request_doorbell.is_polled();
+                let command_sent = ports.command_sent.count();
                 published = ports.injector.send(&mut ports.request, &request, state.tick)?;
-                if at_once {
-                    ports.command_bell.notify();
+                if gate_polls {
+                    ports.command_doorbell.notify();
                 }
                 if !standby && published > 0 {
-                    ports.call_spare_if_unanswered(gated, published);
+                    ports.notify_spare_gate_on_timeout(command_sent, published);
                 }
             }
-            None if matches!(filled, InputStatus::TooLate) => {}
+            None if matches!(status, InputStatus::TooLate) => {}
             None => context.reject(),
         }
         context.account(TickTimes {
@@ -202,7 +202,7 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), ControllerE
         })?;
         last = Some(state);
         ports.preloan();
-        // What comes after the answer need not be looked for while somebody waits for the next.
+        // Messages that follow the request are received now, not while the gate waits for the next request.
         read_ahead(context, &mut ports, &mut buffers)?;
         context.report_failed_connections(ports.failed_connections());
         ports.injector.listen()?;
@@ -214,23 +214,23 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), ControllerE
     Ok(())
 }
 
-/// What came of waiting for a tick's messages.
+/// Result of waiting for the messages of a tick.
 enum InputStatus {
-    /// All are there; in realtime: all that will be.
+    /// All messages are present; in realtime: all that arrived so far.
     Complete,
-    /// The tick is done: another controller has answered it.
+    /// The tick is done: another controller has command_sent_listener it.
     TooLate,
-    /// The process should end.
+    /// The process must end.
     End,
 }
 
-/// Takes in what is inputs before the state it belongs to: command(k) at the end of tick k, parameters some ticks ahead.
+/// Receives messages that precede their state: command(k) at the end of tick k, parameters some ticks ahead.
 fn read_ahead(context: &mut Context, ports: &mut Ports, buffers: &mut InputBuffers) -> Result<(), IpcError> {
     context.drain(&mut ports.command, |new| buffers.commands.insert(new))?;
     context.drain(&mut ports.operator, |new| buffers.operator = Some(new))
 }
 
-/// Takes references up to that of a tick, and counts those that are too old.
+/// Receives references up to that of a tick, and counts outdated ones as rejected.
 fn take_references(
     context: &mut Context,
     references: &mut Input<Reference>,
@@ -242,14 +242,14 @@ fn take_references(
         late += u32::from(!buffers.take_reference(new));
         new.tick >= tick
     })?;
-    // Who has just joined is handed over what was said long ago.
-    for _ in 0..if buffers.joined { late } else { 0 } {
+    // Who has just has_responded is handed over what was said long ago.
+    for _ in 0..if buffers.has_responded { late } else { 0 } {
         context.reject();
     }
     Ok(())
 }
 
-/// Takes what there is; in lockstep waits for reference(k) and command(k - 1), or for command(k): then tick k is done.
+/// Receives all inputs; in lockstep waits for reference(k) and command(k - 1), or for command(k), which ends tick k.
 fn receive_inputs(
     context: &mut Context,
     ports: &mut Ports,

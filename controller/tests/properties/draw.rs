@@ -1,15 +1,15 @@
-//! Inputs and parameters of every kind, and the work along a path of the error.
+//! Strategies for inputs and parameters, and the work along a path of the error.
 
 use hapfic_controller::task_space::Input;
 use hapfic_controller::{Attractor, ForceProfile, HapticParameters, Stall, StallInput};
 use hapfic_messages::{ControllerState, Parameters, ResetPolicy, Saturation, Search};
 use proptest::prelude::*;
 
-/// T, s.
+/// T [s].
 pub const PERIOD_S: f64 = 1e-3;
 pub const NOT_FINITE: [f64; 3] = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY];
 
-/// Any finite number: ordinary, huge, tiny, zero, of both signs.
+/// Any finite number of either sign: ordinary, huge, tiny or zero.
 pub fn finite() -> impl Strategy<Value = f64> {
     prop_oneof![
         4 => -1.0_f64..1.0,
@@ -19,7 +19,7 @@ pub fn finite() -> impl Strategy<Value = f64> {
     ]
 }
 
-/// Any finite parameter; mostly of the right sign, so that most sets are usable.
+/// Any finite parameter, mostly non-negative, so that most sets are valid.
 pub fn parameter() -> impl Strategy<Value = f64> {
     prop_oneof![8 => finite().prop_map(f64::abs), 1 => finite()]
 }
@@ -54,7 +54,7 @@ pub fn haptic_parameters() -> impl Strategy<Value = HapticParameters> {
     )
 }
 
-/// Forces and lengths that do not overflow in a difference, but are otherwise anything.
+/// Forces and lengths whose differences do not overflow.
 pub fn moderate() -> impl Strategy<Value = f64> {
     let scale = prop_oneof![4 => Just(1.0_f64), 2 => Just(1e4), 1 => Just(1e300), 1 => Just(1e-300), 1 => Just(0.0)];
     (scale, -1.0_f64..1.0).prop_map(|(scale, share)| scale * share)
@@ -76,7 +76,7 @@ pub fn input() -> impl Strategy<Value = Input> {
 pub fn parameters() -> impl Strategy<Value = Parameters> {
     let magnitudes = || prop::array::uniform3(moderate().prop_map(f64::abs));
     let gains = (magnitudes(), magnitudes(), magnitudes(), prop::array::uniform3(moderate()));
-    // Default and paper's policies, and every other combination.
+    // Every combination of policies, among them the defaults and the paper's.
     let policies = (0_u32..3, 0_u32..2, 0_u32..2, 0_u32..2, 0_u32..2);
     (gains, policies, 0.0_f64..1.0, 0.0_f64..0.1, 0.0_f64..0.1).prop_map(
         |((stiffness, max_force, position_bound, desired_force), policies, taper, scale, resolution)| {
@@ -100,7 +100,7 @@ pub fn parameters() -> impl Strategy<Value = Parameters> {
     )
 }
 
-/// A parameter set as an operator would give it.
+/// Ordinary parameter set.
 pub fn ordinary() -> Parameters {
     Parameters {
         desired_force: [0.0, 5.0, -20.0],
@@ -114,7 +114,7 @@ pub fn ordinary() -> Parameters {
     }
 }
 
-/// The n-th number that enters the task-space law; `None` behind the last.
+/// Returns the n-th number that enters the task-space law; `None` after the last.
 pub fn place<'a>(n: usize, state: &'a mut ControllerState, input: &'a mut Input, p: &'a mut Parameters) -> Option<&'a mut f64> {
     let search = state.offset.iter_mut().chain(&mut state.x_max);
     let before = state.stiffness.iter_mut().chain(&mut state.max_force).chain(&mut state.position_bound).chain(&mut state.force);
@@ -135,27 +135,27 @@ pub fn cycle() -> impl Strategy<Value = Vec<f64>> {
     })
 }
 
-/// The monotone stretches between knots, divided at zero error, where the attractor's force changes at once.
-pub fn stretches(knots: &[f64]) -> Vec<(f64, f64)> {
-    let mut stretches = Vec::new();
+/// Monotone segments between knots, divided at zero error, where the attractor's force is discontinuous.
+pub fn segments(knots: &[f64]) -> Vec<(f64, f64)> {
+    let mut segments = Vec::new();
     for pair in knots.windows(2) {
         let (from, to) = (pair[0], pair[1]);
         if from * to < 0.0 {
-            stretches.extend([(from, 0.0), (0.0, to)]);
+            segments.extend([(from, 0.0), (0.0, to)]);
         } else {
-            stretches.push((from, to));
+            segments.push((from, to));
         }
     }
-    stretches
+    segments
 }
 
-/// Samples per stretch.
+/// Samples per segment.
 pub const SAMPLES: u32 = 64;
 
-/// Work of a force on the robot along a path of the error, J: -sum F de, with the force at the middle of each sample.
-pub fn work(stretches: &[(f64, f64)], mut force: impl FnMut(f64, f64) -> f64) -> f64 {
+/// Work of a force on the robot along a path of the error [J]: -sum F de, with the force at the midpoint of each sample.
+pub fn work(segments: &[(f64, f64)], mut force: impl FnMut(f64, f64) -> f64) -> f64 {
     let mut work = 0.0;
-    for &(from, to) in stretches {
+    for &(from, to) in segments {
         let sample = (to - from) / f64::from(SAMPLES);
         for i in 0..SAMPLES {
             let error = from + (f64::from(i) + 0.5) * sample;
@@ -165,22 +165,22 @@ pub fn work(stretches: &[(f64, f64)], mut force: impl FnMut(f64, f64) -> f64) ->
     work
 }
 
-/// One tick of an axis with release: the attractor's step, then the stall's. No contact, 0.01 N resolution.
+/// Runs one tick of an axis with release: the attractor's step, then the stall's, without contact, resolution 0.01 N.
 pub fn released(state: (Attractor, Stall), error: f64, error_rate: f64, profile: &ForceProfile) -> ((Attractor, Stall), f64) {
     let (attractor, force) = state.0.step(error, error_rate, profile);
-    let seen = StallInput { error, error_rate, force, contact_force: 0.0, force_resolution: 0.01, period_s: PERIOD_S };
-    let (stall, attractor, force) = state.1.step(attractor, &seen, profile);
+    let stall_input = StallInput { error, error_rate, force, contact_force: 0.0, force_resolution: 0.01, period_s: PERIOD_S };
+    let (stall, attractor, force) = state.1.step(attractor, &stall_input, profile);
     ((attractor, stall), force)
 }
 
-/// Ticks of standing still that are enough for a release.
+/// Ticks at rest that suffice for a release.
 pub const PAUSE: u32 = 25;
 
-/// Work as [`work`] counts it of the law with release, along a path with a pause behind every stretch.
-pub fn work_with_pauses(stretches: &[(f64, f64)], profile: &ForceProfile) -> f64 {
+/// Work as in [`work`] of the law with release, along a path with a pause after every segment [J].
+pub fn work_with_pauses(segments: &[(f64, f64)], profile: &ForceProfile) -> f64 {
     let mut state = (Attractor::default(), Stall::default());
     let mut work = 0.0;
-    for &(from, to) in stretches {
+    for &(from, to) in segments {
         let sample = (to - from) / f64::from(SAMPLES);
         for i in 0..SAMPLES {
             let error = from + (f64::from(i) + 0.5) * sample;
@@ -195,19 +195,19 @@ pub fn work_with_pauses(stretches: &[(f64, f64)], profile: &ForceProfile) -> f64
     work
 }
 
-/// What sampling can feign at most, J.
+/// Largest apparent energy gain from sampling [J].
 ///
-/// The middle rule is exact where the force is linear and stores too much where the profile bends, which is the safe side.
-/// What remains: a convergence from M is noticed half a sample h late, at M - h/2. With F_c(e) / e falling, its work is
-/// then at most `F_c/|x_max| (-(M - m)^2 / 2 + (M - m) h / 2 + h^2 / 8)` more than the energy released between M and m,
-/// which is largest, h^2/4, at M - m = h/2; and F_c/|x_max| <= K0. The last term is rounding.
-pub fn sampling_error(stretches: &[(f64, f64)], profile: &ForceProfile) -> f64 {
-    let squares: f64 = stretches.iter().map(|(from, to)| ((to - from) / f64::from(SAMPLES)).powi(2)).sum();
-    let length: f64 = stretches.iter().map(|(from, to)| (to - from).abs()).sum();
+/// The midpoint rule is exact where the force is linear. Where the profile bends it overestimates the stored energy, which
+/// is the safe side. The law detects a convergence from M half a sample h late, at M - h/2. With F_c(e) / e falling, its
+/// work is at most `F_c/|x_max| (-(M - m)^2 / 2 + (M - m) h / 2 + h^2 / 8)` more than the energy released between M and m.
+/// That is largest, h^2/4, at M - m = h/2; and F_c/|x_max| <= K0. The last term is rounding.
+pub fn sampling_error(segments: &[(f64, f64)], profile: &ForceProfile) -> f64 {
+    let squares: f64 = segments.iter().map(|(from, to)| ((to - from) / f64::from(SAMPLES)).powi(2)).sum();
+    let length: f64 = segments.iter().map(|(from, to)| (to - from).abs()).sum();
     0.25 * profile.stiffness * squares + 1e-12 * profile.max_force * length
 }
 
-/// A profile that does not harden, from ordinary gains: K0, x_b and F_max / (K0 x_b).
+/// A softening profile from ordinary gains: K0, x_b and F_max / (K0 x_b).
 pub fn softening() -> impl Strategy<Value = ForceProfile> {
     (1.0_f64..5.0, -3.0_f64..-1.0, 0.05_f64..0.95, saturation()).prop_map(|(stiffness, bound, share, saturation)| {
         let (stiffness, position_bound) = (10_f64.powf(stiffness), 10_f64.powf(bound));

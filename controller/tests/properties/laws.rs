@@ -1,4 +1,4 @@
-//! Bounds and energy, for whatever comes in.
+//! Bounds and energy of the laws, for every input.
 
 use crate::draw::*;
 use hapfic_controller::task_space;
@@ -12,14 +12,14 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 512, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
-    fn profile_stays_within_f_max(profile in profile(), error in any_number()) {
+    fn profile_any_error_within_f_max(profile in profile(), error in any_number()) {
         let force = profile.force(error);
         prop_assert!(force.abs() <= profile.max_force.max(0.0), "{force} N");
         prop_assert_eq!(profile.force(-error), -force);
     }
 
     #[test]
-    fn profile_pulls_towards_the_reference(profile in softening(), error in -0.2_f64..0.2) {
+    fn profile_softening_pulls_to_reference(profile in softening(), error in -0.2_f64..0.2) {
         let force = profile.force(error);
         prop_assert!(force * error >= 0.0);
         prop_assert!((force - (profile.stiffness * error).clamp(-profile.max_force, profile.max_force)).abs()
@@ -27,7 +27,7 @@ proptest! {
     }
 
     #[test]
-    fn attractor_stays_within_f_max(steps in prop::collection::vec((any_number(), any_number(), profile()), 1..60)) {
+    fn attractor_any_error_within_f_max(steps in prop::collection::vec((any_number(), any_number(), profile()), 1..60)) {
         let mut state = Attractor::default();
         for (error, error_rate, profile) in steps {
             let (next, force) = state.step(error, error_rate, &profile);
@@ -38,7 +38,7 @@ proptest! {
     }
 
     #[test]
-    fn offset_stays_within_its_bound(
+    fn haptic_search_any_force_within_bound(
         steps in prop::collection::vec((any_number(), any_number(), haptic_parameters()), 1..60),
     ) {
         let mut state = HapticSearch::default();
@@ -49,7 +49,7 @@ proptest! {
     }
 
     #[test]
-    fn offset_moves_at_most_a_full_step_towards_the_force(
+    fn haptic_search_step_reduces_force_error(
         desired in -100.0_f64..100.0,
         measured in -100.0_f64..100.0,
         offset_m in -0.01_f64..0.01,
@@ -68,14 +68,14 @@ proptest! {
             period_s,
         };
         let moved = HapticSearch { offset_m }.step(desired, measured, &p).offset_m - offset_m;
-        // More reaction along +x is had by reaching towards -x, whatever the sign of F_d.
+        // The reaction along +x grows when the reference moves towards -x, for either sign of F_d.
         prop_assert!(moved * (desired - measured) < 0.0);
         let full = 0.01 * desired.abs() / 2000.0 * (period_s / 1e-3);
         prop_assert!(moved.abs() <= full * (1.0 + 1e-9) + 1e-15, "moved {moved}, full step {full}");
     }
 
     #[test]
-    fn task_space_force_stays_within_f_max(steps in prop::collection::vec((input(), parameters()), 1..30)) {
+    fn task_space_any_input_within_bounds(steps in prop::collection::vec((input(), parameters()), 1..30)) {
         let mut state = ControllerState::default();
         for (input, p) in steps {
             let output = task_space::step(state, &input, &p, PERIOD_S);
@@ -91,36 +91,36 @@ proptest! {
     }
 
     #[test]
-    fn no_energy_is_gained_over_a_closed_cycle(profile in softening(), knots in cycle()) {
+    fn attractor_closed_cycle_gains_no_energy(profile in softening(), knots in cycle()) {
         let knots: Vec<f64> = knots.iter().map(|share| share * profile.position_bound).collect();
-        let stretches = stretches(&knots);
+        let segments = segments(&knots);
         let mut state = Attractor::default();
-        let gained = work(&stretches, |error, error_rate| {
+        let gained = work(&segments, |error, error_rate| {
             let (next, force) = state.step(error, error_rate, &profile);
             state = next;
             force
         });
-        let allowed = sampling_error(&stretches, &profile);
+        let allowed = sampling_error(&segments, &profile);
         prop_assert!(gained <= allowed, "gained {gained} J, sampling explains {allowed} J");
 
-        // The account is sharp enough: a tenth more on the way back than on the way out would show.
-        let generous = work(&stretches, |error, error_rate| {
+        // Sensitivity: the check detects a law that returns a tenth more force in convergence.
+        let generous = work(&segments, |error, error_rate| {
             profile.force(error) * if error * error_rate < 0.0 { 1.1 } else { 1.0 }
         });
-        prop_assert!(generous > allowed, "a law that gives energy gained {generous} J and passed");
+        prop_assert!(generous > allowed, "undetected gain of {generous} J");
     }
 
     #[test]
-    fn no_energy_is_gained_over_a_closed_cycle_with_releases(profile in softening(), knots in cycle()) {
+    fn stall_release_closed_cycle_gains_no_energy(profile in softening(), knots in cycle()) {
         let knots: Vec<f64> = knots.iter().map(|share| share * profile.position_bound).collect();
-        let stretches = stretches(&knots);
-        let gained = work_with_pauses(&stretches, &profile);
-        let allowed = sampling_error(&stretches, &profile);
+        let segments = segments(&knots);
+        let gained = work_with_pauses(&segments, &profile);
+        let allowed = sampling_error(&segments, &profile);
         prop_assert!(gained <= allowed, "gained {gained} J, sampling explains {allowed} J");
     }
 
     #[test]
-    fn a_release_offers_less_than_the_one_before(
+    fn stall_release_repeated_offers_less_energy(
         profile in softening(),
         farthest in prop_oneof![-2.0_f64..-0.1, 0.1_f64..2.0],
         stops in prop::collection::vec(0.3_f64..0.99, 1..8),
@@ -139,7 +139,7 @@ proptest! {
                 let (next, now) = released(state, error, 0.0, &profile);
                 (state, force) = (next, now * error.signum());
             }
-            // Released if it pays, and then to no more than the profile and with no more to come than before.
+            // A release occurs if it gains force. Its force is within the profile's, and its energy within the previous one's.
             if profile.force(error.abs()) - pull > 0.01 {
                 prop_assert_eq!(state.0, Attractor { x_max_m: error, converging: true });
                 prop_assert!(force > pull && force <= profile.force(error.abs()));
@@ -151,13 +151,13 @@ proptest! {
     }
 
     #[test]
-    fn both_improvements_keep_every_bound(
+    fn task_space_with_improvements_within_bounds(
         steps in prop::collection::vec((input(), parameters(), any::<u32>(), prop::array::uniform3(moderate())), 1..30),
     ) {
         let mut state = ControllerState::default();
         for (input, p, still, offset) in steps {
             let p = Parameters { offset_anti_windup: 1, stall_release: 1, ..p };
-            // As if from another controller: any state that passes the checks.
+            // Any valid state, as from another controller.
             let from = ControllerState { at_rest_ticks: [still, 0, u32::MAX], offset, ..state };
             let output = task_space::step(from, &input, &p, PERIOD_S);
             prop_assert!(output.is_ok(), "{output:?}");
@@ -172,7 +172,7 @@ proptest! {
     }
 
     #[test]
-    fn a_saturated_offset_moves_only_out_of_saturation_or_towards_zero(
+    fn conditional_integration_saturated_blocks_windup(
         before in -0.02_f64..0.02,
         wanted in -0.02_f64..0.02,
         force in -1.0_f64..1.0,
@@ -189,7 +189,7 @@ proptest! {
     }
 
     #[test]
-    fn a_refitted_offset_stays_within_its_bound(
+    fn bumpless_offset_any_input_within_bound(
         distance in finite(),
         force in finite(),
         stiffness in parameter(),
@@ -202,7 +202,7 @@ proptest! {
     }
 
     #[test]
-    fn a_refitted_offset_gives_the_force_that_was(
+    fn bumpless_offset_reachable_force_kept(
         distance in -0.1_f64..0.1,
         force in -300.0_f64..300.0,
         stiffness in 1.0_f64..1e5,
@@ -222,12 +222,12 @@ proptest! {
     }
 
     #[test]
-    fn the_way_back_gives_back_nothing(
+    fn attractor_convergence_returns_no_energy(
         profile in softening(),
         hardening in 0.1_f64..20.0,
         farthest in prop_oneof![-2.0_f64..-0.01, 0.01_f64..2.0],
     ) {
-        // Holds for every profile, also one that hardens.
+        // Holds for every profile, also a hardening one.
         let profile = ForceProfile { max_force: profile.max_force * hardening, ..profile };
         let farthest = farthest * profile.position_bound;
         let mut state = Attractor::default();
@@ -236,13 +236,13 @@ proptest! {
             state = next;
             force
         });
-        // Noticed half a sample late: F_c |M| / |x_max| h / 2, and |M| < 2 |x_max|.
+        // The law detects the convergence half a sample late: F_c |M| / |x_max| h / 2, and |M| < 2 |x_max|.
         let allowed = profile.force(farthest.abs()) * farthest.abs() / f64::from(SAMPLES);
         prop_assert!(returned.abs() <= allowed, "returned {returned} J, sampling explains {allowed} J");
     }
 
     #[test]
-    fn low_pass_stays_within_its_inputs(
+    fn low_pass_any_torque_within_inputs(
         torques in prop::collection::vec(any_number(), 1..60),
         cutoff in prop::option::of(any_number()),
         peak in any_number(),

@@ -1,4 +1,4 @@
-//! What the laws promise for every input and every parameter set.
+//! Properties of the laws for every input and every parameter set.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod draw;

@@ -1,4 +1,4 @@
-//! What is no number, or means nothing.
+//! Rejection of numbers that are not finite, and of unknown codes.
 
 use crate::draw::*;
 use hapfic_controller::task_space::{self, Input, TaskSpaceError, policies};
@@ -6,7 +6,7 @@ use hapfic_controller::{Attractor, ForceProfile, LowPass, limit};
 use hapfic_messages::{ControllerState, Parameters, Saturation};
 
 #[test]
-fn a_number_that_is_not_finite_is_refused_wherever_it_comes_in() {
+fn task_space_number_not_finite_rejected() {
     let mut places = 0;
     loop {
         for bad in NOT_FINITE {
@@ -24,14 +24,14 @@ fn a_number_that_is_not_finite_is_refused_wherever_it_comes_in() {
 }
 
 #[test]
-fn an_error_that_overflows_is_refused() {
+fn task_space_error_overflow_rejected() {
     let input = Input { position: [f64::MAX; 3], reference_position: [f64::MIN; 3], ..Input::default() };
     let rejected = task_space::step(ControllerState::default(), &input, &ordinary(), PERIOD_S);
     assert_eq!(rejected, Err(TaskSpaceError::NotFinite { quantity: "error", index: 0, found: f64::NEG_INFINITY }));
 }
 
 #[test]
-fn unknown_policies_and_periods_are_refused() {
+fn task_space_unknown_policy_or_period_rejected() {
     let step = |p: &Parameters, period_s| task_space::step(ControllerState::default(), &Input::default(), p, period_s);
     let unknown = |quantity, last| Err(TaskSpaceError::UnknownPolicy { quantity, found: 7, last });
     let p = Parameters { reset_policy: 7, ..ordinary() };
@@ -56,7 +56,7 @@ fn unknown_policies_and_periods_are_refused() {
 }
 
 #[test]
-fn a_non_finite_number_gives_no_force_and_moves_no_offset() {
+fn laws_number_not_finite_gives_zero_force() {
     let profile = ForceProfile { stiffness: 1e3, max_force: 50.0, position_bound: 0.05, saturation: Saturation::Continuous };
     let before = Attractor { x_max_m: 0.02, converging: true };
     for bad in NOT_FINITE {
@@ -72,11 +72,11 @@ fn a_non_finite_number_gives_no_force_and_moves_no_offset() {
 }
 
 #[test]
-fn without_a_cut_off_the_torque_passes_and_the_state_follows() {
+fn low_pass_without_cutoff_passes_torque() {
     let torque = [1.0, -2.0, 3.0, 0.0, 5.5, -6.5, 7.0, 80.0];
     let passed = LowPass::default().step(&torque, None, PERIOD_S);
     assert_eq!(passed.output, torque);
-    // Switched on, it starts from there.
+    // Switched on, the filter starts from the last torque.
     let filtered = passed.step(&torque, Some(20.0), PERIOD_S);
     for (output, torque) in filtered.output.iter().zip(torque) {
         assert!((output - torque).abs() <= 1e-12, "{output} instead of {torque}");

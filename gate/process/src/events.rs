@@ -13,16 +13,16 @@ impl GateNode {
         severity_before: u32,
         announced: Option<(u64, i64)>,
     ) -> Result<(), IpcError> {
-        if let Some(defect) = self.state_defect.take() {
+        if let Some(defect) = self.rejections.state.take() {
             self.report(Process::Plant, EventKind::Rejected, Detector::Check, |text| write!(text, "state rejected: {defect}"))?;
         }
-        if let Some(defect) = self.stray_defect.take() {
+        if let Some(defect) = self.rejections.stray.take() {
             self.report(Process::Supervisor, EventKind::Rejected, Detector::Check, |text| {
                 write!(text, "request rejected: {defect}")
             })?;
         }
         for slot in ControllerSlot::BOTH {
-            if let Some(defect) = self.defects[slot as usize].take() {
+            if let Some(defect) = self.rejections.slots[slot as usize].take() {
                 self.report(slot.process(), EventKind::Rejected, Detector::Check, |text| {
                     write!(text, "request rejected: {defect}")
                 })?;
@@ -32,17 +32,17 @@ impl GateNode {
         if let Some((version, from)) = announced {
             self.report_parameters(version, from)?;
         }
-        if (command.limited == 0) != (self.limited == 0) {
+        if (command.limited == 0) != (self.reported.limited == 0) {
             self.report_limited(command)?;
         }
-        self.limited = command.limited;
+        self.reported.limited = command.limited;
         if let Some(step) = self.gate.discontinuity() {
             self.report(Process::Supervisor, EventKind::Discontinuity, Detector::Check, |text| {
                 write!(text, "torque of joint {} steps by {:.3} N m", step.joint, step.size)
             })?;
         }
         self.report_missed(command)?;
-        if let Some(slot) = self.promoted.take() {
+        if let Some(slot) = self.reported.promoted.take() {
             self.report(slot.process(), EventKind::Promoted, Detector::Deadline, |text| {
                 write!(text, "{} is the primary controller from tick {}", slot.process(), command.tick)
             })?;
@@ -58,7 +58,7 @@ impl GateNode {
         let tick = command.tick;
         let answered = command.source == Source::Fresh.code() || command.source == Source::Suppressed.code();
         if answered {
-            let missed = std::mem::take(&mut self.missed);
+            let missed = std::mem::take(&mut self.reported.missed);
             if missed > REPORTED_ONE_BY_ONE {
                 self.report(Process::Controller, EventKind::Note, Detector::Deadline, |text| {
                     write!(text, "requests are back at tick {tick}, after {missed} ticks without any")
@@ -69,8 +69,8 @@ impl GateNode {
         if command.mode == Mode::Hold.code() {
             return Ok(());
         }
-        self.missed += 1;
-        if self.missed > REPORTED_ONE_BY_ONE {
+        self.reported.missed += 1;
+        if self.reported.missed > REPORTED_ONE_BY_ONE {
             return Ok(());
         }
         self.report(Process::Controller, EventKind::Missed, Detector::Deadline, |text| {
@@ -80,11 +80,11 @@ impl GateNode {
 
     /// Reports slipped time, if it has grown.
     pub(super) fn report_slip(&mut self) -> Result<(), IpcError> {
-        let (before, (now, late_ns)) = (self.slipped, self.slip);
+        let (before, (now, late_ns)) = (self.reported.slipped, self.received.slip);
         if now <= before {
             return Ok(());
         }
-        self.slipped = now;
+        self.reported.slipped = now;
         let late_us = late_ns / 1000;
         self.report(Process::Plant, EventKind::TimebaseSlip, Detector::Tick, |text| {
             write!(text, "timer {late_us} us late, simulated time slipped by {} ticks", now - before)
@@ -136,7 +136,7 @@ impl GateNode {
         let _ = write(&mut text);
         let event = Event::new(self.gate.last().tick, process, kind, self.gate.severity(), detector, text.as_str());
         let stamp_ns = if self.start.clock == Clock::Realtime { clock::now_ns() } else { 0 };
-        self.event.send(&Event { stamp_ns, ..event })?;
+        self.ports.event.send(&Event { stamp_ns, ..event })?;
         Ok(())
     }
 }

@@ -8,13 +8,7 @@ use hapfic_messages::{Check, Detector, EventKind, MAX_JOINTS, Process, Request};
 impl GateNode {
     /// Does the idle-time work: loans, new connections, postponed reads, changes of the operator.
     pub(super) fn idle_work(&mut self) -> Result<(), IpcError> {
-        // Parameters first: a new process with a command then has them, too.
-        self.operator.preloan();
-        self.command.preloan();
-        self.event.preloan();
-        self.timing.preloan();
-        self.request.preloan();
-        self.state.preloan();
+        self.ports.preloan();
         self.receive()?;
         self.compare()?;
         self.take_change();
@@ -24,12 +18,12 @@ impl GateNode {
     /// Compares the requests of the two controllers, which compute the same function of the same inputs.
     fn compare(&mut self) -> Result<(), IpcError> {
         let last = self.gate.last().tick;
-        for tick in (self.compared.0 + 1).max(last - 1)..=last {
-            let (Some(a), Some(b)) = (self.requests[0].at(tick), self.requests[1].at(tick)) else { continue };
+        for tick in (self.reported.compared.0 + 1).max(last - 1)..=last {
+            let (Some(a), Some(b)) = (self.received.requests[0].at(tick), self.received.requests[1].at(tick)) else { continue };
             let (a, b) = (*a, *b);
             // Invalid requests have an event of their own.
             let differs = a.check().is_ok() && b.check().is_ok() && content(&a) != content(&b);
-            let reported = std::mem::replace(&mut self.compared, (tick, differs)).1;
+            let reported = std::mem::replace(&mut self.reported.compared, (tick, differs)).1;
             if differs && !reported {
                 self.report(Process::Standby, EventKind::Differs, Detector::Check, |text| {
                     let worst = (0..MAX_JOINTS).map(|i| (a.torque[i] - b.torque[i]).abs()).fold(0.0, f64::max);

@@ -2,6 +2,9 @@
 
 use crate::arrival_wait::TIMEOUT;
 use crate::change_exchange::ChangeServer;
+use crate::ports::GatePorts;
+use crate::received::{Received, Rejections};
+use crate::reported::Reported;
 use crate::shared_status::SharedStatus;
 use crate::tick_account::TickAccount;
 use hapfic_gate::parameter_schedule::ParameterSchedule;
@@ -9,14 +12,12 @@ use hapfic_gate::protocol::{Choice, ControllerSlot, GateInputs, WaitPolicy};
 use hapfic_gate::torque_check::TorqueCheck;
 use hapfic_gate::{Gate, Limits};
 use hapfic_ipc::realtime::{SchedGrants, SchedRequest};
-use hapfic_ipc::{ArrivalPredictor, Bus, Domain, Doorbell, Input, IpcError, Output, Wait, allocations, clock, topic};
-use hapfic_messages::{Clock, Command, Event, Operator, Phase, Process, Request, State, TickBuffer, Timing, ValidationError};
+use hapfic_ipc::{ArrivalPredictor, Bus, Domain, IpcError, allocations, clock};
+use hapfic_messages::{Clock, Command, Phase, Process, Timing};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-/// Controllers: the primary and its standby.
-pub(super) const CONTROLLERS: usize = 2;
 /// Ticks in a row without a request that get an event each.
 pub(super) const REPORTED_ONE_BY_ONE: u64 = 2;
 
@@ -38,7 +39,7 @@ pub struct GateStart {
     /// Deadline of a request, from the state's publication.
     pub deadline: Duration,
     /// Priority and core; `None`: no real time.
-    pub wish: Option<SchedRequest>,
+    pub sched: Option<SchedRequest>,
     /// Priority and core of its deadline timer; `None`: no real time.
     pub deadline_timer: Option<SchedRequest>,
     /// Busy-poll window before a state is due [us]; 0: the gate sleeps until state and request arrive. For a real-time
@@ -56,45 +57,19 @@ pub struct GateStart {
 pub struct GateNode {
     pub(super) start: GateStart,
     pub(super) gate: Gate,
-    pub(super) state: Input<State>,
-    pub(super) request: Input<Request>,
-    pub(super) command: Output<Command>,
-    pub(super) operator: Output<Operator>,
-    pub(super) event: Output<Event>,
-    pub(super) timing: Output<Timing>,
-    /// Recent requests of each controller, by slot.
-    pub(super) requests: [TickBuffer<Request>; CONTROLLERS],
-    /// Recent states, which the requests answer.
-    pub(super) states: TickBuffer<State>,
-    /// Defects of rejected messages, to be reported in idle time.
-    pub(super) state_defect: Option<ValidationError>,
-    pub(super) stray_defect: Option<ValidationError>,
-    pub(super) defects: [Option<ValidationError>; CONTROLLERS],
-    /// Slot that the last tick promoted to primary.
-    pub(super) promoted: Option<ControllerSlot>,
+    pub(super) ports: GatePorts,
+    pub(super) received: Received,
+    pub(super) rejections: Rejections,
+    pub(super) reported: Reported,
     /// When the gate began to wait for the tick that is due [ns]; 0: not yet.
     pub(super) waiting_ns: u64,
-    /// Ticks in a row without a request.
-    pub(super) missed: u64,
-    /// Last tick at which the controllers' requests were compared, and whether they differed.
-    pub(super) compared: (i64, bool),
     /// Stops and re-armings that the gate has processed.
     stops: u64,
     rearms: u64,
-    /// Tick and publication time of the newest state.
-    pub(super) newest: Option<(i64, u64)>,
-    pub(super) rejected: u32,
-    /// Periods slipped so far as reported, and joints limited in the last tick.
-    pub(super) slipped: u64,
-    pub(super) limited: u32,
-    /// Most slipped periods of any state, and the lateness of that state's timer [ns].
-    pub(super) slip: (u64, u64),
     /// Time of the last heartbeat sent while waiting.
     heartbeat_ns: u64,
     /// Arrival predictor, if busy-poll is enabled.
     pub(super) predictor: Option<ArrivalPredictor>,
-    /// Wakes planner and standby, which need a state, but not immediately.
-    pub(super) command_sent: Doorbell,
     /// Last tick for which the gate called them before its command.
     pub(super) called: i64,
     pub(super) granted: SchedGrants,
@@ -105,34 +80,17 @@ pub struct GateNode {
 
 impl GateNode {
     pub(super) fn open(start: GateStart, bus: &Bus) -> Result<Self, IpcError> {
-        let wait = if start.clock == Clock::Lockstep { Wait::Yes } else { Wait::No };
         Ok(Self {
             gate: Gate::new(start.limits, start.torque.clone()),
-            state: bus.input(&topic::STATE, Wait::No)?,
-            request: bus.input(&topic::REQUEST, wait)?,
-            command: bus.output(&topic::COMMAND)?,
-            operator: bus.output(&topic::OPERATOR)?,
-            event: bus.output(&topic::EVENT)?,
-            timing: bus.output(&topic::TIMING)?,
-            requests: [TickBuffer::default(); CONTROLLERS],
-            states: TickBuffer::default(),
-            state_defect: None,
-            stray_defect: None,
-            defects: [None; CONTROLLERS],
-            promoted: None,
+            ports: GatePorts::open(bus, start.clock)?,
+            received: Received::default(),
+            rejections: Rejections::default(),
+            reported: Reported::default(),
             waiting_ns: 0,
-            missed: 0,
-            compared: (-1, false),
             stops: 0,
             rearms: 0,
-            newest: None,
-            rejected: 0,
-            slipped: 0,
-            limited: 0,
-            slip: (0, 0),
             heartbeat_ns: 0,
             predictor: None,
-            command_sent: bus.doorbell(topic::COMMAND_SENT),
             called: -1,
             granted: SchedGrants::default(),
             faults: 0,
@@ -169,7 +127,7 @@ impl GateNode {
             }
             _ => self.gate.miss(&seen, &inputs),
         };
-        self.promoted = (self.gate.primary() != primary).then_some(self.gate.primary());
+        self.reported.promoted = (self.gate.primary() != primary).then_some(self.gate.primary());
         self.waiting_ns = 0;
         Some(command)
     }
@@ -204,15 +162,15 @@ impl GateNode {
         let severity_before = self.start.shared.severity.load(Ordering::Relaxed);
         let announced = self.announce(tick)?;
         let stamp = if self.start.clock == Clock::Realtime { clock::now_ns() } else { 0 };
-        let published = self.command.send(&Command { stamp_ns: stamp, ..*command })?;
+        let published = self.ports.command.send(&Command { stamp_ns: stamp, ..*command })?;
         let allocated = if self.start.clock == Clock::Realtime { allocations::count() - before } else { 0 };
         // From here on it is idle time.
         self.start.shared.severity.store(command.severity, Ordering::Relaxed);
         self.start.shared.primary.store(self.gate.primary().process().code(), Ordering::Relaxed);
         self.start.shared.gated.store(tick, Ordering::Release);
-        self.command_sent.notify();
+        self.ports.command_sent.notify();
         self.report_all(command, severity_before, announced)?;
-        let latency_ns = match self.newest {
+        let latency_ns = match self.received.newest {
             Some((newest, stamp)) if newest == tick && stamp > 0 => published.saturating_sub(stamp),
             _ => 0,
         };
@@ -220,7 +178,7 @@ impl GateNode {
         let timing = Timing {
             phase: Phase::Running.code(),
             tick,
-            due_ns: self.newest.map_or(0, |(_, stamp)| stamp),
+            due_ns: self.received.newest.map_or(0, |(_, stamp)| stamp),
             wake_ns: wake,
             publish_ns: published,
             latency_ns,
@@ -235,7 +193,7 @@ impl GateNode {
     pub(super) fn announce(&mut self, tick: i64) -> Result<Option<(u64, i64)>, IpcError> {
         let Some(operator) = self.start.schedule.announce(tick) else { return Ok(None) };
         let operator = *operator;
-        self.operator.send(&operator)?;
+        self.ports.operator.send(&operator)?;
         self.start.shared.announced.store(operator.next.version, Ordering::Relaxed);
         Ok(Some((operator.next.version, operator.next.effective_tick)))
     }
@@ -249,21 +207,17 @@ impl GateNode {
         self.heartbeat_ns = now;
         let timing = Timing { phase: phase.code(), tick: self.gate.last().tick, due_ns: now, wake_ns: now, ..Timing::default() };
         self.account(&timing)?;
-        self.timing.preloan();
+        self.ports.timing.preloan();
         Ok(())
     }
 
     fn account(&mut self, timing: &Timing) -> Result<(), IpcError> {
-        self.timing.send(&Timing {
+        self.ports.timing.send(&Timing {
             process: Process::Supervisor.code(),
-            rejected: self.rejected,
+            rejected: self.rejections.count,
             page_faults: self.faults,
             realtime: self.granted.0,
-            failed_connections: self.command.failed_connections()
-                + self.operator.failed_connections()
-                + self.request.failed_connections()
-                + self.state.failed_connections()
-                + self.timing.failed_connections(),
+            failed_connections: self.ports.failed_connections(),
             ..*timing
         })?;
         Ok(())

@@ -1,6 +1,7 @@
 //! Inputs of the gate: states, for their time and for the torque check, and requests of both controllers.
 
-use crate::node::{CONTROLLERS, GateNode};
+use crate::node::GateNode;
+use crate::received::CONTROLLERS;
 use hapfic_gate::protocol::{ControllerSlot, Observation};
 use hapfic_ipc::{IpcError, clock};
 use hapfic_messages::{Check, Clock, PERIOD_NS, Process, Request, State, ValidationError};
@@ -12,10 +13,10 @@ const NEAR: i64 = 8;
 impl GateNode {
     /// Receives all states and requests.
     pub(super) fn receive(&mut self) -> Result<(), IpcError> {
-        while let Some(state) = self.state.next()? {
+        while let Some(state) = self.ports.state.next()? {
             self.take_state(state);
         }
-        while let Some(request) = self.request.next()? {
+        while let Some(request) = self.ports.request.next()? {
             self.take_request(request);
         }
         Ok(())
@@ -23,14 +24,14 @@ impl GateNode {
 
     /// Receives up to the state of a tick and the primary's request; the rest can wait for idle time.
     pub(super) fn receive_until_answered(&mut self, tick: i64) -> Result<(), IpcError> {
-        while self.newest.is_none_or(|(newest, _)| newest < tick)
-            && let Some(state) = self.state.next()?
+        while self.received.newest.is_none_or(|(newest, _)| newest < tick)
+            && let Some(state) = self.ports.state.next()?
         {
             self.take_state(state);
         }
         let primary = self.gate.primary() as usize;
-        while self.requests[primary].at(tick).is_none()
-            && let Some(request) = self.request.next()?
+        while self.received.requests[primary].at(tick).is_none()
+            && let Some(request) = self.ports.request.next()?
         {
             self.take_request(request);
         }
@@ -38,7 +39,7 @@ impl GateNode {
     }
 
     fn take_state(&mut self, state: State) {
-        if self.newest.is_some_and(|(tick, _)| state.tick == tick) && state.check().is_ok() {
+        if self.received.newest.is_some_and(|(tick, _)| state.tick == tick) && state.check().is_ok() {
             // A successor of the plant republishes the last state of its predecessor.
             return;
         }
@@ -47,16 +48,16 @@ impl GateNode {
                 let now = clock::now_ns();
                 // An implausible stamp must not move the deadline.
                 let stamp = state.stamp_ns.clamp(now.saturating_sub(PERIOD_NS), now);
-                self.newest = Some((state.tick, stamp));
+                self.received.newest = Some((state.tick, stamp));
                 if let Some(predictor) = &mut self.predictor {
                     predictor.observe(&state, now);
                 }
-                self.states.insert(state);
-                self.slip = self.slip.max((state.slipped, state.wake_lateness_ns));
+                self.received.states.insert(state);
+                self.received.slip = self.received.slip.max((state.slipped, state.wake_lateness_ns));
             }
             Err(defect) => {
-                self.rejected += 1;
-                self.state_defect = Some(defect);
+                self.rejections.count += 1;
+                self.rejections.state = Some(defect);
             }
         }
     }
@@ -66,28 +67,28 @@ impl GateNode {
             Some(Process::Controller) => 0,
             Some(Process::Standby) => 1,
             _ => {
-                self.rejected += 1;
-                self.stray_defect = Some(ValidationError::Code { field: "controller", found: request.controller });
+                self.rejections.count += 1;
+                self.rejections.stray = Some(ValidationError::Code { field: "controller", found: request.controller });
                 return;
             }
         };
         let due = self.gate.tick();
-        let newest = self.requests[slot].newest().map_or(i64::MIN, |r| r.tick);
+        let newest = self.received.requests[slot].newest().map_or(i64::MIN, |r| r.tick);
         let again = request.tick < due && request.tick <= newest;
         if again || request.tick.abs_diff(due) > NEAR as u64 {
-            self.rejected += 1;
-            self.defects[slot] =
+            self.rejections.count += 1;
+            self.rejections.slots[slot] =
                 Some(ValidationError::Tick { field: "tick", found: request.tick, expected: due.max(newest + 1) });
             return;
         }
-        self.requests[slot].insert(request);
+        self.received.requests[slot].insert(request);
     }
 
     fn validate_state(&self, state: &State) -> Result<(), ValidationError> {
         state.check()?;
-        let expected = self.newest.map_or(0, |(tick, _)| tick + 1);
+        let expected = self.received.newest.map_or(0, |(tick, _)| tick + 1);
         // The plant does tick after tick; a delayed gate may have missed as many as there has been time for.
-        let missed = match (self.start.clock, self.newest) {
+        let missed = match (self.start.clock, self.received.newest) {
             (Clock::Realtime, Some((_, stamp))) => (clock::now_ns().saturating_sub(stamp) / PERIOD_NS) as i64 + NEAR,
             _ => 0,
         };
@@ -103,11 +104,11 @@ impl GateNode {
         let present = self.start.shared.present.load(Ordering::Acquire);
         let mut seen = Observation { overdue, ..Observation::default() };
         let mut requests = [None; CONTROLLERS];
-        let state = self.states.at(tick);
+        let state = self.received.states.at(tick);
         for slot in ControllerSlot::BOTH {
             let i = slot as usize;
             seen.present[i] = present & (1 << slot.process().code()) != 0;
-            let (Some(state), Some(request)) = (state, self.requests[i].at(tick)) else { continue };
+            let (Some(state), Some(request)) = (state, self.received.requests[i].at(tick)) else { continue };
             match self.gate.validate(request, state, self.start.schedule.operator().at(tick)) {
                 Ok(()) => {
                     seen.valid[i] = true;
@@ -116,9 +117,9 @@ impl GateNode {
                 Err(defect) => {
                     seen.rejected[i] = true;
                     // Validated again at every wake-up of this tick, reported once.
-                    if self.defects[i].is_none() {
-                        self.rejected += 1;
-                        self.defects[i] = Some(defect);
+                    if self.rejections.slots[i].is_none() {
+                        self.rejections.count += 1;
+                        self.rejections.slots[i] = Some(defect);
                     }
                 }
             }

@@ -43,7 +43,7 @@ impl GateNode {
     }
 
     fn run_loop(mut self: Box<Self>, arrival_wait: ArrivalWait, spare: Option<SpareGate>) -> Result<(), IpcError> {
-        if let Some(sched) = self.start.wish {
+        if let Some(sched) = self.start.sched {
             self.granted = realtime::apply_to_current_thread(sched);
             if self.granted.has(SchedGrants::FIFO) && self.granted.has(SchedGrants::PINNED) {
                 self.predictor = ArrivalPredictor::new(self.start.busy_poll_lead_us);
@@ -62,10 +62,10 @@ impl GateNode {
             wait(&[], FLAG_POLL_INTERVAL)?;
         }
         let mut account = TickAccount::new(FAULTS_EVERY);
-        self.operator.send(self.start.schedule.operator())?;
+        self.ports.operator.send(self.start.schedule.operator())?;
         self.start.shared.announced.store(self.start.schedule.operator().next.version, Ordering::Relaxed);
         let announced = self.announce(-1)?;
-        self.command.send(self.gate.last())?;
+        self.ports.command.send(self.gate.last())?;
         if let Some((version, from)) = announced {
             self.report_parameters(version, from)?;
         }
@@ -102,7 +102,7 @@ impl GateNode {
             if self.stopped() {
                 return Ok(());
             }
-            wait(&[&self.request], TIMEOUT)?;
+            wait(&[&self.ports.request], TIMEOUT)?;
             // Also under repeated wake-ups without a usable request.
             self.heartbeat(Phase::Waiting)?;
         }

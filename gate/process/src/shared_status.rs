@@ -186,7 +186,7 @@ pub struct SharedStatus {
     /// Somebody inputs the dead to be swept away: the main thread does that, which knows what has to be done before.
     pub cleanup_requested: AtomicBool,
     /// How often the recorder could not meet somebody.
-    pub recorder_unmet: AtomicU32,
+    pub recorder_failed_connections: AtomicU32,
     /// Re-armings so far.
     pub rearms: AtomicU64,
     /// Version of the parameters announced last.

@@ -28,7 +28,7 @@ pub(super) struct SpareGate {
 
 impl SpareGate {
     /// Starts the thread; `listener` listens to `doorbell`. To be called before the run begins, by a thread that is not real-time yet.
-    pub(super) fn start(doorbell: Doorbell, listener: Listener, wish: SchedRequest) -> Result<Self, IpcError> {
+    pub(super) fn start(doorbell: Doorbell, listener: Listener, sched: SchedRequest) -> Result<Self, IpcError> {
         let (cell, stop) = (Arc::new(HandOffCell::<GateNode>::default()), Arc::new(AtomicBool::new(false)));
         let theirs = (Arc::clone(&cell), Arc::clone(&stop));
         let thread = std::thread::Builder::new()
@@ -37,16 +37,16 @@ impl SpareGate {
             .spawn(move || {
                 let (cell, stop) = theirs;
                 // The gate reports the privileges, which are the same; without them this thread comes a little later.
-                let _ = realtime::apply_to_current_thread(wish);
+                let _ = realtime::apply_to_current_thread(sched);
                 let mut account = TickAccount::new(1);
                 while !stop.load(Ordering::Acquire) {
                     // An error ends this thread; the gate goes on alone.
                     if wait(&[&listener], Duration::MAX).is_err() {
                         break;
                     }
-                    if let Some(mut gateway) = cell.take() {
-                        gateway.spare_tick(&mut account);
-                        drop(cell.put(gateway));
+                    if let Some(mut node) = cell.take() {
+                        node.spare_tick(&mut account);
+                        drop(cell.put(node));
                     }
                 }
             })
@@ -62,8 +62,8 @@ impl SpareGate {
         loop {
             // In this order: a thread that ended well has put the gate back before.
             let over = self.thread.as_ref().is_none_or(JoinHandle::is_finished);
-            if let Some(gateway) = self.cell.take() {
-                return Ok(gateway);
+            if let Some(node) = self.cell.take() {
+                return Ok(node);
             }
             if over {
                 let cause = std::io::Error::other("its spare has panicked");

@@ -48,7 +48,7 @@ impl GateNode {
     fn pending(&self) -> PendingTick {
         PendingTick {
             tick: self.gate.tick(),
-            newest: self.newest,
+            newest: self.received.newest,
             deadline_ns: self.start.deadline.as_nanos() as u64,
             // Without a controller no answer comes, and the start of a controller needs the processor.
             predictor: self.predictor.filter(|_| self.any_controller()),
@@ -63,7 +63,8 @@ impl GateNode {
         self.receive_until_answered(tick)?;
         let now = clock::now_ns();
         let deadline = self.start.deadline.as_nanos() as u64;
-        let overdue = self.newest.is_some_and(|(newest, stamp)| newest > tick || (newest == tick && now >= stamp + deadline));
+        let overdue =
+            self.received.newest.is_some_and(|(newest, stamp)| newest > tick || (newest == tick && now >= stamp + deadline));
         let Some(command) = self.decide(overdue, WaitPolicy::Deadline) else { return Ok(false) };
         self.publish(&command, now, before, account)?;
         Ok(true)
@@ -91,7 +92,7 @@ impl GateNode {
             // The state is here, so its request is late: the standby has to answer.
             if pending.state_is_here() && self.called < pending.tick {
                 self.called = pending.tick;
-                self.command_sent.notify();
+                self.ports.command_sent.notify();
             }
         } else if now > due + TIMEOUT.as_nanos() as u64 {
             // The plant's timer is late, or the plant is gone. The watchdog knows which, and a successor needs the last
@@ -104,9 +105,9 @@ impl GateNode {
 
     /// Warms up the caches: a dry run of the next tick.
     fn warm_up(&mut self, tick: i64) {
-        self.command.warm_up(self.gate.last());
+        self.ports.command.warm_up(self.gate.last());
         let primary = self.gate.primary() as usize;
-        if let (Some(state), Some(request)) = (self.states.at(tick - 1), self.requests[primary].at(tick - 1)) {
+        if let (Some(state), Some(request)) = (self.received.states.at(tick - 1), self.received.requests[primary].at(tick - 1)) {
             self.gate.warm_up(request, state, self.start.schedule.operator().at(tick));
         }
     }

@@ -127,7 +127,7 @@ impl Plan {
     ///
     /// # Errors
     /// If a list has neither one nor three entries, or a priority is none.
-    pub fn wishes(&self) -> Result<[Option<SchedRequest>; PLACES], String> {
+    pub fn sched_requests(&self) -> Result<[Option<SchedRequest>; PLACES], String> {
         let cores = each("core", &self.core)?;
         let priorities = each("priority", &self.priority)?;
         if let Some(bad) = priorities.iter().find(|p| **p > 98) {
@@ -175,7 +175,7 @@ mod tests {
         let plan =
             plan("chain --kind futex --core 1 --priority 80 --start-ns 5 --period-ns 4000000 --count 9 --sizes 8,16,24").unwrap();
         assert_eq!(plan.sizes().unwrap(), [8, 16, 24]);
-        assert_eq!(plan.wishes().unwrap(), [Some(SchedRequest { priority: 80, core: Some(1) }); 3]);
+        assert_eq!(plan.sched_requests().unwrap(), [Some(SchedRequest { priority: 80, core: Some(1) }); 3]);
     }
 
     #[test]
@@ -185,9 +185,9 @@ mod tests {
         let first = plan(words).unwrap();
         let again = plan(&first.words().join(" ")).unwrap();
         assert_eq!(format!("{first:?}"), format!("{again:?}"));
-        let wishes = again.wishes().unwrap();
-        assert_eq!(wishes[1], Some(SchedRequest { priority: 76, core: None }));
-        assert_eq!(wishes[2], None);
+        let requests = again.sched_requests().unwrap();
+        assert_eq!(requests[1], Some(SchedRequest { priority: 76, core: None }));
+        assert_eq!(requests[2], None);
     }
 
     #[test]
@@ -197,8 +197,8 @@ mod tests {
         for bad in ["--sizes 7", "--period-ns 0", "--count 0", "--core first", "--priority -1"] {
             assert!(plan(&format!("chain --kind x --start-ns 5 {bad}")).is_err(), "{bad}");
         }
-        assert!(plan(&format!("{good} --priority 99")).unwrap().wishes().is_err());
-        assert!(plan(&format!("{good} --core 0,1")).unwrap().wishes().is_err());
+        assert!(plan(&format!("{good} --priority 99")).unwrap().sched_requests().is_err());
+        assert!(plan(&format!("{good} --core 0,1")).unwrap().sched_requests().is_err());
         assert!(plan(&format!("{good} --sizes 8,8")).unwrap().sizes().is_err());
     }
 }

@@ -10,7 +10,7 @@ use serde::Serialize;
 use std::fmt;
 
 /// A witness later than this tells of the host, ns.
-pub const WITNESS_LATE_NS: u64 = 200_000;
+pub const REFERENCE_LATE_NS: u64 = 200_000;
 /// A process that takes longer than this between waking up and publishing is to blame itself, ns.
 pub const TOOK_LONG_NS: u64 = 300_000;
 
@@ -82,7 +82,7 @@ pub struct Seen {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Evidence {
     /// The latest witness meanwhile, ns.
-    pub witness_late_ns: u64,
+    pub reference_late_ns: u64,
     /// Time stolen meanwhile, ms.
     pub stolen_ms: u64,
     /// Who took longest between waking up and publishing.
@@ -124,12 +124,12 @@ pub fn judge(tick: i64, missed: Missed, window: Span, stamps: &TickStamps, seen:
         .filter_map(|(process, stamps)| Some(Slowest { process, took_ns: stamps.took_ns()? }))
         .max_by_key(|slowest| slowest.took_ns);
     let evidence = Evidence {
-        witness_late_ns: met(&seen.late),
+        reference_late_ns: met(&seen.late),
         stolen_ms,
         slowest,
         plant_late_ns: stamps.plant.wake_ns.saturating_sub(stamps.plant.due_ns),
     };
-    let cause = if evidence.witness_late_ns > WITNESS_LATE_NS || stolen_ms > 0 {
+    let cause = if evidence.reference_late_ns > REFERENCE_LATE_NS || stolen_ms > 0 {
         Cause::Host
     } else if slowest.is_some_and(|slowest| slowest.took_ns > TOOK_LONG_NS) {
         Cause::Ours
@@ -147,8 +147,8 @@ impl fmt::Display for Verdict {
             Missed::TimebaseSlip { ticks: 1 } => write!(f, "slipped")?,
             Missed::TimebaseSlip { ticks } => write!(f, "slipped by {ticks}")?,
         }
-        let Evidence { witness_late_ns, stolen_ms, slowest, plant_late_ns } = self.evidence;
-        write!(f, ": {} (witness {} us late, {stolen_ms} ms stolen", self.cause.name(), witness_late_ns / 1000)?;
+        let Evidence { reference_late_ns, stolen_ms, slowest, plant_late_ns } = self.evidence;
+        write!(f, ": {} (witness {} us late, {stolen_ms} ms stolen", self.cause.name(), reference_late_ns / 1000)?;
         write!(f, ", plant's timer {} us late", plant_late_ns / 1000)?;
         match slowest {
             Some(Slowest { process, took_ns }) => write!(f, ", the {process} took {} us)", took_ns / 1000),

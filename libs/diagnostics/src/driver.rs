@@ -27,10 +27,10 @@ const WARM_EVERY: Duration = Duration::from_millis(1);
 /// [`LatencyError`] if the chain cannot be made, or nothing comes round.
 pub fn driver(kind: &dyn Kind, plan: &Plan, lead: &[&str], ready: impl FnOnce()) -> Result<Measured, LatencyError> {
     let name = kind.name();
-    let wishes = plan.wishes().map_err(LatencyError::Arguments)?;
+    let requests = plan.sched_requests().map_err(LatencyError::Arguments)?;
     let sizes = plan.sizes().map_err(LatencyError::Arguments)?;
     tie_to_parent(name)?;
-    if wishes[0].is_some() {
+    if requests[0].is_some() {
         realtime::lock_memory(Prefault::Used);
     }
     let shared = kind.prepare(&sizes).map_err(LatencyError::failed(name, "prepare the chain"))?;
@@ -41,20 +41,20 @@ pub fn driver(kind: &dyn Kind, plan: &Plan, lead: &[&str], ready: impl FnOnce())
     let descriptors: Vec<i32> = shared.iter().map(AsRawFd::as_raw_fd).collect();
     let chain = format!("hapfic-chain-{}-{}", std::process::id(), clock::now_ns() % 1_000_000_000);
     let mut relays = Vec::new();
-    for (place, wish) in wishes.iter().enumerate().skip(1) {
+    for (place, sched) in requests.iter().enumerate().skip(1) {
         let words = [
             ("--kind", name.to_owned()),
             ("--place", place.to_string()),
             ("--driver", std::process::id().to_string()),
             ("--chain", chain.clone()),
-            ("--core", wish.and_then(|w| w.core).map_or("any".to_owned(), |core| core.to_string())),
-            ("--priority", wish.map_or(0, |w| w.priority).to_string()),
+            ("--core", sched.and_then(|w| w.core).map_or("any".to_owned(), |core| core.to_string())),
+            ("--priority", sched.map_or(0, |w| w.priority).to_string()),
             ("--sizes", list(&sizes)),
             ("--shared", list(&descriptors)),
         ];
         relays.push(Relay::start(name, lead, &words)?);
     }
-    let granted = wishes[0].map(realtime::apply_to_current_thread).unwrap_or_default();
+    let granted = requests[0].map(realtime::apply_to_current_thread).unwrap_or_default();
     let mut link = kind.join(Seat { place: 0, sizes, chain, shared }).map_err(LatencyError::failed(name, "join the chain"))?;
     let mut all = vec![granted.0];
     for (i, relay) in relays.iter_mut().enumerate() {

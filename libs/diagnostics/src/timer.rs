@@ -16,12 +16,12 @@ const MOST: usize = 1_000_000;
 /// # Errors
 /// [`LatencyError`] if the plan makes no sense.
 pub fn timer(name: &str, plan: &Plan, ready: impl FnOnce()) -> Result<Measured, LatencyError> {
-    let [wish, ..] = plan.wishes().map_err(LatencyError::Arguments)?;
+    let [sched, ..] = plan.sched_requests().map_err(LatencyError::Arguments)?;
     tie_to_parent(name)?;
-    if wish.is_some() {
+    if sched.is_some() {
         realtime::lock_memory(Prefault::Used);
     }
-    let granted = wish.map(realtime::apply_to_current_thread).unwrap_or_default();
+    let granted = sched.map(realtime::apply_to_current_thread).unwrap_or_default();
     let room = if plan.above_ns > 0 { MOST.min(plan.count as usize) } else { plan.count as usize };
     // Every page of it is there before it counts.
     let mut samples = vec![Sample { due_ns: 1, ..Sample::default() }; room];

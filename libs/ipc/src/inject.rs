@@ -4,7 +4,7 @@ use crate::bus::{Input, Output, Wait};
 use crate::context::Context;
 use crate::error::IpcError;
 use crate::{clock, topic};
-use hapfic_messages::{Injection, MAX_JOINTS, Message, Process, Reference, Request, State, Tampering};
+use hapfic_messages::{Injection, MAX_JOINTS, Message, MessageFault, Process, Reference, Request, State};
 
 /// Most faults that wait for their tick.
 const WAITING: usize = 32;
@@ -98,7 +98,8 @@ impl<T: Corruptible + Message> Injector<T> {
     }
 
     fn take(&mut self, new: Injection) {
-        let ours = new.process == self.process.code() && new.number > self.taken && Tampering::from_code(new.tampering).is_some();
+        let ours =
+            new.process == self.process.code() && new.number > self.taken && MessageFault::from_code(new.message_fault).is_some();
         if !ours || new.ticks == 0 {
             return;
         }
@@ -110,13 +111,13 @@ impl<T: Corruptible + Message> Injector<T> {
     }
 
     /// Fault that is due at a tick, and its delay [us]. A fault that came too late starts now.
-    fn due(&mut self, tick: i64) -> Option<(Tampering, u32)> {
+    fn due(&mut self, tick: i64) -> Option<(MessageFault, u32)> {
         for place in &mut self.waiting {
             let Some(fault) = place else { continue };
             if tick < fault.tick {
                 continue;
             }
-            let found = Tampering::from_code(fault.tampering).map(|t| (t, fault.by_us));
+            let found = MessageFault::from_code(fault.message_fault).map(|t| (t, fault.by_us));
             fault.ticks -= 1;
             // At most one fault for each message.
             if fault.ticks == 0 {
@@ -137,12 +138,12 @@ impl<T: Corruptible + Message> Injector<T> {
         let mut corrupted = *message;
         match fault {
             None => {}
-            Some((Tampering::Slow, by_us)) => clock::sleep_until(clock::now_ns() + u64::from(by_us) * 1000),
-            Some((Tampering::Drop, _)) => return Ok(0),
-            Some((Tampering::Repeat, _)) => corrupted = last.unwrap_or(*message),
-            Some((Tampering::Corrupt, _)) => corrupted.corrupt(),
-            Some((Tampering::Nan, _)) => corrupted.nan(),
-            Some((Tampering::Stale, _)) => *corrupted.tick_mut() -= STALE,
+            Some((MessageFault::Slow, by_us)) => clock::sleep_until(clock::now_ns() + u64::from(by_us) * 1000),
+            Some((MessageFault::Drop, _)) => return Ok(0),
+            Some((MessageFault::Repeat, _)) => corrupted = last.unwrap_or(*message),
+            Some((MessageFault::Corrupt, _)) => corrupted.corrupt(),
+            Some((MessageFault::Nan, _)) => corrupted.nan(),
+            Some((MessageFault::Stale, _)) => *corrupted.tick_mut() -= STALE,
         }
         output.send(&corrupted)
     }

@@ -184,7 +184,7 @@ wire_enum! {
 
 wire_enum! {
     /// Fault that a process injects into its messages.
-    Tampering {
+    MessageFault {
         /// Sends late.
         Slow = 0, "slow";
         /// Does not send.

@@ -26,7 +26,9 @@ mod timing;
 mod wire_enum;
 
 pub use check::{Check, ValidationError};
-pub use codes::{Detector, Drive, EventKind, Mode, Phase, Process, ResetPolicy, Saturation, Search, Severity, Source, Tampering};
+pub use codes::{
+    Detector, Drive, EventKind, MessageFault, Mode, Phase, Process, ResetPolicy, Saturation, Search, Severity, Source,
+};
 pub use command::Command;
 pub use event::Event;
 pub use limits::{CONTROL_DEPTH, EVENT_TEXT, MAX_CONTACTS, MAX_JOINTS, MAX_OBJECTS, PERIOD_NS};

@@ -51,8 +51,8 @@ pub struct Injection {
     pub ticks: u32,
     /// Code of the [`Process`](crate::Process) that injects it.
     pub process: u32,
-    /// Code of [`Tampering`](crate::Tampering).
-    pub tampering: u32,
+    /// Code of [`MessageFault`](crate::MessageFault).
+    pub message_fault: u32,
     /// Delay of a slow process [us].
     pub by_us: u32,
 }

@@ -86,7 +86,7 @@ impl Simulation {
     /// A stack as the scenario starts it, with the dead time it has.
     ///
     /// # Errors
-    /// [`SimulationError::Plant`] if the robot description or the start posture is no good.
+    /// [`SimulationError::Plant`] if the robot description or the start posture is invalid.
     pub fn new(settings: &Settings) -> Result<Self, SimulationError> {
         Self::with_dead_time(settings, DeadTime::default())
     }

@@ -106,7 +106,7 @@ impl Drain {
                 + self.event.failed_connections()
                 + self.timing.failed_connections()
                 + self.credit.failed_connections();
-            self.shared.recorder_unmet.store(failed_connections, Ordering::Relaxed);
+            self.shared.recorder_failed_connections.store(failed_connections, Ordering::Relaxed);
             self.shared.listened();
             let empty = batch.is_empty();
             if !empty && self.sender.send(batch).is_err() {

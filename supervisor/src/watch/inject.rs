@@ -9,7 +9,7 @@ use anyhow::{Context, Result, bail};
 use hapfic_config::{Fault, FaultKind, FaultTarget};
 use hapfic_gate_process::shared_status::SharedStatus;
 use hapfic_ipc::{IpcError, Output};
-use hapfic_messages::{Injection, Process, Tampering};
+use hapfic_messages::{Injection, MessageFault, Process};
 use rustix::process::{Resource, Rlimit, Signal, prlimit};
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
@@ -51,14 +51,14 @@ pub struct Injections {
 }
 
 /// The corruption of messages that a fault means, if any.
-fn tampering(kind: FaultKind) -> Option<Tampering> {
+fn message_fault(kind: FaultKind) -> Option<MessageFault> {
     Some(match kind {
-        FaultKind::Slow => Tampering::Slow,
-        FaultKind::Drop => Tampering::Drop,
-        FaultKind::Repeat => Tampering::Repeat,
-        FaultKind::Corrupt => Tampering::Corrupt,
-        FaultKind::Nan => Tampering::Nan,
-        FaultKind::Stale => Tampering::Stale,
+        FaultKind::Slow => MessageFault::Slow,
+        FaultKind::Drop => MessageFault::Drop,
+        FaultKind::Repeat => MessageFault::Repeat,
+        FaultKind::Corrupt => MessageFault::Corrupt,
+        FaultKind::Nan => MessageFault::Nan,
+        FaultKind::Stale => MessageFault::Stale,
         _ => return None,
     })
 }
@@ -131,7 +131,7 @@ pub fn describe(fault: &Fault) -> String {
 impl Injections {
     /// Takes the faults of a scenario, and a channel for requested ones.
     pub fn new(faults: &[Fault], requests: Receiver<Fault>, output: Output<Injection>, log: &Path) -> Self {
-        let (message, system) = faults.iter().copied().partition(|f| tampering(f.kind).is_some());
+        let (message, system) = faults.iter().copied().partition(|f| message_fault(f.kind).is_some());
         Self {
             system,
             due: Vec::new(),
@@ -164,9 +164,9 @@ impl Injections {
         let mut done = Vec::new();
         self.resume_halted(slots);
         while let Ok(fault) = self.requests.try_recv() {
-            match tampering(fault.kind) {
-                Some(tampering) => {
-                    self.publish(&fault, tampering, gated + 1)?;
+            match message_fault(fault.kind) {
+                Some(message_fault) => {
+                    self.publish(&fault, message_fault, gated + 1)?;
                     self.coming.push(Fault { tick: gated + 1, ..fault });
                 }
                 None => self.due.push(fault),
@@ -174,8 +174,8 @@ impl Injections {
         }
         for _ in 0..PUBLISHED_AT_A_TIME {
             let Some(fault) = self.message.pop_front_if(|f| f.tick <= gated + AHEAD) else { break };
-            if let Some(tampering) = tampering(fault.kind) {
-                self.publish(&fault, tampering, fault.tick)?;
+            if let Some(message_fault) = message_fault(fault.kind) {
+                self.publish(&fault, message_fault, fault.tick)?;
                 self.coming.push(fault);
             }
         }
@@ -203,7 +203,7 @@ impl Injections {
         Ok(done)
     }
 
-    fn publish(&mut self, fault: &Fault, tampering: Tampering, tick: i64) -> Result<(), IpcError> {
+    fn publish(&mut self, fault: &Fault, message_fault: MessageFault, tick: i64) -> Result<(), IpcError> {
         for process in targets(fault.target) {
             self.number += 1;
             let injection = Injection {
@@ -211,7 +211,7 @@ impl Injections {
                 tick,
                 ticks: fault.ticks,
                 process: process.code(),
-                tampering: tampering.code(),
+                message_fault: message_fault.code(),
                 by_us: fault.by_us,
             };
             self.output.send(&injection)?;

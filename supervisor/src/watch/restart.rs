@@ -90,7 +90,7 @@ impl Watch<'_> {
             more |= failed_connections > std::mem::replace(&mut slot.failed_connections, failed_connections);
         }
         let own = self.shared.heartbeat(crate::recorder::GATE).failed_connections()
-            + self.shared.recorder_unmet.load(Ordering::Relaxed);
+            + self.shared.recorder_failed_connections.load(Ordering::Relaxed);
         more |= own > std::mem::replace(&mut self.failed_connections, own);
         if !more {
             return Ok(());

@@ -36,7 +36,7 @@ const REPORT_TIMEOUT: Duration = Duration::from_secs(30);
 
 /// Cores and priorities of plant, controller and gate, at the indices 0, 1 and 2.
 #[derive(Clone, Debug)]
-pub(super) struct Placing {
+pub(super) struct ThreadPlacement {
     pub(super) cores: [Option<u32>; 3],
     /// Core of the stack's gate.
     ///
@@ -46,7 +46,7 @@ pub(super) struct Placing {
     pub(super) priorities: [u32; 3],
 }
 
-impl Placing {
+impl ThreadPlacement {
     /// Takes the cores from the settings, and from the run where the settings assign none.
     pub(super) fn new(settings: &Settings, found: RunTiming) -> Self {
         let rt = &settings.realtime;
@@ -122,7 +122,7 @@ pub(super) struct ChainResults {
 }
 
 /// Plans all chains and timers: chain `i` of `n` sends in the ticks k with k modulo n = i.
-fn plans(kinds: &[ChainKind], placing: &Placing, start_ns: u64, seconds: u64) -> Vec<Plan> {
+fn plans(kinds: &[ChainKind], placement: &ThreadPlacement, start_ns: u64, seconds: u64) -> Vec<Plan> {
     let n = kinds.len() as u64;
     let plan = |kind: &str, start_ns: u64, period_ns: u64, cores: &[Option<u32>], priority: Vec<u32>, above_ns: u64| Plan {
         kind: kind.to_owned(),
@@ -134,31 +134,31 @@ fn plans(kinds: &[ChainKind], placing: &Placing, start_ns: u64, seconds: u64) ->
         sizes: [size_of::<State>(), size_of::<Request>(), size_of::<CommandMessage>()].map(|bytes| bytes as u32).to_vec(),
         above_ns,
     };
-    let priorities = placing.priorities.to_vec();
+    let priorities = placement.priorities.to_vec();
     let mut plans: Vec<_> = (0..n)
         .zip(kinds)
         .map(|(i, c)| {
-            plan(&c.kind, start_ns + i * PERIOD_NS + CHAIN_PHASE_NS, n * PERIOD_NS, &placing.cores, priorities.clone(), 0)
+            plan(&c.kind, start_ns + i * PERIOD_NS + CHAIN_PHASE_NS, n * PERIOD_NS, &placement.cores, priorities.clone(), 0)
         })
         .collect();
-    plans.push(plan(TIMER, start_ns + TIMER_PHASE_NS, PERIOD_NS, &placing.cores, priorities, 0));
+    plans.push(plan(TIMER, start_ns + TIMER_PHASE_NS, PERIOD_NS, &placement.cores, priorities, 0));
     // Above the plant's priority only the machine can delay the reference timer, not the stack.
-    let above = vec![(placing.priorities[0] + 1).min(98)];
+    let above = vec![(placement.priorities[0] + 1).min(98)];
     let reference = |core| {
         let phase_ns = start_ns + REFERENCE_PHASE_NS;
         let plan = plan(TIMER, phase_ns, REFERENCE_PERIOD_NS, &[core; 3], above.clone(), REFERENCE_ABOVE_NS);
         Plan { count: plan.count + REFERENCE_EXTRA_PERIODS, ..plan }
     };
-    plans.extend(placing.distinct_cores().into_iter().map(reference));
+    plans.extend(placement.distinct_cores().into_iter().map(reference));
     plans
 }
 
 impl Chains {
     /// Starts all chains and timers, to begin at `start_ns`. Only for the main thread: they end with their parent thread.
-    pub(super) fn start(kinds: &[ChainKind], placing: &Placing, start_ns: u64, seconds: u64) -> Result<Self> {
+    pub(super) fn start(kinds: &[ChainKind], placement: &ThreadPlacement, start_ns: u64, seconds: u64) -> Result<Self> {
         let (sender, lines) = channel();
         let mut chains = Self { drivers: Vec::new(), chains: kinds.len(), lines };
-        for (i, plan) in plans(kinds, placing, start_ns, seconds).iter().enumerate() {
+        for (i, plan) in plans(kinds, placement, start_ns, seconds).iter().enumerate() {
             let mut command = match kinds.get(i).and_then(|c| c.program.as_ref()) {
                 Some(program) => Command::new(program),
                 None => {
@@ -253,8 +253,8 @@ impl Drop for Chains {
     }
 }
 
-/// Lists the privileges that a chain missing_privileges.
-pub(super) fn missing_privileges(name: &str, measured: &Measured, placing: &Placing) -> Vec<String> {
+/// Lists the privileges that a chain lacks.
+pub(super) fn missing_privileges(name: &str, measured: &Measured, placement: &ThreadPlacement) -> Vec<String> {
     let mut list = Vec::new();
     for i in 0..measured.granted.len() {
         let granted = measured.granted(i);
@@ -265,11 +265,11 @@ pub(super) fn missing_privileges(name: &str, measured: &Measured, placing: &Plac
         if !granted.has(SchedGrants::LOCKED) {
             missing.push("memory not locked".to_owned());
         }
-        if let Some(core) = placing.cores.get(i).copied().flatten().filter(|_| !granted.has(SchedGrants::PINNED)) {
+        if let Some(core) = placement.cores.get(i).copied().flatten().filter(|_| !granted.has(SchedGrants::PINNED)) {
             missing.push(format!("NOT on core {core}"));
         }
         if !missing.is_empty() {
-            list.push(format!("{name}, placing {i}: {}", missing.join(", ")));
+            list.push(format!("{name}, process {i}: {}", missing.join(", ")));
         }
     }
     list
@@ -282,8 +282,8 @@ mod tests {
     #[test]
     fn plans_several_chains_share_all_ticks() {
         let kinds: Vec<_> = ["a", "b", "c"].map(|kind| ChainKind { program: None, kind: kind.to_owned() }).into_iter().collect();
-        let placing = Placing { cores: [Some(1), None, Some(1)], gate: Some(0), priorities: [80, 76, 78] };
-        let plans = plans(&kinds, &placing, 7_000_000_000, 3);
+        let placement = ThreadPlacement { cores: [Some(1), None, Some(1)], gate: Some(0), priorities: [80, 76, 78] };
+        let plans = plans(&kinds, &placement, 7_000_000_000, 3);
         let mut ticks: Vec<u64> = Vec::new();
         for plan in &plans[..3] {
             assert_eq!(plan.start_ns % PERIOD_NS, CHAIN_PHASE_NS);
@@ -295,13 +295,16 @@ mod tests {
         let until = |plan: &Plan| plan.start_ns + plan.count * plan.period_ns;
         assert!(plans[4..].iter().all(|timer| until(timer) > 10_000_000_000 + 50 * PERIOD_NS), "they outlast the measurement");
         assert_eq!((plans[4].core[0], plans[5].core[0]), (Core(Some(0)), Core(Some(1))), "a timer on each core of the stack");
-        assert!(plans[4].wishes().is_ok_and(|wishes| wishes[0].is_some_and(|w| w.priority == 81)));
+        assert!(plans[4].sched_requests().is_ok_and(|requests| requests[0].is_some_and(|w| w.priority == 81)));
     }
 
     #[test]
     fn missing_privileges_are_listed_by_place() {
-        let placing = Placing { cores: [Some(1); 3], gate: Some(1), priorities: [80, 76, 78] };
+        let placement = ThreadPlacement { cores: [Some(1); 3], gate: Some(1), priorities: [80, 76, 78] };
         let measured = Measured { kind: "x".to_owned(), hops: 3, count: 0, granted: vec![7, 3, 4], samples: Vec::new() };
-        assert_eq!(missing_privileges("x", &measured, &placing), ["x, placing 1: NOT on core 1", "x, placing 2: not FIFO, memory not locked"]);
+        assert_eq!(
+            missing_privileges("x", &measured, &placement),
+            ["x, process 1: NOT on core 1", "x, process 2: not FIFO, memory not locked"]
+        );
     }
 }

@@ -1,11 +1,11 @@
-//! `hapfic bench latency`: one run of the real stack, the chains beside it, and what to make of both.
+//! `hapfic bench latency`: a run of the real stack, interleaved with the chains of the comparison.
 
 use super::arguments::LatencyArgs;
-use super::chains::{Chains, Contender, Heard, Where, contenders, lacks};
+use super::chains::{ChainKind, ChainResults, Chains, ThreadPlacement, chain_kinds, missing_privileges};
 use super::load::Load;
 use super::output_paths::{Folder, check};
 use super::results::{About, Results, seen};
-use super::stack::{Found, Stack};
+use super::stack::{RunTiming, Stack};
 use super::steal::StealMonitor;
 use super::ticks::Ticks;
 use super::{figure, table};
@@ -19,15 +19,15 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-/// How long chains may take to get warm, s: those of this program, and others.
+/// Warm-up of the chains of this program, and of those of peers [s].
 const WARM_UP_S: [u64; 2] = [2, 6];
-/// How much longer the run is than warm-up and measurement, s: its own start, and what comes late.
+/// Excess of the run over warm-up and measurement: start of the run, and late results [s].
 const MARGIN_S: u64 = 3;
-/// How often stolen time is looked at.
+/// Interval at which the steal time is polled.
 const POLL_INTERVAL: Duration = Duration::from_millis(10);
 const NS_PER_S: u64 = 1_000_000_000;
 
-/// Measures, and prints what was found.
+/// Measures, and prints the results.
 pub(super) fn latency(args: &LatencyArgs) -> Result<Outcome> {
     let (settings, kinds) = match prepare(args) {
         Ok(prepared) => prepared,
@@ -52,8 +52,8 @@ pub(super) fn latency(args: &LatencyArgs) -> Result<Outcome> {
     Ok(if results.completed { Outcome::Done } else { Outcome::Failed })
 }
 
-/// Everything that can fail because of what was asked for.
-fn prepare(args: &LatencyArgs) -> Result<(Settings, Vec<Contender>)> {
+/// Checks the arguments, and loads the scenario and the kinds of chains.
+fn prepare(args: &LatencyArgs) -> Result<(Settings, Vec<ChainKind>)> {
     let mut overrides = args.set.clone();
     overrides.push(format!("duration_s={:?}", duration_s(args) as f64));
     let settings = Settings::load(&args.scenario, &overrides)?;
@@ -63,7 +63,7 @@ fn prepare(args: &LatencyArgs) -> Result<(Settings, Vec<Contender>)> {
     if let Some(path) = &args.plot {
         check("--plot", path, Some("png"))?;
     }
-    Ok((settings, contenders(&args.peers)?))
+    Ok((settings, chain_kinds(&args.peers)?))
 }
 
 fn warm_up_s(args: &LatencyArgs) -> u64 {
@@ -74,17 +74,17 @@ fn duration_s(args: &LatencyArgs) -> u64 {
     warm_up_s(args) + args.seconds + MARGIN_S
 }
 
-/// `None` if it was interrupted. Whatever was started ends with this, in the order of the declarations from the last to the first.
-fn measure(args: &LatencyArgs, settings: &Settings, kinds: &[Contender], stop: &AtomicBool) -> Result<Option<Results>> {
+/// Measures; `None` if interrupted. All started processes end with this function, in the reverse order of declaration.
+fn measure(args: &LatencyArgs, settings: &Settings, kinds: &[ChainKind], stop: &AtomicBool) -> Result<Option<Results>> {
     let folder = Folder::make()?;
     let longest = Duration::from_secs(2 * duration_s(args) + 60);
     let load = if args.load { Load::start(longest)? } else { Load::NONE };
     let mut stack = Stack::start(args, duration_s(args), &folder)?;
     let Some(found) = stack.find(stop)? else { return Ok(None) };
-    let place = Where::new(settings, found);
+    let placement = ThreadPlacement::new(settings, found);
     let span = span(found, clock::now_ns(), warm_up_s(args), args.seconds);
-    let mut watches: Vec<_> = place.polled().into_iter().map(StealMonitor::new).collect();
-    let mut chains = Chains::start(kinds, &place, span.from_ns, args.seconds)?;
+    let mut monitors: Vec<_> = placement.distinct_cores().into_iter().map(StealMonitor::new).collect();
+    let mut chains = Chains::start(kinds, &placement, span.from_ns, args.seconds)?;
     if chains.ready(span.from_ns, stop)? {
         return Ok(None);
     }
@@ -92,52 +92,56 @@ fn measure(args: &LatencyArgs, settings: &Settings, kinds: &[Contender], stop: &
         if stop.load(Ordering::Relaxed) {
             return Ok(None);
         }
-        watches.iter_mut().for_each(StealMonitor::look);
+        monitors.iter_mut().for_each(StealMonitor::poll);
         stack.ensure_running()?;
-        chains.hear(POLL_INTERVAL)?;
+        chains.receive(POLL_INTERVAL)?;
     }
-    watches.iter_mut().for_each(StealMonitor::look);
-    let Some(heard) = chains.finish(stop)? else { return Ok(None) };
+    monitors.iter_mut().for_each(StealMonitor::poll);
+    let Some(measured) = chains.finish(stop)? else { return Ok(None) };
     let Some(summary) = stack.finish(stop)? else { return Ok(None) };
     let busy = load.len();
-    // What is left is only reckoned.
+    // The evaluation needs no load.
     drop(load);
-    let mut not_granted = stack.lacks();
-    not_granted.extend(all_lacks(&heard, kinds, &place));
-    let stolen: Vec<_> = watches.into_iter().flat_map(|watch| watch.stolen).collect();
-    let stolen_ms = stolen.iter().map(|(_, ms)| ms).sum();
+    let mut not_granted = stack.missing_privileges();
+    not_granted.extend(all_missing_privileges(&measured, kinds, &placement));
+    let steals: Vec<_> = monitors.into_iter().flat_map(|monitor| monitor.steals).collect();
+    let stolen_ms = steals.iter().map(|(_, ms)| ms).sum();
     let ticks = Ticks::read(stack.log())?;
-    let figures = ticks.figures(span, &seen(&heard, stolen));
+    let figures = ticks.figures(span, &seen(&measured, steals));
     let names: Vec<_> = kinds.iter().map(|c| c.kind.clone()).collect();
-    let results = Results::new(about(args, &place, busy), span, figures, &heard, &names);
+    let results = Results::new(about(args, &placement, busy), span, figures, &measured, &names);
     let completed = summary["completed"].as_bool().unwrap_or(false);
     Ok(Some(Results { completed, stolen_ms, not_granted, ..results }))
 }
 
-/// The measurement: from when the plant's timer is due.
-fn span(found: Found, now_ns: u64, warm_up_s: u64, seconds: u64) -> Span {
+/// Time span of the measurement, which begins when the plant's timer is due.
+fn span(found: RunTiming, now_ns: u64, warm_up_s: u64, seconds: u64) -> Span {
     let earliest = now_ns + warm_up_s * NS_PER_S;
     let periods = earliest.saturating_sub(found.due_ns).div_ceil(PERIOD_NS);
     let from_ns = found.due_ns + periods * PERIOD_NS;
     Span { from_ns, to_ns: from_ns + seconds * NS_PER_S }
 }
 
-fn all_lacks(heard: &Heard, kinds: &[Contender], place: &Where) -> Vec<String> {
-    let chains = kinds.iter().map(|c| c.kind.as_str()).zip(&heard.chains);
-    let witnesses = heard.witnesses.iter().map(|witness| ("witness", witness));
-    chains.chain([("timer", &heard.timer)]).chain(witnesses).flat_map(|(name, measured)| lacks(name, measured, place)).collect()
+fn all_missing_privileges(results: &ChainResults, kinds: &[ChainKind], placement: &ThreadPlacement) -> Vec<String> {
+    let chains = kinds.iter().map(|c| c.kind.as_str()).zip(&results.chains);
+    let reference_timers = results.reference_timers.iter().map(|timer| ("reference timer", timer));
+    chains
+        .chain([("timer", &results.timer)])
+        .chain(reference_timers)
+        .flat_map(|(name, measured)| missing_privileges(name, measured, placement))
+        .collect()
 }
 
-fn about(args: &LatencyArgs, place: &Where, load: usize) -> About {
+fn about(args: &LatencyArgs, placement: &ThreadPlacement, load: usize) -> About {
     let name = |file: &str| std::fs::read_to_string(format!("/proc/sys/kernel/{file}")).unwrap_or_default();
     About {
         scenario: args.scenario.clone(),
         seconds: args.seconds,
         kernel: format!("{} {}", name("ostype").trim(), name("osrelease").trim()),
         cores: rustix::thread::sched_getaffinity(None).map_or(0, |set| set.count() as usize),
-        on_cores: [place.cores[0], place.cores[1], place.gate],
-        chains_on_cores: place.cores,
-        priorities: place.priorities,
+        on_cores: [placement.cores[0], placement.cores[1], placement.gate],
+        chains_on_cores: placement.cores,
+        priorities: placement.priorities,
         load,
         message_bytes: [size_of::<State>(), size_of::<Request>(), size_of::<Command>()],
         unix_s: clock::unix_ns() / NS_PER_S,
@@ -149,8 +153,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_measurement_begins_when_the_plant_is_due() {
-        let found = Found { due_ns: 5_000_123, core: None, gate_core: None };
+    fn span_begins_when_plant_timer_is_due() {
+        let found = RunTiming { due_ns: 5_000_123, core: None, gate_core: None };
         let span = span(found, 7_654_321, 2, 3);
         assert_eq!((span.from_ns - found.due_ns) % PERIOD_NS, 0);
         assert!(span.from_ns >= 2_007_654_321 && span.from_ns < 2_008_654_321);

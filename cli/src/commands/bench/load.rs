@@ -1,4 +1,4 @@
-//! Something in everybody's way on every core: a loaded machine.
+//! Load of the machine: a busy process on every core.
 
 use anyhow::{Context, Result};
 use hapfic_supervisor::children::this_program;
@@ -14,26 +14,26 @@ impl Load {
     /// No load.
     pub(super) const NONE: Self = Self(Vec::new());
 
-    /// Starts them, for at most so long. To be called on the main thread: they end with the thread that starts them.
+    /// Starts the processes, for `at_most`. Only for the main thread: they end with their parent thread.
     pub(super) fn start(at_most: Duration) -> Result<Self> {
-        let set = rustix::thread::sched_getaffinity(None).context("cannot tell the cores")?;
+        let set = rustix::thread::sched_getaffinity(None).context("cannot read the usable cores")?;
         let mut load = Self::NONE;
         for core in (0..rustix::thread::CpuSet::MAX_CPU).filter(|core| set.is_set(*core)) {
             let own = std::process::id().to_string();
             let child = this_program()?
-                .args(["nuisance", &own, "hog", &at_most.as_millis().to_string()])
+                .args(["stressor", &own, "hog", &at_most.as_millis().to_string()])
                 .stdin(Stdio::null())
                 .stdout(Stdio::null())
                 .spawn()
-                .context("cannot start a load")?;
+                .context("cannot start a busy process")?;
             let pid = Pid::from_child(&child);
             load.0.push(child);
-            hapfic_ipc::realtime::pin(Some(pid), core).with_context(|| format!("cannot keep a load on core {core}"))?;
+            hapfic_ipc::realtime::pin(Some(pid), core).with_context(|| format!("cannot pin a busy process to core {core}"))?;
         }
         Ok(load)
     }
 
-    /// How many there are.
+    /// Number of busy processes.
     pub(super) fn len(&self) -> usize {
         self.0.len()
     }
@@ -42,7 +42,7 @@ impl Load {
 impl Drop for Load {
     fn drop(&mut self) {
         for child in &mut self.0 {
-            // It may have ended already.
+            // Fails only if it has ended already.
             let _ = child.kill();
             let _ = child.wait();
         }

@@ -1,11 +1,11 @@
-//! The files of a measurement: a folder while it lasts, and where the results go.
+//! The files of a measurement: its temporary folder, and the paths of the results.
 
 use anyhow::{Context, Result, ensure};
 use std::fs::DirBuilder;
 use std::os::unix::fs::DirBuilderExt;
 use std::path::{Path, PathBuf};
 
-/// A folder of this process's own; removed with everything in it when dropped.
+/// Temporary folder of this process; dropping it removes everything in it.
 #[derive(Debug)]
 pub(super) struct Folder(PathBuf);
 
@@ -27,12 +27,12 @@ impl Folder {
 
 impl Drop for Folder {
     fn drop(&mut self) {
-        // What cannot be removed is in the system's folder for such things.
+        // Remains lie in the system's temporary folder.
         let _ = std::fs::remove_dir_all(&self.0);
     }
 }
 
-/// Checks that a result can be written: before a measurement that may take hours, and not after it.
+/// Checks that a result can be written, before a measurement that may take hours.
 pub(super) fn check(option: &str, path: &Path, ending: Option<&str>) -> Result<()> {
     if let Some(ending) = ending {
         let found = path.extension().and_then(|e| e.to_str()).unwrap_or("none");
@@ -52,7 +52,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_folder_goes_with_what_is_in_it() {
+    fn folder_drop_removes_files() {
         let folder = Folder::make().unwrap();
         let file = folder.file("x");
         std::fs::write(&file, "x").unwrap();
@@ -61,14 +61,14 @@ mod tests {
     }
 
     #[test]
-    fn results_that_cannot_be_written_are_refused_beforehand() {
+    fn check_unwritable_path_is_rejected() {
         let folder = Folder::make().unwrap();
         assert!(check("--plot", &folder.file("a.png"), Some("png")).is_ok());
-        for (bad, says) in
+        for (bad, message) in
             [(folder.file("a.svg"), "found the ending 'svg', expected 'png'"), (folder.file("none/a.png"), "found no folder")]
         {
             let error = check("--plot", &bad, Some("png")).unwrap_err().to_string();
-            assert!(error.contains(says), "{error}");
+            assert!(error.contains(message), "{error}");
         }
         assert!(check("--json", &folder.0, None).is_err());
     }

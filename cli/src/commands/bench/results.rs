@@ -1,6 +1,6 @@
 //! What came of a measurement: for people and, with the same content, for programs.
 
-use super::chains::Heard;
+use super::chains::ChainResults;
 use super::ticks::Figures;
 use hapfic_diagnostics::cause::{Cause, Seen, Span, Verdict};
 use hapfic_diagnostics::hops::PartQuantiles;
@@ -96,22 +96,23 @@ pub(super) struct Results {
 }
 
 /// What the witnesses saw.
-pub(super) fn seen(heard: &Heard, stolen: Vec<(Span, u64)>) -> Seen {
+pub(super) fn seen(measured_chains: &ChainResults, stolen: Vec<(Span, u64)>) -> Seen {
     let late = |measured: &Measured| -> Vec<Span> {
         measured.samples.iter().map(|s| Span { from_ns: s.due_ns, to_ns: s.wake_ns }).collect()
     };
-    let mut all: Vec<_> = heard.witnesses.iter().flat_map(late).collect();
-    all.extend(late(&heard.timer));
+    let mut all: Vec<_> = measured_chains.reference_timers.iter().flat_map(late).collect();
+    all.extend(late(&measured_chains.timer));
     all.sort_unstable_by_key(|span| span.from_ns);
     // What is on time is of no use, and there is much of it.
-    all.retain(|span| span.to_ns - span.from_ns > hapfic_diagnostics::cause::WITNESS_LATE_NS / 4);
+    all.retain(|span| span.to_ns - span.from_ns > hapfic_diagnostics::cause::REFERENCE_LATE_NS / 4);
     Seen { late: all, stolen }
 }
 
 impl Results {
     /// Puts it all together; `span` is the time of the measurement.
-    pub(super) fn new(about: About, span: Span, figures: Figures, heard: &Heard, names: &[String]) -> Self {
-        let chains: Vec<_> = heard.chains.iter().zip(names).map(|(measured, name)| chain(measured, name, span)).collect();
+    pub(super) fn new(about: About, span: Span, figures: Figures, measured_chains: &ChainResults, names: &[String]) -> Self {
+        let chains: Vec<_> =
+            measured_chains.chains.iter().zip(names).map(|(measured, name)| chain(measured, name, span)).collect();
         let stack = figures.hops.chain.clone();
         let against = |chain: &Chain| Against {
             name: chain.name.clone(),
@@ -119,7 +120,7 @@ impl Results {
             p999: Ratio::of(0.999, &stack, &chain.round),
         };
         let mut timer = Distribution::default();
-        heard
+        measured_chains
             .timer
             .samples
             .iter()
@@ -185,7 +186,7 @@ pub(super) mod tests {
     use hapfic_diagnostics::hops::{Stamps, TickStamps};
 
     /// A thousand ticks of 60 us beside a chain of 50 us, of which one was not answered and one not sent, and one tick missed.
-    pub(in super::super) fn made_up() -> Results {
+    pub(in super::super) fn sample_results() -> Results {
         let span = Span { from_ns: 1_000_000_000, to_ns: 2_000_000_000 };
         let mut figures = Figures { ticks: 1000, ..Figures::default() };
         let mut samples = Vec::new();
@@ -217,9 +218,9 @@ pub(super) mod tests {
             samples: vec![Sample { due_ns: span.from_ns, wake_ns: span.from_ns + late_ns, ..Sample::default() }],
         };
         let futex = Measured { kind: "futex".to_owned(), hops: 3, count: 1000, granted: vec![7; 3], samples };
-        let heard = Heard { chains: vec![futex], timer: timer(4_000), witnesses: vec![timer(900_000)] };
+        let measured_chains = ChainResults { chains: vec![futex], timer: timer(4_000), reference_timers: vec![timer(900_000)] };
         let window = Span { from_ns: span.from_ns + 500_000, to_ns: span.from_ns + 1_500_000 };
-        figures.missed.push(judge(0, Missed::Unanswered, window, &TickStamps::default(), &seen(&heard, Vec::new())));
+        figures.missed.push(judge(0, Missed::Unanswered, window, &TickStamps::default(), &seen(&measured_chains, Vec::new())));
         let about = About {
             scenario: "floor".to_owned(),
             seconds: 1,
@@ -232,12 +233,12 @@ pub(super) mod tests {
             message_bytes: [8, 16, 24],
             unix_s: 0,
         };
-        Results::new(about, span, figures, &heard, &["futex".to_owned()])
+        Results::new(about, span, figures, &measured_chains, &["futex".to_owned()])
     }
 
     #[test]
-    fn the_stack_is_compared_with_what_ran_beside_it() {
-        let results = made_up();
+    fn ratios_divide_stack_by_chains() {
+        let results = sample_results();
         let ratio = results.ratios[0].p50.map_or(0.0, |r| r.whole);
         assert!((ratio - 1.2).abs() < 0.01, "{ratio}");
         let chain = &results.chains[0];

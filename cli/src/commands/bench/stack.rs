@@ -1,4 +1,4 @@
-//! The real stack, as a run of its own.
+//! The measured stack: a run of its own.
 
 use super::arguments::LatencyArgs;
 use super::output_paths::Folder;
@@ -15,38 +15,41 @@ use std::process::{Child, ExitStatus, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// How long a run may take to do its first tick, and to end after its last.
-const START: Duration = Duration::from_secs(20);
-const END: Duration = Duration::from_secs(30);
-/// How often it is looked at.
+/// Time a run may take to its first tick, and to its end after the last.
+const START_TIMEOUT: Duration = Duration::from_secs(20);
+const END_TIMEOUT: Duration = Duration::from_secs(30);
+/// Time a run may take to end after an interrupt.
+const INTERRUPT_TIMEOUT: Duration = Duration::from_secs(5);
+/// Interval at which the run is polled.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
-/// States from which the phase is taken.
+/// States from which the phase is estimated.
 const STATES: usize = 20;
+
 /// A run; ended when dropped.
 #[derive(Debug)]
 pub(super) struct Stack {
     child: Child,
     log: PathBuf,
     summary: PathBuf,
-    said: PathBuf,
+    stderr: PathBuf,
 }
 
-/// Where and when a run works.
+/// Phase and cores of a run.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Found {
-    /// Some time at which the plant's timer was due, ns of `CLOCK_MONOTONIC`.
+pub(super) struct RunTiming {
+    /// A due time of the plant's timer, `CLOCK_MONOTONIC` [ns].
     pub(super) due_ns: u64,
-    /// Core of the threads that the settings give none.
+    /// Core of the threads to which the settings assign none.
     pub(super) core: Option<u32>,
     /// Core of the gate.
     pub(super) gate_core: Option<u32>,
 }
 
 impl Stack {
-    /// Starts a run of so many seconds.
+    /// Starts a run of `duration_s` [s].
     pub(super) fn start(args: &LatencyArgs, duration_s: u64, folder: &Folder) -> Result<Self> {
-        let (log, summary, said) = (folder.file("run.mcap"), folder.file("run.json"), folder.file("said.txt"));
-        let output = std::fs::File::create(&said).with_context(|| format!("cannot write {}", said.display()))?;
+        let (log, summary, stderr) = (folder.file("run.mcap"), folder.file("run.json"), folder.file("stderr.txt"));
+        let output = std::fs::File::create(&stderr).with_context(|| format!("cannot write {}", stderr.display()))?;
         let mut command = this_program()?;
         command.args(["bench-run", &std::process::id().to_string(), &args.scenario]);
         command.args(["--duration", &duration_s.to_string()]);
@@ -55,16 +58,16 @@ impl Stack {
             command.args(["--set", set]);
         }
         let child = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(output).spawn().context("cannot start the run")?;
-        Ok(Self { child, log, summary, said })
+        Ok(Self { child, log, summary, stderr })
     }
 
-    /// Its log.
+    /// Path of the log.
     pub(super) fn log(&self) -> &Path {
         &self.log
     }
 
-    /// Waits until it ticks, and learns when. `None` if `stop` was set meanwhile.
-    pub(super) fn find(&mut self, stop: &AtomicBool) -> Result<Option<Found>> {
+    /// Waits until the run ticks, and reads its phase and cores; `None` if `stop` was set meanwhile.
+    pub(super) fn find(&mut self, stop: &AtomicBool) -> Result<Option<RunTiming>> {
         let begun = Instant::now();
         let mut connection: Option<(Registration, Connection)> = None;
         loop {
@@ -72,46 +75,52 @@ impl Stack {
                 return Ok(None);
             }
             self.ensure_running()?;
-            ensure!(begun.elapsed() < START, "the run has done no tick in {} s{}", START.as_secs(), self.said());
+            ensure!(
+                begun.elapsed() < START_TIMEOUT,
+                "the run has done no tick in {} s{}",
+                START_TIMEOUT.as_secs(),
+                self.output()
+            );
             if connection.is_none() {
                 let found = registry::running()?.into_iter().find(|run| run.pid == self.child.id());
-                // It can be asked a little after it has registered.
+                // The run accepts connections shortly after it has registered.
                 connection = found.and_then(|run| Connection::open(&run).ok().map(|connection| (run, connection)));
             }
             if let Some((run, connection)) = &connection
                 && tick(connection)?.is_some_and(|tick| tick > 0)
             {
-                return look(run).map(Some);
+                return read_timing(run).map(Some);
             }
             std::thread::sleep(POLL_INTERVAL);
         }
     }
 
-    /// That it has not ended.
+    /// Fails if the run has ended.
     pub(super) fn ensure_running(&mut self) -> Result<()> {
         match self.child.try_wait().context("cannot wait for the run")? {
             Some(status) => {
                 bail!(
                     "the run has ended before the measurement: {}{}",
                     hapfic_supervisor::children::describe(status),
-                    self.said()
+                    self.output()
                 )
             }
             None => Ok(()),
         }
     }
 
-    /// Waits for its end; what it sums up.
+    /// Waits for the end of the run, and returns its summary; `None` if `stop` was set meanwhile.
     pub(super) fn finish(&mut self, stop: &AtomicBool) -> Result<Option<serde_json::Value>> {
         let begun = Instant::now();
         while self.ended()?.is_none() {
             if stop.load(Ordering::Relaxed) {
                 return Ok(None);
             }
-            ensure!(begun.elapsed() < END, "the run does not end{}", self.said());
+            ensure!(begun.elapsed() < END_TIMEOUT, "the run does not end{}", self.output());
             std::thread::sleep(POLL_INTERVAL);
         }
-        let text = std::fs::read_to_string(&self.summary).with_context(|| format!("the run wrote no summary{}", self.said()))?;
+        let text =
+            std::fs::read_to_string(&self.summary).with_context(|| format!("the run wrote no summary{}", self.output()))?;
         Ok(Some(serde_json::from_str(&text).context("the run's summary cannot be read")?))
     }
 
@@ -119,28 +128,28 @@ impl Stack {
         self.child.try_wait().context("cannot wait for the run")
     }
 
-    /// Privileges that it lacks, as its own table says.
-    pub(super) fn lacks(&self) -> Vec<String> {
-        let text = std::fs::read_to_string(&self.said).unwrap_or_default();
-        let lacking = |line: &&str| ["not FIFO", "memory not locked", "NOT on core"].iter().any(|what| line.contains(what));
-        text.lines().filter(lacking).map(|line| format!("stack's {}", words(line))).collect()
+    /// Lists the privileges that the run lacks, from its own table.
+    pub(super) fn missing_privileges(&self) -> Vec<String> {
+        let text = std::fs::read_to_string(&self.stderr).unwrap_or_default();
+        let missing = |line: &&str| ["not FIFO", "memory not locked", "NOT on core"].iter().any(|what| line.contains(what));
+        text.lines().filter(missing).map(|line| format!("stack's {}", words(line))).collect()
     }
 
-    fn said(&self) -> String {
-        let text = std::fs::read_to_string(&self.said).unwrap_or_default();
-        if text.trim().is_empty() { String::new() } else { format!("; it said:\n{}", text.trim_end()) }
+    fn output(&self) -> String {
+        let text = std::fs::read_to_string(&self.stderr).unwrap_or_default();
+        if text.trim().is_empty() { String::new() } else { format!("; its output:\n{}", text.trim_end()) }
     }
 }
 
 impl Drop for Stack {
     fn drop(&mut self) {
-        // As Ctrl-C would: it ends its processes and removes what is its own.
+        // Like Ctrl-C: the run ends its processes and removes its files.
         if matches!(self.ended(), Ok(None)) {
             let _ = kill_process(Pid::from_child(&self.child), Signal::INT);
         }
         let begun = Instant::now();
         while matches!(self.ended(), Ok(None)) {
-            if begun.elapsed() > Duration::from_secs(5) {
+            if begun.elapsed() > INTERRUPT_TIMEOUT {
                 let _ = self.child.kill();
                 let _ = self.child.wait();
                 return;
@@ -154,7 +163,7 @@ fn words(line: &str) -> String {
     line.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-/// The run's last tick; none if it does not answer yet.
+/// Last tick of the run; `None` if it does not reply yet.
 fn tick(connection: &Connection) -> Result<Option<i64>> {
     let Some(reply) = connection.ask(OperatorKind::Status, "")? else { return Ok(None) };
     match reply.parts()? {
@@ -163,12 +172,12 @@ fn tick(connection: &Connection) -> Result<Option<i64>> {
     }
 }
 
-/// Listens to some states of a run that has made its topics, and to no more.
-fn look(run: &Registration) -> Result<Found> {
+/// Reads cores and phase of a run, the phase from some states; the run has already created its topics.
+fn read_timing(run: &Registration) -> Result<RunTiming> {
     let domain = run.domain()?;
     let root = format!("/dev/shm/{}", run.run);
     let RunFile { core, gate_core, .. } = RunFile::read(&Path::new(&root).join("run.json"))?;
-    let listen = || -> Result<Option<u64>, IpcError> {
+    let read_phase = || -> Result<Option<u64>, IpcError> {
         let bus = Bus::open(&domain, "bench")?;
         let mut input = bus.input(&topic::STATE, Wait::No)?;
         let (mut list, begun) = (Vec::new(), Instant::now());
@@ -180,14 +189,14 @@ fn look(run: &Registration) -> Result<Found> {
         }
         Ok(earliest(&list))
     };
-    let due_ns = registry::while_alive(&run.run, listen)?.context("the run has ended before the measurement")??;
-    Ok(Found { due_ns: due_ns.context("the run publishes no states")?, core, gate_core })
+    let due_ns = registry::while_alive(&run.run, read_phase)?.context("the run has ended before the measurement")??;
+    Ok(RunTiming { due_ns: due_ns.context("the run publishes no states")?, core, gate_core })
 }
 
-/// The due time that was stamped soonest: stamps come a little after the timer, never before it.
+/// Estimates a due time from the stamp with the earliest phase: stamps follow the timer, never precede it.
 fn earliest(stamps: &[u64]) -> Option<u64> {
     let newest = *stamps.iter().max()?;
-    // From the newest one down, over the period's end.
+    // Phases relative to the newest stamp, across the end of the period.
     let after = stamps.iter().map(|stamp| (3 * PERIOD_NS / 2 + stamp % PERIOD_NS - newest % PERIOD_NS) % PERIOD_NS).min()?;
     Some((newest + after).saturating_sub(PERIOD_NS / 2))
 }
@@ -197,7 +206,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_phase_is_that_of_the_soonest_stamp() {
+    fn earliest_takes_phase_of_soonest_stamp() {
         for base in [5_000_000, 5_400_000, 5_999_990, 5_000_010] {
             let stamps = [base + 30, base + 1_000_004, base + 2_000_120, base + 7_000_009];
             assert_eq!(earliest(&stamps), Some(base + 7_000_004), "{base}");

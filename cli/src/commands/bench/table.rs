@@ -110,12 +110,12 @@ fn row(out: &mut String, name: &str, q: &ChainQuantiles) -> fmt::Result {
 
 #[cfg(test)]
 mod tests {
-    use super::super::results::tests::made_up;
+    use super::super::results::tests::sample_results;
     use super::*;
 
     #[test]
     fn the_table_says_what_was_found() {
-        let mut results = made_up();
+        let mut results = sample_results();
         results.not_granted.push("futex, place 1: not FIFO".to_owned());
         let text = text(&results);
         for line in [

@@ -52,10 +52,10 @@ impl When {
 /// The rules, most effective change first: what it takes to run at all, permissions, the clock, the host, the kernel, the processor's
 /// sleep and speed, its other users, memory.
 ///
-/// A subject at one of the levels, and one of the moments: the change is named. Untold checks count only where the measurement
+/// A subject at one of the levels, and one of the moments: the change is named. Unknown checks count only where the measurement
 /// can speak for itself.
 const RULES: [(Subject, &[Level], &[When]); 20] = {
-    use Level::{Bad, Fair, Untold};
+    use Level::{Bad, Fair, Unknown};
     use When::{Always, Faults, Sluggish, Stolen, Tail};
     [
         (Subject::Kernel, &[Bad], &[Always]),
@@ -67,7 +67,7 @@ const RULES: [(Subject, &[Level], &[When]); 20] = {
         (Subject::Resolution, &[Bad], &[Always]),
         (Subject::Clock, &[Bad], &[Always]),
         (Subject::Hypervisor, &[Fair], &[Stolen]),
-        (Subject::Preemption, &[Bad, Fair, Untold], &[Tail]),
+        (Subject::Preemption, &[Bad, Fair, Unknown], &[Tail]),
         (Subject::CpuLatencyGuard, &[Fair], &[Sluggish, Tail]),
         (Subject::IdleStates, &[Bad, Fair], &[Sluggish, Tail]),
         (Subject::Quota, &[Bad], &[Always]),
@@ -135,7 +135,7 @@ mod tests {
             Measurement { steal_ms: Some(40), ..late_measurement() },
         ];
         for (subject, levels, when) in RULES {
-            for level in [Level::Good, Level::Fair, Level::Bad, Level::Untold] {
+            for level in [Level::Good, Level::Fair, Level::Bad, Level::Unknown] {
                 for m in &measurements {
                     let checks = with(&all_at(Level::Good), subject, level);
                     let expected = levels.contains(&level) && when.iter().any(|when| when.holds(m));

@@ -13,7 +13,7 @@ pub enum Level {
     /// It does cost something.
     Bad,
     /// This kernel does not text.
-    Untold,
+    Unknown,
 }
 
 impl Level {
@@ -24,7 +24,7 @@ impl Level {
             Self::Good => "good",
             Self::Fair => "fair",
             Self::Bad => "BAD",
-            Self::Untold => "unknown",
+            Self::Unknown => "unknown",
         }
     }
 }
@@ -133,7 +133,7 @@ impl MachineCheck {
 
     /// This kernel does not text.
     pub(super) fn unknown(subject: Subject, wanted: &'static str) -> Self {
-        Self { subject, level: Level::Untold, found: "not told by this kernel".to_owned(), wanted, how: None }
+        Self { subject, level: Level::Unknown, found: "not told by this kernel".to_owned(), wanted, how: None }
     }
 
     /// At a level, with what would help if that is not `Good`.
@@ -163,7 +163,7 @@ impl MachineChecks {
     /// How good it is; unknown where there is no such check.
     #[must_use]
     pub fn level(&self, subject: Subject) -> Level {
-        self.get(subject).map_or(Level::Untold, |check| check.level)
+        self.get(subject).map_or(Level::Unknown, |check| check.level)
     }
 }
 

@@ -17,7 +17,7 @@ pub(super) fn version(root: &SysfsRoot) -> MachineCheck {
             MachineCheck::at(level, Subject::Kernel, format!("Linux {release}"), WANTED, "install a newer kernel")
         }
         _ => MachineCheck::at(
-            Level::Untold,
+            Level::Unknown,
             Subject::Kernel,
             format!("a version that cannot be read: {release}"),
             WANTED,
@@ -58,7 +58,7 @@ pub(super) fn preemption(root: &SysfsRoot) -> MachineCheck {
         None => MachineCheck::unknown(Subject::Preemption, WANTED),
         Some(_) if has("PREEMPT_DYNAMIC") => {
             let how = format!("{FULL}; that file says which one it is, once debugfs is mounted");
-            MachineCheck { level: Level::Untold, ..check(Level::Fair, "chosen at boot (PREEMPT_DYNAMIC), not told which", &how) }
+            MachineCheck { level: Level::Unknown, ..check(Level::Fair, "chosen at boot (PREEMPT_DYNAMIC), not told which", &how) }
         }
         Some(_) if has("PREEMPT") => check(Level::Good, "full (PREEMPT)", ""),
         Some(_) => check(Level::Bad, "voluntary or none", REALTIME),

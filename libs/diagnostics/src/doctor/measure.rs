@@ -70,7 +70,7 @@ pub fn measure(seconds: u32, priority: u32, core: Option<usize>, other: Option<u
     let root = SysfsRoot::default();
     let counted = || (core.and_then(|core| steal_ms(&root, core)), core.and_then(|core| interrupts(&root, core)));
     let below = |less: u32| priority.saturating_sub(less).max(1) as i32;
-    let wish = |less, core| SchedRequest { priority: below(less), core };
+    let sched = |less, core| SchedRequest { priority: below(less), core };
     let (near, far) = (Line::default(), Line::default());
     let (near, far) = (&near, &far);
     let start = clock::now_ns() + 10 * PERIOD_NS;
@@ -79,18 +79,18 @@ pub fn measure(seconds: u32, priority: u32, core: Option<usize>, other: Option<u
     std::thread::scope(|scope| {
         let spawn = |name: &str| Builder::new().name(name.to_owned());
         let started = || -> Result<_> {
-            spawn("doctor-near").spawn_scoped(scope, move || near.answer(wish(2, core)))?;
+            spawn("doctor-near").spawn_scoped(scope, move || near.answer(sched(2, core)))?;
             let mut turns = vec![Turn { line: near, phase_ns: SAME_CORE_NS }];
             if let Some(other) = other {
-                spawn("doctor-far").spawn_scoped(scope, move || far.answer(wish(2, Some(other))))?;
+                spawn("doctor-far").spawn_scoped(scope, move || far.answer(sched(2, Some(other))))?;
                 turns.push(Turn { line: far, phase_ns: OTHER_CORE_NS });
             }
             let pings = spawn("doctor-wakeup").spawn_scoped(scope, move || {
-                let _ = apply_to_current_thread(wish(1, core));
+                let _ = apply_to_current_thread(sched(1, core));
                 let _ = ask_all(&turns, start, from)?;
                 ask_all(&turns, from, to)
             })?;
-            let timer = spawn("doctor-timer").spawn_scoped(scope, move || timer(wish(0, core), start, from, to))?;
+            let timer = spawn("doctor-timer").spawn_scoped(scope, move || timer(sched(0, core), start, from, to))?;
             Ok((pings, timer))
         };
         let done = started().context("cannot start a thread").and_then(|(pings, timer)| {
@@ -133,10 +133,10 @@ fn join<T>(thread: ScopedJoinHandle<'_, Result<T>>) -> Result<T> {
 }
 
 /// Waits for an absolute timer as the plant does, and counts how late it comes.
-fn timer(wish: SchedRequest, start: u64, from: u64, to: u64) -> Result<(SchedGrants, Tally, u64)> {
+fn timer(sched: SchedRequest, start: u64, from: u64, to: u64) -> Result<(SchedGrants, Tally, u64)> {
     let mut tally = Tally::default();
     let mut warming = Tally::default();
-    let granted = apply_to_current_thread(wish);
+    let granted = apply_to_current_thread(sched);
     let mut faults = page_faults();
     let mut due = start;
     while due < to {

@@ -172,7 +172,7 @@ mod tests {
         assert_eq!(levels(&process_info(16 << 20, Some(512))), (Level::Fair, Level::Fair));
         assert_eq!(levels(&process_info(60 << 20, Some(1024))), (Level::Good, Level::Good));
         assert_eq!(process_info(0, None).open_files().level, Level::Good);
-        assert_eq!(process_info(0, None).priority().level, Level::Untold);
+        assert_eq!(process_info(0, None).priority().level, Level::Unknown);
         assert_eq!(ProcessInfo { resolution_ns: 4_000_000, ..process_info(0, None) }.resolution().level, Level::Bad);
     }
 }

@@ -206,7 +206,7 @@ fn a_kernel_that_tells_nothing_is_believed() {
         ProcessInfo { cores: Vec::new(), core: None, privileges: Vec::new(), shared_memory: None, ..process_info(false, 0) };
     for check in checks(&root, &silent).0 {
         let told = [Subject::Resolution, Subject::OpenFiles].contains(&check.subject);
-        assert_eq!(check.level, if told { Level::Good } else { Level::Untold }, "{check:?}");
+        assert_eq!(check.level, if told { Level::Good } else { Level::Unknown }, "{check:?}");
         assert!(told || check.found == "not told by this kernel");
     }
 }
@@ -241,7 +241,7 @@ fn preemption_is_what_the_kernel_says_first_and_what_was_asked_for_at_boot_next(
     case(&[dynamic, boot, now("none voluntary (full) lazy")], Level::Good, "full");
     case(&[dynamic, boot, now("none voluntary full (lazy)")], Level::Fair, "lazy");
     case(&[dynamic, boot], Level::Bad, "voluntary");
-    case(&[dynamic], Level::Untold, "not told which");
+    case(&[dynamic], Level::Unknown, "not told which");
     case(&[("proc/sys/kernel/version", "#1 SMP PREEMPT x")], Level::Good, "full");
     case(&[("proc/sys/kernel/version", "#1 SMP x")], Level::Bad, "none");
     case(&[("sys/kernel/realtime", "1")], Level::Good, "PREEMPT_RT");

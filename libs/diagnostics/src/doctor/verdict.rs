@@ -195,7 +195,7 @@ mod tests {
         let subjects: Vec<Subject> = all_at(Level::Good).0.iter().map(|check| check.subject).collect();
         for (name, m, alone) in worse() {
             for &subject in &subjects {
-                for level in [Level::Good, Level::Fair, Level::Bad, Level::Untold] {
+                for level in [Level::Good, Level::Fair, Level::Bad, Level::Unknown] {
                     let verdict = evaluate(&with(&all_at(Level::Good), subject, level), &m);
                     let unfit = deciding.contains(&subject) && level == Level::Bad;
                     assert_eq!(verdict.grade, if unfit { Grade::NotGood } else { alone }, "{name}, {subject:?} {level:?}");
@@ -259,6 +259,6 @@ mod tests {
     #[test]
     fn a_machine_that_tells_nothing_is_judged_by_the_measurement() {
         assert_eq!(evaluate(&MachineChecks::default(), &good_measurement()).grade, Grade::Good);
-        assert_eq!(evaluate(&all_at(Level::Untold), &late_measurement()).grade, Grade::NotGood);
+        assert_eq!(evaluate(&all_at(Level::Unknown), &late_measurement()).grade, Grade::NotGood);
     }
 }

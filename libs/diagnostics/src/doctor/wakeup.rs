@@ -25,8 +25,8 @@ pub(super) struct Line {
 
 impl Line {
     /// The one who is woken: until [`close`](Self::close).
-    pub(super) fn answer(&self, wish: SchedRequest) {
-        let _ = apply_to_current_thread(wish);
+    pub(super) fn answer(&self, sched: SchedRequest) {
+        let _ = apply_to_current_thread(sched);
         let mut seen = 0;
         loop {
             while self.asked.load(Ordering::Acquire) == seen {
@@ -101,9 +101,9 @@ mod tests {
 
     #[test]
     fn every_question_is_answered_once() {
-        let (line, wish) = (Line::default(), SchedRequest { priority: 1, core: None });
+        let (line, sched) = (Line::default(), SchedRequest { priority: 1, core: None });
         std::thread::scope(|scope| {
-            scope.spawn(|| line.answer(wish));
+            scope.spawn(|| line.answer(sched));
             let from = clock::now_ns();
             let found = ask_all(&[Turn { line: &line, phase_ns: 0 }], from, from + 50 * PERIOD_NS);
             line.close();

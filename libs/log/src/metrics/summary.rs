@@ -93,9 +93,9 @@ pub struct ForceSummary {
     pub sliding_ticks: [u64; 3],
     /// The same in steady sliding: the foot has moved across the axis by more than 10 mm/s for 50 ms, and the transient
     /// of breaking away from static friction is over [%].
-    pub gliding_rms_percent: [Option<f64>; 3],
+    pub steady_sliding_rms_percent: [Option<f64>; 3],
     /// Ticks of it.
-    pub gliding_ticks: [u64; 3],
+    pub steady_sliding_ticks: [u64; 3],
     /// Largest force beyond F_d, in its direction, after F_d has been reached; gains may change meanwhile [N].
     pub overshoot_n: [Option<f64>; 3],
     /// Changes of F_d, K0, F_max or x_b after which the axis reached F_d and stayed there for 0.1 s.

@@ -142,7 +142,7 @@ fn force(results: &Results) -> String {
                     digits(figure("settled_rms_percent"), 3),
                     digits(figure("last_hold_rms_percent"), 3),
                     digits(figure("sliding_rms_percent"), 3),
-                    digits(figure("gliding_rms_percent"), 3),
+                    digits(figure("steady_sliding_rms_percent"), 3),
                 ]);
             }
         }

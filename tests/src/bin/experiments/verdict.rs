@@ -139,7 +139,7 @@ fn physics(scenario: &str, summary: &Value, short: &mut Vec<String>) {
 fn forces(scenario: &str, name: &str, summary: &Value, short: &mut Vec<String>) {
     // `tuning` also desires forces out of reach, so its last hold counts.
     let settled = if scenario == "tuning" { "last_hold_rms_percent" } else { "worst_hold_rms_percent" };
-    for (figure, most) in [(settled, SETTLED_PERCENT), ("gliding_rms_percent", SLIDING_PERCENT)] {
+    for (figure, most) in [(settled, SETTLED_PERCENT), ("steady_sliding_rms_percent", SLIDING_PERCENT)] {
         for (axis, axis_name) in AXES.iter().enumerate() {
             if let Some(percent) = on(summary, &format!("/force/{figure}"), axis)
                 && percent > most

@@ -1,0 +1,52 @@
+//! Ports of the gate.
+
+use hapfic_ipc::{Bus, Doorbell, Input, IpcError, Output, Wait, topic};
+use hapfic_messages::{Clock, Command, Event, Operator, Request, State, Timing};
+
+/// What the gate receives and sends.
+pub(super) struct GatePorts {
+    pub(super) state: Input<State>,
+    pub(super) request: Input<Request>,
+    pub(super) command: Output<Command>,
+    pub(super) operator: Output<Operator>,
+    pub(super) event: Output<Event>,
+    pub(super) timing: Output<Timing>,
+    /// Wakes planner and standby, which need a state, but not immediately.
+    pub(super) command_sent: Doorbell,
+}
+
+impl GatePorts {
+    /// Opens all ports. In lockstep the gate sleeps on requests.
+    pub(super) fn open(bus: &Bus, clock: Clock) -> Result<Self, IpcError> {
+        let wait = if clock == Clock::Lockstep { Wait::Yes } else { Wait::No };
+        Ok(Self {
+            state: bus.input(&topic::STATE, Wait::No)?,
+            request: bus.input(&topic::REQUEST, wait)?,
+            command: bus.output(&topic::COMMAND)?,
+            operator: bus.output(&topic::OPERATOR)?,
+            event: bus.output(&topic::EVENT)?,
+            timing: bus.output(&topic::TIMING)?,
+            command_sent: bus.doorbell(topic::COMMAND_SENT),
+        })
+    }
+
+    /// Work for idle time: loans the next samples and connects to processes that have joined.
+    pub(super) fn preloan(&mut self) {
+        // Parameters first: a process that has joined and gets a command has them, too.
+        self.operator.preloan();
+        self.command.preloan();
+        self.event.preloan();
+        self.timing.preloan();
+        self.request.preloan();
+        self.state.preloan();
+    }
+
+    /// Connections that could not be made so far.
+    pub(super) fn failed_connections(&self) -> u32 {
+        self.command.failed_connections()
+            + self.operator.failed_connections()
+            + self.request.failed_connections()
+            + self.state.failed_connections()
+            + self.timing.failed_connections()
+    }
+}

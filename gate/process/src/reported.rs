@@ -1,0 +1,24 @@
+//! What the gate's events have reported.
+
+use hapfic_gate::protocol::ControllerSlot;
+
+/// Conditions of the last tick that events report when they change.
+#[derive(Debug)]
+pub(super) struct Reported {
+    /// Slot that the last tick promoted to primary.
+    pub(super) promoted: Option<ControllerSlot>,
+    /// Ticks in a row without a request.
+    pub(super) missed: u64,
+    /// Last tick at which the controllers' requests were compared, and whether they differed.
+    pub(super) compared: (i64, bool),
+    /// Periods slipped so far.
+    pub(super) slipped: u64,
+    /// Joints limited in the last tick, a bit each.
+    pub(super) limited: u32,
+}
+
+impl Default for Reported {
+    fn default() -> Self {
+        Self { promoted: None, missed: 0, compared: (-1, false), slipped: 0, limited: 0 }
+    }
+}
