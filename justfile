@@ -1,30 +1,30 @@
-# What one can do here. `just ci` is what CI runs.
+# Recipes of the project. `just ci` is what CI runs.
 
 default:
     @just --list
 
-# The main job: the floor scenario in realtime.
+# Runs a scenario (default: floor) in realtime.
 run *ARGS:
     cargo run --release -- {{ARGS}}
 
-# All tests, on the release build.
+# Runs all tests on the release build.
 test:
     cargo test --release --workspace
 
-# Every interleaving of the lock-free pieces.
+# Explores the interleavings of libs/sync with loom.
 loom:
     RUSTFLAGS="--cfg loom" CARGO_TARGET_DIR=target/loom cargo test --release -p hapfic-sync
 
-# Format check, prose, clippy, docs, tests, loom.
+# Checks format, prose, clippy, docs, tests and loom.
 ci:
     .ci/run
 
-# The tables of docs/experiments.md and README, written into them (some minutes); fails if the defaults fall short.
+# Writes the tables of docs/experiments.md and README (some minutes); fails if the defaults miss their targets.
 experiments:
     cargo build --release --workspace
     cargo run --release -q -p hapfic-tests --bin experiments -- docs/experiments.md README.md
 
-# The figures of README, from lockstep runs (about a minute).
+# Draws the figures of README from lockstep runs (about a minute).
 figures:
     #!/usr/bin/env bash
     set -euo pipefail
@@ -35,48 +35,48 @@ figures:
         cp "logs/$name/overview.png" "docs/figures/$name.png"
     done
 
-# Random leg motion among box and ball, 100 seeds of 10 s each (some ten minutes), and what they came to.
+# Simulates random leg motion among box and ball, 100 seeds of 10 s each (some ten minutes), and prints the results.
 seeds:
     HAPFIC_SEEDS=100 cargo test --release -p hapfic-simulation --test simulation -- leg_motion --nocapture
 
-# Feeds every decoder of outside data with mutated inputs, SECONDS each; fails if one panics, hangs or takes too much memory.
+# Fuzzes every decoder of outside data, SECONDS each; fails on a panic, a hang or too much memory.
 fuzz SECONDS="60":
     cargo run --release -q -p hapfic-tests --bin fuzz -- all --seconds {{SECONDS}}
 
-# The tables of docs/faults.md, written into it: faults on purpose in the real stack (about an hour; with --quick a quarter of it).
+# Injects faults into the real stack and writes the tables of docs/faults.md (about an hour; --quick: a quarter).
 faults *ARGS:
     cargo build --release --workspace
     cargo run --release -q -p hapfic-tests --bin faults -- docs/faults.md {{ARGS}}
 
-# A thousand kills and two hundred halts in ten minutes, into docs/faults.md.
+# Kills processes a thousand times and halts them two hundred times in ten minutes; writes docs/faults.md.
 soak MINUTES="10":
     cargo build --release --workspace
     cargo run --release -q -p hapfic-tests --bin faults -- docs/faults.md --only soak --minutes {{MINUTES}}
 
-# Is this machine good enough for 1 kHz?
+# Checks whether this machine is good enough for 1 kHz.
 doctor *ARGS:
     cargo run --release -q -- doctor {{ARGS}}
 
-# The stack's chain hop by hop, beside the machine's floor and its peers (zenoh, ZeroMQ, iceoryx2's own events).
+# Measures the stack's chain hop by hop, beside the machine's floor and peers (zenoh, ZeroMQ, iceoryx2's events).
 latency *ARGS:
     cargo build --release
     cd bench && cargo build --release -p hapfic-peers
     cargo run --release -q -- bench latency --peers bench/target/release/hapfic-peers {{ARGS}}
 
-# The benchmarks of bench/ (some minutes); what each shows is in bench/README.md.
+# Runs the benchmarks of bench/ (some minutes); bench/README.md describes them.
 bench *ARGS:
     cd bench && cargo bench -p hapfic-bench-micro -p hapfic-bench-control -- {{ARGS}}
 
-# How many legs this machine carries, and how fast it simulates, into docs/performance.md (some minutes).
+# Measures legs per machine and simulation speed; writes docs/performance.md (some minutes).
 scale *ARGS:
     cargo build --release --workspace
     cargo run --release -q -p hapfic-tests --bin scale -- docs/performance.md {{ARGS}}
 
-# The plant's sub-step beside MuJoCo's (needs a Python with bench/mujoco/requirements.txt).
+# Compares the plant's sub-step with MuJoCo's (needs a Python with bench/mujoco/requirements.txt).
 mujoco *ARGS:
     cd bench && cargo build --release -p hapfic-bench-substep
     python3 bench/mujoco/compare.py {{ARGS}}
 
-# The JSON Schema of scenario files.
+# Prints the JSON Schema of scenario files.
 schema:
     cargo run --release -q -- schema

@@ -1,6 +1,6 @@
-//! One axis of the law by itself: the haptic search and the force profile press a foot against a springy wall.
+//! Law on one axis: haptic search and force profile press a foot against an elastic wall.
 //!
-//! No process, clock, log or robot: the laws are pure functions, so a loop over ticks is all that they need.
+//! The laws are pure functions, so a loop over ticks suffices, without process, clock, log or robot.
 //!
 //! ```sh
 //! cargo run --release -p hapfic-examples --bin law
@@ -12,9 +12,9 @@ use hapfic_messages::{ResetPolicy, Saturation, Search};
 
 /// Control tick [s].
 const PERIOD_S: f64 = 1e-3;
-/// Steps of the simulated foot in a tick: the wall is stiff.
+/// Integration steps of the foot in a tick: the wall is stiff.
 const SUBSTEPS: u32 = 10;
-/// How long the foot is pressed [ticks].
+/// Duration of the press [ticks].
 const TICKS: u32 = 400;
 
 /// Desired force F_d: the reaction of the wall on the foot [N].
@@ -22,7 +22,7 @@ const DESIRED_FORCE_N: f64 = 50.0;
 /// Reference x_d: 5 mm behind the wall's surface, which is at 0 [m].
 const REFERENCE_M: f64 = -0.005;
 
-/// A foot that moves along one axis, with viscous friction.
+/// Foot that moves along one axis, with viscous friction.
 struct Foot {
     position_m: f64,
     velocity_m_per_s: f64,
@@ -38,7 +38,7 @@ impl Foot {
         (-Self::WALL_N_PER_M * self.position_m).max(0.0)
     }
 
-    /// One control tick under a constant force of the controller [N], by semi-implicit Euler steps.
+    /// Integrates a control tick under a constant force of the controller [N], by semi-implicit Euler steps.
     fn advance(&mut self, force: f64) {
         let step_s = PERIOD_S / f64::from(SUBSTEPS);
         for _ in 0..SUBSTEPS {

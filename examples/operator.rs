@@ -1,6 +1,6 @@
 //! Finds a running stack, asks for its status, and changes the desired force.
 //!
-//! Start a stack in another terminal first; `set` changes all its values at one tick, on all processes, or none of them.
+//! Start a stack in another terminal first. `set` changes all its values at one tick in all processes, or none.
 //!
 //! ```sh
 //! cargo run --release -- run floor --duration 60
@@ -13,11 +13,11 @@ use hapfic_messages::OperatorKind;
 use hapfic_supervisor::operator::client;
 use hapfic_supervisor::operator::status::Status;
 
-/// Between the values of one change.
+/// Separator of the values of a change.
 const SEPARATOR: &str = "\0";
 
 fn main() -> Result<()> {
-    // The only run of this user; with several runs the error lists them.
+    // Finds the only run of this user; with several runs the error lists them.
     let run = client::find(None)?;
     println!("run {} of scenario {}, log {}", run.run, run.scenario, run.log.display());
 
@@ -27,10 +27,10 @@ fn main() -> Result<()> {
     println!("tick {} of {}, {}", status.tick, status.end_tick, status.mode);
     println!("force {:.1?} N, desired {:.1?} N", status.force_n, status.desired_force_n);
 
-    // The supervisor checks the change as it checks a scenario; its answer names the version and the tick, or what is wrong.
+    // The supervisor checks the change like a scenario. Its reply names the version and the tick, or the error.
     let changes: Vec<String> = std::env::args().skip(1).collect();
     let changes = if changes.is_empty() { vec!["desired_force.z=60".to_owned()] } else { changes };
-    let answer = client::ask_once(&run, OperatorKind::Set, &changes.join(SEPARATOR))?;
-    println!("{answer}");
+    let reply = client::ask_once(&run, OperatorKind::Set, &changes.join(SEPARATOR))?;
+    println!("{reply}");
     Ok(())
 }

@@ -23,13 +23,13 @@ fn main() -> ExitCode {
     }
 }
 
-/// Goes through a log once, one chunk in memory at a time, and prints what it found, also of a log that ends in an error.
+/// Reads a log once, with one chunk in memory at a time, and prints its figures, also if it ends in an error.
 fn read(path: &std::path::Path) -> Result<(), LogError> {
     let (mut largest, mut last_tick) = ([0.0_f64; 3], None);
     let mut problem = None;
     for entry in Reader::open(path)? {
         match entry {
-            // What the plant measured at a tick; the other topics are requests, commands, events and timing.
+            // Measurements of the plant at a tick; the other topics are requests, commands, events and timing.
             Ok(entry) => {
                 if let Record::State(state) = entry.record {
                     for (largest, force) in largest.iter_mut().zip(&state.foot_force) {
@@ -38,7 +38,7 @@ fn read(path: &std::path::Path) -> Result<(), LogError> {
                     last_tick = Some(state.tick);
                 }
             }
-            // A log that was cut off gives all its whole messages first, then one error, and ends.
+            // A truncated log yields all its whole messages first, then one error, and ends.
             Err(error) => problem = Some(error),
         }
     }

@@ -1,4 +1,4 @@
-"""Runs of MuJoCo through a scene: what a sub-step costs, and how far a run is from its own converged reference."""
+"""Runs of MuJoCo through a scene: cost of a sub-step, and error against the own converged reference."""
 
 import time
 
@@ -8,12 +8,12 @@ import numpy as np
 import scenes
 
 WARM_UP = 200
-# Coarsest reference, as a fraction of the sub-step that is compared.
+# Coarsest reference: the compared sub-step over this number.
 COARSEST = 32
 
 
 def _servo(description):
-    """The plan's torque: a function of tick, positions and velocities."""
+    """Returns the plan's torque as a function of tick, positions and velocities."""
     plan = description["plan"]
     position, velocity, torque = (np.array(plan[key]) for key in ("position", "velocity", "torque"))
     stiffness, damping = plan["stiffness"], plan["damping"]
@@ -25,19 +25,19 @@ def _steps(description, substep_s):
 
 
 def _timed(model, description, ticks):
-    """Seconds that the sub-steps of each tick took. The loop over them is MuJoCo's own; the servo is not counted."""
+    """Returns the computing time of each tick [s]. MuJoCo loops over the sub-steps; the servo is not counted."""
     data, servo = scenes.start(model, description), _servo(description)
-    steps, took = _steps(description, model.opt.timestep), np.zeros(ticks)
+    steps, durations = _steps(description, model.opt.timestep), np.zeros(ticks)
     for tick in range(ticks):
         data.qfrc_applied[:3] = servo(tick, data.qpos[:3], data.qvel[:3])
         begin = time.perf_counter()
         mujoco.mj_step(model, data, nstep=steps)
-        took[tick] = time.perf_counter() - begin
-    return took
+        durations[tick] = time.perf_counter() - begin
+    return durations
 
 
 def cost(name, description, integrator):
-    """ns per sub-step of one run, after a short one that is not counted: in the median over the ticks, and in the mean."""
+    """Returns the time per sub-step of one run after a warm-up run [ns]: median over the ticks, and mean."""
     model = scenes.load(name, description, integrator, sensors=False)
     _timed(model, description, WARM_UP)
     ns = _timed(model, description, description["ticks"]) * 1e9 / _steps(description, model.opt.timestep)
@@ -45,31 +45,31 @@ def cost(name, description, integrator):
 
 
 def sampled(name, description, integrator, refined=1):
-    """Foot (m) and mean force on it (N) after each tick, and the largest vertical force of a sub-step, N."""
+    """Returns foot position [m] and mean force on it [N] of each tick, and the largest vertical force of a sub-step [N]."""
     model = scenes.load(name, description, integrator)
     model.opt.timestep = description["substep_s"] / refined
     data, servo = scenes.start(model, description), _servo(description)
     ticks, steps = description["ticks"], _steps(description, model.opt.timestep)
     foot, force, peak = np.zeros((ticks, 3)), np.zeros((ticks, 3)), 0.0
-    felt = data.sensor("foot_force").data
+    sensed = data.sensor("foot_force").data
     site = model.site("foot").id
     for tick in range(ticks):
         data.qfrc_applied[:3] = servo(tick, data.qpos[:3], data.qvel[:3])
         total = np.zeros(3)
         for _ in range(steps):
             mujoco.mj_step(model, data)
-            # The sensor is of the beginning of the sub-step, whose force acts throughout it; it reports what the foot does.
-            total -= felt
-            peak = max(peak, -felt[2])
+            # The sensor holds the force at the beginning of the sub-step, which acts throughout, as the foot exerts it.
+            total -= sensed
+            peak = max(peak, -sensed[2])
         mujoco.mj_kinematics(model, data)
         foot[tick], force[tick] = data.site_xpos[site], total / steps
     if not (np.isfinite(foot).all() and np.isfinite(force).all()) or data.time < 0.99 * ticks * description["tick_s"]:
-        raise RuntimeError(f"{name}: MuJoCo's {integrator} left the finite numbers at {model.opt.timestep * 1e6} us")
+        raise RuntimeError(f"{name}: found a state of MuJoCo's {integrator} that is not finite at {model.opt.timestep * 1e6} us")
     return foot, force, peak
 
 
 def distance(a, b):
-    """Largest and root mean square distance between two runs, as bench/substep has them."""
+    """Returns the largest and root mean square distance between two runs, with the keys of bench/substep."""
     out = {}
     for key, unit, one, other in (("foot", "m", a[0], b[0]), ("force", "n", a[1], b[1])):
         norms = np.linalg.norm(one - other, axis=1)
@@ -78,8 +78,11 @@ def distance(a, b):
 
 
 def accuracy(name, description, finest):
-    """Errors of both integrators against the converged reference: Euler at 1/32 of the sub-step, or less until halving it once more
-    changes every figure by less than 1 % of Euler's error, but not below 1/finest."""
+    """Returns the errors of both integrators against the converged reference.
+
+    The reference is Euler at 1/32 of the sub-step or less: its sub-step is halved until halving changes every figure by
+    less than 1 % of Euler's error, or 1/finest is reached.
+    """
     found = {integrator: sampled(name, description, integrator) for integrator in scenes.INTEGRATORS}
     refined = COARSEST
     coarser = sampled(name, description, "euler", refined // 2)

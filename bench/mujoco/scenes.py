@@ -1,13 +1,14 @@
-"""MuJoCo's side: the scenes, with contact parameters as near to the plant's law as MuJoCo's has a place for them.
+"""Scenes of MuJoCo, with contact parameters as close to the plant's law as MuJoCo allows.
 
 MuJoCo's normal force at a contact, in its direct mode (solref = (-S, -D), constant impedance I), is
 
     f = (S depth + D rate) / ((1 - I) A) - I / ((1 - I) A) * acceleration
 
-with A the inverse inertia it assumes for the pair (body_invweight0). S = k (1 - I) A and D = b (1 - I) A therefore give the
-plant's k and b; the last term is MuJoCo's own and has no counterpart. The impedance comes in over the transition width, as the plant's
-force does. MuJoCo has one coefficient of friction; the plant runs with its dynamic one alone here, too. Near rest the slope of MuJoCo's
-friction over slip is impratio * b; impratio is set so that it is the plant's, 2 mu F / v_c, at the desired force.
+with A the inverse inertia it assumes for the pair (body_invweight0). S = k (1 - I) A and D = b (1 - I) A therefore give
+the plant's k and b; the last term has no counterpart in the plant. The impedance fades in over the transition width, as
+the plant's force does. MuJoCo has one coefficient of friction; here the plant uses its dynamic one alone, too. Near rest
+the slope of MuJoCo's friction over slip is impratio * b; impratio sets it to the plant's, 2 mu F / v_c, at the desired
+force.
 """
 
 import pathlib
@@ -16,22 +17,22 @@ import mujoco
 import numpy as np
 
 HERE = pathlib.Path(__file__).resolve().parent
-# Impedance I of a contact deeper than the transition width. The term in the acceleration is a quarter of the pair's inertia then: at 0.9,
-# MuJoCo's default, it would be nine times that inertia, and an impact a third of the plant's.
+# Impedance I of a contact deeper than the transition width. The acceleration term is then a quarter of the pair's inertia.
+# At 0.9, MuJoCo's default, it would be nine times that inertia, and an impact a third of the plant's.
 IMPEDANCE = 0.2
-# MuJoCo allows no less.
+# MuJoCo's lower limit.
 LEAST_IMPEDANCE = 1e-4
-# Desired forces, N, as in bench/substep/src/plan.rs; they matter for impratio alone.
+# Desired forces [N], as in bench/substep/src/plan.rs; only impratio depends on them.
 PRESSED = {"floor": 50.0, "box": 50.0, "ball": 30.0}
 INTEGRATORS = {"euler": mujoco.mjtIntegrator.mjINT_EULER, "implicitfast": mujoco.mjtIntegrator.mjINT_IMPLICITFAST}
 
 
 class Mismatch(Exception):
-    """The two simulators would not simulate the same thing."""
+    """A model that differs from the plant's."""
 
 
 def _law(a, b):
-    """Where two surfaces meet, as in the plant: the softer gives, the more slippery slides; the robot has none (None)."""
+    """Combines two surfaces: stiffness of the softer, friction of the more slippery, as the plant; the robot has None."""
     if a is None or b is None:
         return a or b
     soft = a if a["stiffness"] <= b["stiffness"] else b
@@ -40,14 +41,14 @@ def _law(a, b):
 
 
 def load(name, description, integrator="euler", sensors=True):
-    """The scene as an MjModel. `description` is what `hapfic-substep model` says of it."""
+    """Loads a scene as an MjModel. `description` is the output of `hapfic-substep model`."""
     model = mujoco.MjModel.from_xml_path(str(HERE / "scenes" / f"{name}.xml"))
     model.opt.timestep = description["substep_s"]
     model.opt.gravity[:] = description["gravity"]
     model.opt.integrator = INTEGRATORS[integrator]
     if not sensors:
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_SENSOR
-    surfaces = {"floor": description["floor"]} | {thing["name"]: thing["feel"] for thing in description["objects"]}
+    surfaces = {"floor": description["floor"]} | {item["name"]: item["surface"] for item in description["objects"]}
     ratio = 1.0
     for pair in range(model.npair):
         geoms = (model.pair_geom1[pair], model.pair_geom2[pair])
@@ -67,14 +68,14 @@ def load(name, description, integrator="euler", sensors=True):
 
 
 def start(model, description):
-    """The state at the start: the plan's posture, everything at rest."""
+    """Returns the state at the start: the plan's posture, all bodies at rest."""
     data = mujoco.MjData(model)
     data.qpos[:3] = description["plan"]["start"]
     return data
 
 
 def check(name, model, description):
-    """Refuses a model whose leg or objects are not the plant's."""
+    """Raises Mismatch if leg or objects differ from the plant's."""
     expected = description["check"]
     data = start(model, description)
     data.qvel[:3] = expected["velocity"]
@@ -86,11 +87,11 @@ def check(name, model, description):
         "mass matrix": (mass[:3, :3], expected["mass_matrix"]),
         "bias, N m": (data.qfrc_bias[:3], expected["bias"]),
     }
-    for thing in description["objects"]:
-        body = model.body(thing["name"])
-        found[f"{thing['name']}: mass, kg"] = (body.mass[0], thing["mass"])
-        found[f"{thing['name']}: inertia, kg m^2"] = (body.inertia, thing["inertia"])
-        found[f"{thing['name']}: position, m"] = (body.pos, thing["position"])
-    for what, (here, there) in found.items():
-        if not np.allclose(here, there, rtol=1e-9, atol=1e-9):
-            raise Mismatch(f"scenes/{name}.xml: {what}: found {np.asarray(here).tolist()}, the plant has {there}")
+    for item in description["objects"]:
+        body = model.body(item["name"])
+        found[f"{item['name']}: mass, kg"] = (body.mass[0], item["mass"])
+        found[f"{item['name']}: inertia, kg m^2"] = (body.inertia, item["inertia"])
+        found[f"{item['name']}: position, m"] = (body.pos, item["position"])
+    for quantity, (value, plant) in found.items():
+        if not np.allclose(value, plant, rtol=1e-9, atol=1e-9):
+            raise Mismatch(f"scenes/{name}.xml: {quantity}: found {np.asarray(value).tolist()}, expected {plant} of the plant")

@@ -14,12 +14,12 @@ use std::path::PathBuf;
 pub struct Cli {
     /// Command; `run floor` if none is given.
     #[command(subcommand)]
-    pub command: Option<Command>,
+    pub command: Option<CliCommand>,
 }
 
 /// Commands of the program.
 #[derive(Debug, Subcommand)]
-pub enum Command {
+pub enum CliCommand {
     /// Run a scenario: launch all processes, log everything, print a summary.
     Run(RunArgs),
     /// Simulate a scenario in one process, without a clock: one run, or a study over parameter values.
@@ -87,7 +87,8 @@ pub enum Command {
         #[arg(required = true, value_name = "KEY=VALUE")]
         fault: Vec<String>,
     },
-    /// Examine whether this machine is good enough for 1 kHz: its properties, a measurement, one verdict, and what to change.
+    /// Examine whether this machine is good enough for 1 kHz: its properties, a measurement, one verdict, and what to
+    /// change.
     Doctor {
         /// Duration of the measurement, 1 to 3600 [s].
         #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=3600))]

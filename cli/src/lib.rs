@@ -28,36 +28,36 @@ const FAILED: u8 = 3;
 pub fn main() -> ExitCode {
     let since = Instant::now();
     let cli = cli::Cli::parse();
-    let outcome = match cli.command.unwrap_or_else(|| cli::Command::Run(commands::run::RunArgs::default())) {
-        cli::Command::Run(args) => commands::run::run(&args, since),
-        cli::Command::Simulate(args) => commands::simulate::simulate(&args),
-        cli::Command::Check { scenario, set } => commands::check::check(&scenario, &set),
-        cli::Command::Scenarios { name } => commands::scenarios::scenarios(name.as_deref()),
-        cli::Command::Schema => {
+    let outcome = match cli.command.unwrap_or_else(|| cli::CliCommand::Run(commands::run::RunArgs::default())) {
+        cli::CliCommand::Run(args) => commands::run::run(&args, since),
+        cli::CliCommand::Simulate(args) => commands::simulate::simulate(&args),
+        cli::CliCommand::Check { scenario, set } => commands::check::check(&scenario, &set),
+        cli::CliCommand::Scenarios { name } => commands::scenarios::scenarios(name.as_deref()),
+        cli::CliCommand::Schema => {
             print(&hapfic_config::json_schema());
-            Ok(Outcome::Done)
+            Ok(CommandOutcome::Done)
         }
-        cli::Command::Set { run, changes } => commands::control::request(run.as_deref(), OperatorKind::Set, &changes),
-        cli::Command::Status { run, json, once } => commands::status::status(run.as_deref(), json, once),
-        cli::Command::Stop { run } => commands::stop::stop(run.as_deref()),
-        cli::Command::Estop { run } => commands::control::request(run.as_deref(), OperatorKind::EmergencyStop, &[]),
-        cli::Command::Rearm { run } => commands::control::request(run.as_deref(), OperatorKind::Rearm, &[]),
-        cli::Command::Inject { run, fault } => commands::control::request(run.as_deref(), OperatorKind::Inject, &fault),
-        cli::Command::Stressor { supervisor, what } => commands::stressor::stressor(supervisor, &what),
-        cli::Command::Doctor { seconds, json } => commands::doctor::doctor(seconds, json),
-        cli::Command::Bench { what } => commands::bench::bench(&what),
-        cli::Command::BenchChain { words } => commands::bench::chain(&words),
-        cli::Command::BenchRun { parent, run } => commands::bench::run(parent, &run, since),
-        cli::Command::Timeline { log } => commands::timeline::timeline(&log),
-        cli::Command::Report(args) => commands::report::report(&args),
-        cli::Command::Recover { log, output } => commands::recover::recover(&log, output.as_deref()),
-        cli::Command::Process { name, external } => commands::process::process(name, &external),
+        cli::CliCommand::Set { run, changes } => commands::control::request(run.as_deref(), OperatorKind::Set, &changes),
+        cli::CliCommand::Status { run, json, once } => commands::status::status(run.as_deref(), json, once),
+        cli::CliCommand::Stop { run } => commands::stop::stop(run.as_deref()),
+        cli::CliCommand::Estop { run } => commands::control::request(run.as_deref(), OperatorKind::EmergencyStop, &[]),
+        cli::CliCommand::Rearm { run } => commands::control::request(run.as_deref(), OperatorKind::Rearm, &[]),
+        cli::CliCommand::Inject { run, fault } => commands::control::request(run.as_deref(), OperatorKind::Inject, &fault),
+        cli::CliCommand::Stressor { supervisor, what } => commands::stressor::stressor(supervisor, &what),
+        cli::CliCommand::Doctor { seconds, json } => commands::doctor::doctor(seconds, json),
+        cli::CliCommand::Bench { what } => commands::bench::bench(&what),
+        cli::CliCommand::BenchChain { words } => commands::bench::chain(&words),
+        cli::CliCommand::BenchRun { parent, run } => commands::bench::run(parent, &run, since),
+        cli::CliCommand::Timeline { log } => commands::timeline::timeline(&log),
+        cli::CliCommand::Report(args) => commands::report::report(&args),
+        cli::CliCommand::Recover { log, output } => commands::recover::recover(&log, output.as_deref()),
+        cli::CliCommand::Process { name, external } => commands::process::process(name, &external),
     };
     match outcome {
-        Ok(Outcome::Done) => ExitCode::SUCCESS,
-        Ok(Outcome::NotGoodEnough) => ExitCode::from(NOT_GOOD_ENOUGH),
-        Ok(Outcome::Failed) => ExitCode::from(FAILED),
-        Ok(Outcome::Rejected(e)) => {
+        Ok(CommandOutcome::Done) => ExitCode::SUCCESS,
+        Ok(CommandOutcome::NotGoodEnough) => ExitCode::from(NOT_GOOD_ENOUGH),
+        Ok(CommandOutcome::Failed) => ExitCode::from(FAILED),
+        Ok(CommandOutcome::Rejected(e)) => {
             log_line(&format!("hapfic: {e:#}"));
             ExitCode::from(INVALID_INPUT)
         }
@@ -69,7 +69,7 @@ pub fn main() -> ExitCode {
 }
 
 /// Result of a command.
-enum Outcome {
+enum CommandOutcome {
     /// The command did as requested.
     Done,
     /// The machine is not good enough for 1 kHz; the reasons are printed.

@@ -3,7 +3,7 @@
 use std::process::ExitCode;
 
 #[global_allocator]
-static ALLOCATOR: hapfic_ipc::allocations::Counting = hapfic_ipc::allocations::Counting;
+static ALLOCATOR: hapfic_ipc::allocations::CountingAllocator = hapfic_ipc::allocations::CountingAllocator;
 
 fn main() -> ExitCode {
     hapfic_cli::main()

@@ -1,6 +1,6 @@
 //! Aliases of the keys that carry a unit: the plain names that the log uses.
 
-use crate::error::{Complaint, ConfigError};
+use crate::error::{ConfigError, Diagnostic};
 use crate::tree::{Node, Value, join};
 use std::collections::BTreeMap;
 
@@ -62,7 +62,7 @@ fn rename(table: &mut BTreeMap<String, Node>, section: &str, path: &str) -> Resu
     for (alias, name) in of(section) {
         let Some(node) = table.remove(*alias) else { continue };
         if let Some(other) = table.get(*name) {
-            return Err(ConfigError::Combination(Box::new(Complaint {
+            return Err(ConfigError::Combination(Box::new(Diagnostic {
                 place: node.place,
                 key: join(path, alias),
                 found: format!("a second spelling of {name}, which is given at {}", other.place),

@@ -2,11 +2,11 @@
 
 use crate::check;
 use crate::error::{ConfigError, Location};
-use crate::overrides::{complain, parse};
+use crate::overrides::{override_error, parse};
 use crate::ranges;
 use crate::raw::RawOperator;
 use crate::read;
-use crate::settings::{OperatorChange, Parameters};
+use crate::settings::{OperatorChange, ParameterSettings};
 use crate::tree::{Node, Value};
 use crate::{alias, tree};
 use serde::Deserialize;
@@ -27,7 +27,7 @@ pub struct RequestedChange {
 
 /// A value before and after a change, as a scenario writes it.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Difference {
+pub struct ParameterDifference {
     /// Key in an operator's entry.
     pub key: String,
     /// Value before the change.
@@ -49,21 +49,21 @@ impl OperatorChange {
     ///
     /// # Errors
     /// The first error, with its pair.
-    pub fn from_pairs(pairs: &[&str], base: &Parameters) -> Result<RequestedChange, ConfigError> {
+    pub fn from_pairs(pairs: &[&str], base: &ParameterSettings) -> Result<RequestedChange, ConfigError> {
         let place = Location::Change(pairs.join(" ").into());
         let known = table(base)?;
-        let mut entry = Entry { known: &known, keys: BTreeMap::new(), axes: Vec::new() };
+        let mut entry = EntryBuilder { known: &known, keys: BTreeMap::new(), axes: Vec::new() };
         pairs.iter().try_for_each(|pair| entry.add(pair))?;
         if entry.keys.is_empty() {
             let help = "name what to change, for example desired_force.z=80";
-            return Err(complain(&place, "", "no change", "at least one KEY=VALUE", help));
+            return Err(override_error(&place, "", "no change", "at least one KEY=VALUE", help));
         }
         let relative = !entry.axes.is_empty();
         entry.keys.insert("at_s".to_owned(), Node { place: place.clone(), value: Value::Float(0.0) });
         let change = read_one(&only_entry("operator", entry.keys, &place)).map_err(|error| plain_keys(error, ENTRY))?;
         match change {
             Some(change) => Ok(RequestedChange { change, relative }),
-            None => Err(complain(&place, "", "no change", "at least one KEY=VALUE", "name what to change")),
+            None => Err(override_error(&place, "", "no change", "at least one KEY=VALUE", "name what to change")),
         }
     }
 }
@@ -83,15 +83,15 @@ pub(crate) fn only_entry(list: &str, keys: BTreeMap<String, Node>, place: &Locat
 
 /// Removes the entry's path from the key: the user wrote the key alone.
 pub(crate) fn plain_keys(mut error: ConfigError, entry: &str) -> ConfigError {
-    let complaint = error.complaint_mut();
-    if let Some(rest) = complaint.key.strip_prefix(entry) {
-        complaint.key = rest.trim_start_matches('.').to_owned();
+    let diagnostic = error.diagnostic_mut();
+    if let Some(rest) = diagnostic.key.strip_prefix(entry) {
+        diagnostic.key = rest.trim_start_matches('.').to_owned();
     }
     error
 }
 
 /// Builder of an operator's entry.
-struct Entry<'a> {
+struct EntryBuilder<'a> {
     /// Set that supplies the axes which no pair names.
     known: &'a BTreeMap<String, Node>,
     keys: BTreeMap<String, Node>,
@@ -99,11 +99,11 @@ struct Entry<'a> {
     axes: Vec<(String, usize)>,
 }
 
-impl Entry<'_> {
+impl EntryBuilder<'_> {
     fn add(&mut self, pair: &str) -> Result<(), ConfigError> {
         let place = Location::Change(pair.into());
         let Some((path, text)) = pair.split_once('=') else {
-            return Err(complain(&place, "", "no =", "KEY=VALUE", "write for example desired_force.z=80"));
+            return Err(override_error(&place, "", "no =", "KEY=VALUE", "write for example desired_force.z=80"));
         };
         let path = path.trim();
         let (key, axis) = match path.split_once('.') {
@@ -113,10 +113,10 @@ impl Entry<'_> {
         let name = alias::canonical("operator", key);
         if name == "at_s" {
             let help = "remove it; a change takes effect a few ticks after its request";
-            return Err(complain(&place, path, "a time", "a key that can change while the stack runs", help));
+            return Err(override_error(&place, path, "a time", "a key that can change while the stack runs", help));
         }
         if name.is_empty() {
-            return Err(complain(&place, path, "an empty key", "KEY=VALUE", "write for example desired_force.z=80"));
+            return Err(override_error(&place, path, "an empty key", "KEY=VALUE", "write for example desired_force.z=80"));
         }
         let value = parse(text.trim(), path, &place)?;
         match axis {
@@ -133,11 +133,11 @@ impl Entry<'_> {
         let Some(Node { value: Value::List(known), .. }) = self.known.get(name) else {
             if self.known.contains_key(name) {
                 let help = "set the key itself, without an axis";
-                return Err(complain(place, path, &format!("axis {axis:?}"), "no axis: the value is a single one", help));
+                return Err(override_error(place, path, &format!("axis {axis:?}"), "no axis: the value is a single one", help));
             }
             if name == "target_position_m" || name == "target_position" {
                 let help = "no target is set yet: set the whole vector, as target_position=[0, 0.05, 0.1]";
-                return Err(complain(place, path, &format!("axis {axis:?}"), "a key that has a value", help));
+                return Err(override_error(place, path, &format!("axis {axis:?}"), "a key that has a value", help));
             }
             // The reader rejects the key and lists the known ones.
             self.keys.insert(name.to_owned(), value);
@@ -145,7 +145,7 @@ impl Entry<'_> {
         };
         let Some(index) = AXES.iter().position(|a| *a == axis) else {
             let help = "axes are those of the world frame, z up";
-            return Err(complain(place, path, &format!("axis {axis:?}"), "one of x, y, z", help));
+            return Err(override_error(place, path, &format!("axis {axis:?}"), "one of x, y, z", help));
         };
         let named = (name.to_owned(), index);
         let partial = self.axes.iter().any(|(n, _)| n == name);
@@ -165,28 +165,28 @@ impl Entry<'_> {
 }
 
 pub(crate) fn twice(place: &Location, path: &str) -> ConfigError {
-    complain(place, path, "a key that another pair gives too", "each value once", "remove one of the two")
+    override_error(place, path, "a key that another pair gives too", "each value once", "remove one of the two")
 }
 
 /// Lists every value that differs between two sets, by key.
 ///
 /// # Errors
 /// [`ConfigError::Override`] if TOML cannot hold a set; a checked set never causes it.
-pub fn differences(before: &Parameters, after: &Parameters) -> Result<Vec<Difference>, ConfigError> {
+pub fn differences(before: &ParameterSettings, after: &ParameterSettings) -> Result<Vec<ParameterDifference>, ConfigError> {
     let (before, after) = (table(before)?, table(after)?);
     let text = |node: Option<&Node>| node.map_or_else(|| "none".to_owned(), Node::describe);
     Ok(after
         .iter()
-        .map(|(key, node)| Difference { key: key.clone(), before: text(before.get(key)), after: text(Some(node)) })
+        .map(|(key, node)| ParameterDifference { key: key.clone(), before: text(before.get(key)), after: text(Some(node)) })
         .filter(|d| d.before != d.after)
         .collect())
 }
 
 /// Values of a set by the keys of an operator's entry.
-fn table(set: &Parameters) -> Result<BTreeMap<String, Node>, ConfigError> {
+fn table(set: &ParameterSettings) -> Result<BTreeMap<String, Node>, ConfigError> {
     const ORIGIN: &str = "parameters in force";
     let text = toml::to_string(set).map_err(|error| {
-        complain(&Location::whole(ORIGIN), "", &error.to_string(), "parameters that TOML can hold", "report this")
+        override_error(&Location::whole(ORIGIN), "", &error.to_string(), "parameters that TOML can hold", "report this")
     })?;
     match tree::Node::parse(&text, ORIGIN)?.value {
         Value::Table(table) => {
@@ -202,21 +202,21 @@ mod tests {
     use super::*;
     use crate::{Search, Settings};
 
-    fn base() -> Parameters {
+    fn base() -> ParameterSettings {
         let initial = Settings::load("floor", &[]).unwrap().initial;
-        Parameters { target_position: Some([0.1, 0.2, 0.3]), desired_force: [1.0, 2.0, 50.0], ..initial }
+        ParameterSettings { target_position: Some([0.1, 0.2, 0.3]), desired_force: [1.0, 2.0, 50.0], ..initial }
     }
 
     fn change(pairs: &[&str]) -> RequestedChange {
         OperatorChange::from_pairs(pairs, &base()).unwrap()
     }
 
-    fn complaint(pairs: &[&str]) -> String {
+    fn message(pairs: &[&str]) -> String {
         OperatorChange::from_pairs(pairs, &base()).unwrap_err().to_string()
     }
 
     #[test]
-    fn pairs_both_spellings_make_one_change() {
+    fn pairs_both_spellings_make_change() {
         let requested = change(&["desired_force=[0, 0, 80]", "stiffness_n_per_m = [1, 2, 3]", "search=sign", "taper=0.1"]);
         let expected = OperatorChange {
             desired_force: Some([0.0, 0.0, 80.0]),
@@ -243,7 +243,7 @@ mod tests {
         let pairs: Vec<String> = all.iter().map(|(key, node)| format!("{key}={}", node.describe())).collect();
         let pairs: Vec<&str> = pairs.iter().map(String::as_str).collect();
         let requested = change(&pairs);
-        assert_eq!(Parameters { target_position: None, ..base() }.with(&requested.change), base());
+        assert_eq!(ParameterSettings { target_position: None, ..base() }.with(&requested.change), base());
     }
 
     #[test]
@@ -269,7 +269,7 @@ mod tests {
             (vec!["stiffness.z=4", "stiffness.z=5"], vec!["each value once"]),
             (vec!["gravity_compensation=maybe"], vec!["gravity_compensation", "maybe"]),
         ] {
-            let text = complaint(&pairs);
+            let text = message(&pairs);
             for word in words {
                 assert!(text.contains(word), "{pairs:?}: '{word}' is not in: {text}");
             }
@@ -280,8 +280,11 @@ mod tests {
     #[test]
     fn differences_name_only_changed_values() {
         let after = base().with(&change(&["desired_force.z=80", "taper=0.2"]).change);
-        let expected =
-            Difference { key: "desired_force_n".to_owned(), before: "[1, 2, 50]".to_owned(), after: "[1, 2, 80]".to_owned() };
+        let expected = ParameterDifference {
+            key: "desired_force_n".to_owned(),
+            before: "[1, 2, 50]".to_owned(),
+            after: "[1, 2, 80]".to_owned(),
+        };
         assert_eq!(differences(&base(), &after).unwrap(), [expected]);
     }
 }

@@ -3,13 +3,13 @@
 mod fault;
 mod world;
 
-use crate::error::{Complaint, ConfigError};
+use crate::error::{ConfigError, Diagnostic};
 use crate::fault::Fault;
 use crate::policy::{Fidelity, ResetPolicy, Saturation, Search};
 use crate::raw::{PerJoint, RawController, RawFault, RawOperator, RawProcesses, RawRealtime, RawRobot, RawScenario};
 use crate::settings::{
-    MAX_JOINTS, MIN_SPACING_TICKS, OperatorChange, Parameters, Plant, Processes, Realtime, Recorder, Robot, Settings, Supervisor,
-    Urdf,
+    ExternalProcesses, MAX_JOINTS, MIN_SPACING_TICKS, OperatorChange, ParameterSettings, PlantSettings, RealtimeSettings,
+    RecorderSettings, RobotSettings, Settings, SupervisorSettings, Urdf,
 };
 use crate::tree::{Node, describe_number};
 
@@ -22,11 +22,11 @@ const DESIRED_FORCE_MAX_N: f64 = 1e4;
 
 /// Checks the conditions between the values of a scenario whose numbers are in their ranges.
 pub(crate) fn settings(mut raw: RawScenario, tree: &Node, urdf: Urdf) -> Result<Settings, ConfigError> {
-    let at = At { tree };
+    let at = ScenarioCheck { tree };
     let policies = at.policies(&mut raw.controller)?;
     let duration_ticks = ticks(raw.duration_s);
     let mut operator = at.timeline(&raw.operator)?;
-    let mut initial = Parameters {
+    let mut initial = ParameterSettings {
         target_position: None,
         desired_force: [0.0; 3],
         stiffness: raw.controller.stiffness_n_per_m,
@@ -49,14 +49,14 @@ pub(crate) fn settings(mut raw: RawScenario, tree: &Node, urdf: Urdf) -> Result<
     }
     let joints = at.joints(&raw.robot)?;
     let effective = toml::to_string(&raw).map_err(|error| {
-        ConfigError::Combination(at.complain("", &error.to_string(), "settings that TOML can hold", "report this"))
+        ConfigError::Combination(at.diagnostic("", &error.to_string(), "settings that TOML can hold", "report this"))
     })?;
     Ok(Settings {
         title: raw.title,
         description: raw.description,
         duration_ticks: duration_ticks.unsigned_abs(),
         seed: raw.seed,
-        robot: Robot {
+        robot: RobotSettings {
             joint_damping: at.per_joint("robot.joint_damping_n_m_s_per_rad", raw.robot.joint_damping_n_m_s_per_rad, joints)?,
             effort_limit: at.per_joint("robot.effort_limit_n_m", raw.robot.effort_limit_n_m, joints)?,
             urdf,
@@ -67,7 +67,7 @@ pub(crate) fn settings(mut raw: RawScenario, tree: &Node, urdf: Urdf) -> Result<
             start_position: raw.robot.start_position_rad,
         },
         world: at.world(raw.world)?,
-        plant: Plant {
+        plant: PlantSettings {
             contact_substep_us: raw.plant.contact_substep_us,
             flight_substep_us: raw.plant.flight_substep_us,
             command_timeout_ticks: raw.plant.command_timeout_ticks,
@@ -78,7 +78,7 @@ pub(crate) fn settings(mut raw: RawScenario, tree: &Node, urdf: Urdf) -> Result<
         initial,
         operator,
         faults: at.faults(&raw.faults, duration_ticks, raw.seed)?,
-        supervisor: Supervisor {
+        supervisor: SupervisorSettings {
             deadline_us: raw.supervisor.deadline_us,
             torque_bandwidth_hz: raw.supervisor.torque_bandwidth_hz,
             torque_peak: at.per_joint("supervisor.torque_peak_n_m", raw.supervisor.torque_peak_n_m, joints)?,
@@ -95,7 +95,7 @@ pub(crate) fn settings(mut raw: RawScenario, tree: &Node, urdf: Urdf) -> Result<
             credit_ticks: raw.supervisor.credit_ticks,
         },
         realtime: at.realtime(&raw.realtime)?,
-        recorder: Recorder {
+        recorder: RecorderSettings {
             flush_ms: raw.recorder.flush_ms,
             viewer_rate_hz: raw.recorder.viewer_rate_hz,
             chunk_kib: raw.recorder.chunk_kib,
@@ -107,12 +107,12 @@ pub(crate) fn settings(mut raw: RawScenario, tree: &Node, urdf: Urdf) -> Result<
 
 /// Checks the operator's entries of a tree that holds only them.
 pub(crate) fn changes(raw: &[RawOperator], tree: &Node) -> Result<Vec<OperatorChange>, ConfigError> {
-    At { tree }.timeline(raw)
+    ScenarioCheck { tree }.timeline(raw)
 }
 
 /// Checks the fault of a tree that holds only it; the fault gets tick 0.
 pub(crate) fn injected(raw: &RawFault, tree: &Node) -> Result<Fault, ConfigError> {
-    Ok(At { tree }.effect("fault[0]", raw)?.fault)
+    Ok(ScenarioCheck { tree }.effect("fault[0]", raw)?.fault)
 }
 
 /// Nearest tick to a time [s] within its range.
@@ -125,7 +125,7 @@ fn length(v: [f64; 3]) -> f64 {
 }
 
 /// Policies that `fidelity` selects, or the keys that replace them.
-struct Policies {
+struct SelectedPolicies {
     search: Search,
     reset_policy: ResetPolicy,
     saturation: Saturation,
@@ -134,13 +134,13 @@ struct Policies {
 }
 
 /// The checks, with the tree that knows the place of each value.
-struct At<'a> {
+struct ScenarioCheck<'a> {
     tree: &'a Node,
 }
 
-impl At<'_> {
-    fn complain(&self, key: &str, found: &str, expected: &str, help: &str) -> Box<Complaint> {
-        Box::new(Complaint {
+impl ScenarioCheck<'_> {
+    fn diagnostic(&self, key: &str, found: &str, expected: &str, help: &str) -> Box<Diagnostic> {
+        Box::new(Diagnostic {
             place: self.tree.place(key),
             key: key.to_owned(),
             found: found.to_owned(),
@@ -154,10 +154,10 @@ impl At<'_> {
     }
 
     /// Returns the active policies, and writes them into the raw section unless `fidelity` selects them.
-    fn policies(&self, raw: &mut RawController) -> Result<Policies, ConfigError> {
+    fn policies(&self, raw: &mut RawController) -> Result<SelectedPolicies, ConfigError> {
         const FIDELITY: &str = "controller.fidelity";
         if raw.fidelity == Fidelity::Hapfic {
-            return Ok(Policies {
+            return Ok(SelectedPolicies {
                 search: *raw.search.get_or_insert_default(),
                 reset_policy: *raw.reset_policy.get_or_insert_default(),
                 saturation: *raw.saturation.get_or_insert_default(),
@@ -179,9 +179,9 @@ impl At<'_> {
                 self.tree.place(FIDELITY)
             );
             let help = format!("remove {key}, or remove {FIDELITY} and set each policy");
-            return Err(ConfigError::Combination(self.complain(key, &found, "one of the two", &help)));
+            return Err(ConfigError::Combination(self.diagnostic(key, &found, "one of the two", &help)));
         }
-        Ok(Policies {
+        Ok(SelectedPolicies {
             search: Search::Sign,
             reset_policy: ResetPolicy::AsPrinted,
             saturation: Saturation::AsPrinted,
@@ -196,7 +196,7 @@ impl At<'_> {
         }
         let found = format!("{}, of length {}", self.found(key), describe_number(length(v)));
         let expected = format!("a vector no longer than {}", describe_number(longest));
-        Err(ConfigError::OutOfRange(self.complain(key, &found, &expected, "the length of the whole vector counts")))
+        Err(ConfigError::OutOfRange(self.diagnostic(key, &found, &expected, "the length of the whole vector counts")))
     }
 
     /// Checks the names of the links, and returns the number of joints.
@@ -204,13 +204,13 @@ impl At<'_> {
         let names = [("robot.urdf", &raw.urdf), ("robot.base_link", &raw.base_link), ("robot.tip_link", &raw.tip_link)];
         if let Some((key, _)) = names.iter().find(|(_, name)| name.trim().is_empty()) {
             let help = "link names are those of the robot description";
-            return Err(ConfigError::WrongType(self.complain(key, "empty text", "a name", help)));
+            return Err(ConfigError::WrongType(self.diagnostic(key, "empty text", "a name", help)));
         }
         if raw.base_link == raw.tip_link {
             let expected = "another link than robot.base_link";
             let found = self.found("robot.tip_link");
             let help = "the robot is the chain of joints between the two";
-            return Err(ConfigError::Combination(self.complain("robot.tip_link", &found, expected, help)));
+            return Err(ConfigError::Combination(self.diagnostic("robot.tip_link", &found, expected, help)));
         }
         let count = raw.start_position_rad.len();
         if (1..=MAX_JOINTS).contains(&count) {
@@ -219,7 +219,7 @@ impl At<'_> {
         let key = "robot.start_position_rad";
         let expected = format!("a list of 1 to {MAX_JOINTS} numbers");
         let help = "one number for each joint between base_link and tip_link";
-        Err(ConfigError::WrongLength(self.complain(key, &format!("a list of {count}"), &expected, help)))
+        Err(ConfigError::WrongLength(self.diagnostic(key, &format!("a list of {count}"), &expected, help)))
     }
 
     fn per_joint(&self, key: &str, value: Option<PerJoint>, joints: usize) -> Result<Option<Vec<f64>>, ConfigError> {
@@ -231,12 +231,12 @@ impl At<'_> {
                 let found = format!("a list of {}", numbers.len());
                 let expected = format!("a number for all joints, or a list of {joints}");
                 let help = "one for each number of robot.start_position_rad";
-                Err(ConfigError::WrongLength(self.complain(key, &found, &expected, help)))
+                Err(ConfigError::WrongLength(self.diagnostic(key, &found, &expected, help)))
             }
         }
     }
 
-    fn realtime(&self, raw: &RawRealtime) -> Result<Realtime, ConfigError> {
+    fn realtime(&self, raw: &RawRealtime) -> Result<RealtimeSettings, ConfigError> {
         let order = [
             ("realtime.priority_plant", raw.priority_plant),
             ("realtime.priority_gate", raw.priority_gate),
@@ -253,10 +253,10 @@ impl At<'_> {
                     (above, higher, format!("more than {below} = {lower}"))
                 };
                 let help = "priorities must fall in the order plant, gate, controller, planner";
-                return Err(ConfigError::Combination(self.complain(key, &found.to_string(), &expected, help)));
+                return Err(ConfigError::Combination(self.diagnostic(key, &found.to_string(), &expected, help)));
             }
         }
-        Ok(Realtime {
+        Ok(RealtimeSettings {
             priority_plant: raw.priority_plant,
             priority_gate: raw.priority_gate,
             priority_controller: raw.priority_controller,
@@ -271,7 +271,7 @@ impl At<'_> {
         })
     }
 
-    fn processes(&self, raw: RawProcesses) -> Result<Processes, ConfigError> {
+    fn processes(&self, raw: RawProcesses) -> Result<ExternalProcesses, ConfigError> {
         let commands =
             [("processes.plant", &raw.plant), ("processes.planner", &raw.planner), ("processes.controller", &raw.controller)];
         for (key, command) in commands {
@@ -279,10 +279,10 @@ impl At<'_> {
             if command.first().is_none_or(|program| program.trim().is_empty()) {
                 let help = "remove the key to use the built-in process";
                 let expected = "a program and its arguments, each a string of its own";
-                return Err(ConfigError::WrongLength(self.complain(key, &self.found(key), expected, help)));
+                return Err(ConfigError::WrongLength(self.diagnostic(key, &self.found(key), expected, help)));
             }
         }
-        Ok(Processes { plant: raw.plant, planner: raw.planner, controller: raw.controller })
+        Ok(ExternalProcesses { plant: raw.plant, planner: raw.planner, controller: raw.controller })
     }
 
     fn timeline(&self, raw: &[RawOperator]) -> Result<Vec<OperatorChange>, ConfigError> {
@@ -294,7 +294,7 @@ impl At<'_> {
             if change == (OperatorChange { at_tick: change.at_tick, ..OperatorChange::default() }) {
                 let help = "name what changes at that time, or remove the entry";
                 let expected = "at least one change beside at_s";
-                return Err(ConfigError::Combination(self.complain(&path, "an entry that changes nothing", expected, help)));
+                return Err(ConfigError::Combination(self.diagnostic(&path, "an entry that changes nothing", expected, help)));
             }
             if let Some(target) = change.target_position {
                 self.short_enough(&format!("{path}.target_position_m"), target, TARGET_MAX_M)?;
@@ -317,7 +317,7 @@ impl At<'_> {
         }
         let expected = format!("at least {}, 5 ms after the entry before", seconds(earliest));
         let help = "order the entries by time; changes of the same time belong into one entry";
-        Err(ConfigError::Combination(self.complain(key, &found, &expected, help)))
+        Err(ConfigError::Combination(self.diagnostic(key, &found, &expected, help)))
     }
 }
 

@@ -40,9 +40,9 @@ impl fmt::Display for Location {
     }
 }
 
-/// The content of a [`ConfigError`].
+/// Content of a [`ConfigError`].
 #[derive(Clone, Debug, Eq, PartialEq)]
-pub struct Complaint {
+pub struct Diagnostic {
     /// Place of the value.
     pub place: Location,
     /// Path of the key, such as `controller.stiffness_n_per_m[1]`; empty if the error concerns no key.
@@ -55,7 +55,7 @@ pub struct Complaint {
     pub help: String,
 }
 
-impl fmt::Display for Complaint {
+impl fmt::Display for Diagnostic {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}: ", self.place)?;
         if !self.key.is_empty() {
@@ -70,40 +70,40 @@ impl fmt::Display for Complaint {
 pub enum ConfigError {
     /// The scenario or its robot description cannot be read.
     #[error("{0}")]
-    Read(Box<Complaint>),
+    Read(Box<Diagnostic>),
     /// No embedded scenario has this name.
     #[error("{0}")]
-    UnknownScenario(Box<Complaint>),
+    UnknownScenario(Box<Diagnostic>),
     /// The text is not TOML, or repeats a key.
     #[error("{0}")]
-    NotToml(Box<Complaint>),
+    NotToml(Box<Diagnostic>),
     /// A key is unknown.
     #[error("{0}")]
-    UnknownKey(Box<Complaint>),
+    UnknownKey(Box<Diagnostic>),
     /// A required key is missing.
     #[error("{0}")]
-    MissingKey(Box<Complaint>),
+    MissingKey(Box<Diagnostic>),
     /// A value has another type, or a word is none of the choices.
     #[error("{0}")]
-    WrongType(Box<Complaint>),
+    WrongType(Box<Diagnostic>),
     /// A number is outside its range, or not finite.
     #[error("{0}")]
-    OutOfRange(Box<Complaint>),
+    OutOfRange(Box<Diagnostic>),
     /// A list has another length.
     #[error("{0}")]
-    WrongLength(Box<Complaint>),
+    WrongLength(Box<Diagnostic>),
     /// Values are valid alone but not together.
     #[error("{0}")]
-    Combination(Box<Complaint>),
+    Combination(Box<Diagnostic>),
     /// An override cannot be read or applied.
     #[error("{0}")]
-    Override(Box<Complaint>),
+    Override(Box<Diagnostic>),
 }
 
 impl ConfigError {
     /// Returns place, key, found, expected and hint.
     #[must_use]
-    pub fn complaint(&self) -> &Complaint {
+    pub fn diagnostic(&self) -> &Diagnostic {
         match self {
             Self::Read(c)
             | Self::UnknownScenario(c)
@@ -118,7 +118,7 @@ impl ConfigError {
         }
     }
 
-    pub(crate) fn complaint_mut(&mut self) -> &mut Complaint {
+    pub(crate) fn diagnostic_mut(&mut self) -> &mut Diagnostic {
         match self {
             Self::Read(c)
             | Self::UnknownScenario(c)

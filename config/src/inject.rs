@@ -4,7 +4,7 @@ use crate::change::{only_entry, plain_keys, twice};
 use crate::check;
 use crate::error::{ConfigError, Location};
 use crate::fault::{Fault, FaultKind};
-use crate::overrides::{complain, parse};
+use crate::overrides::{override_error, parse};
 use crate::ranges;
 use crate::raw::{RawFault, RawTargets};
 use crate::read;
@@ -43,7 +43,7 @@ impl Fault {
         let place = Location::Injection(pairs.join(" ").into());
         if pairs.is_empty() {
             let help = "name the fault, for example kind=stop process=planner for_ms=50";
-            return Err(complain(&place, "", "no fault", "kind=KIND and the keys of that kind", help));
+            return Err(override_error(&place, "", "no fault", "kind=KIND and the keys of that kind", help));
         }
         let mut keys = BTreeMap::new();
         pairs.iter().try_for_each(|pair| add(&mut keys, pair))?;
@@ -55,15 +55,15 @@ fn add(keys: &mut BTreeMap<String, Node>, pair: &str) -> Result<(), ConfigError>
     let place = Location::Injection(pair.into());
     let example = "write for example kind=kill process=controller";
     let Some((key, text)) = pair.split_once('=') else {
-        return Err(complain(&place, "", "no =", "KEY=VALUE", example));
+        return Err(override_error(&place, "", "no =", "KEY=VALUE", example));
     };
     let key = key.trim();
     if key.is_empty() {
-        return Err(complain(&place, key, "an empty key", "KEY=VALUE", example));
+        return Err(override_error(&place, key, "an empty key", "KEY=VALUE", example));
     }
     if matches!(key, "at_s" | "random") {
         let help = "remove it; the fault begins immediately";
-        return Err(complain(&place, key, "a time", "one of kind, process, for_ms, by_us", help));
+        return Err(override_error(&place, key, "a time", "one of kind, process, for_ms, by_us", help));
     }
     let value = parse(text.trim(), key, &place)?;
     if keys.contains_key(key) {
@@ -77,13 +77,13 @@ fn read_one(root: &Node) -> Result<Fault, ConfigError> {
     ranges::check(root)?;
     let raw: RawInjections = read::read(root)?;
     let Some(raw) = raw.fault.into_iter().next() else {
-        return Err(complain(&root.place, "", "no fault", "kind=KIND and the keys of that kind", "name the fault"));
+        return Err(override_error(&root.place, "", "no fault", "kind=KIND and the keys of that kind", "name the fault"));
     };
     if let Some(RawTargets::Sampled(_)) = raw.process {
         let key = format!("{ENTRY}.process");
         let found = root.get(&key).map_or_else(|| "a list".to_owned(), Node::describe);
         let help = "only a scenario samples from a list: name one process";
-        return Err(complain(&root.place(&key), &key, &found, "one process", help));
+        return Err(override_error(&root.place(&key), &key, &found, "one process", help));
     }
     let raw = RawFault { kind: raw.kind, process: raw.process, at_s: None, for_ms: raw.for_ms, by_us: raw.by_us, random: None };
     check::injected(&raw, root)

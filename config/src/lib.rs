@@ -34,13 +34,14 @@ mod schema;
 mod settings;
 mod tree;
 
-pub use change::{Difference, RequestedChange, differences};
+pub use change::{ParameterDifference, RequestedChange, differences};
 pub use embedded::{Scenario, robots, scenarios};
-pub use error::{Complaint, ConfigError, Location};
+pub use error::{ConfigError, Diagnostic, Location};
 pub use fault::{Fault, FaultKind, FaultTarget};
 pub use policy::{Fidelity, OnLoss, Placement, ResetPolicy, Saturation, Search};
 pub use schema::json_schema;
 pub use settings::{
-    Floor, MAX_JOINTS, MAX_OBJECTS, MIN_SPACING_TICKS, Object, ObjectShape, OperatorChange, PERIOD_S, Parameters, Plant,
-    Processes, Realtime, Recorder, Robot, Settings, Supervisor, Surface, Urdf, World,
+    ExternalProcesses, Floor, MAX_JOINTS, MAX_OBJECTS, MIN_SPACING_TICKS, Object, ObjectShape, OperatorChange, PERIOD_S,
+    ParameterSettings, PlantSettings, RealtimeSettings, RecorderSettings, RobotSettings, Settings, SupervisorSettings, Surface,
+    Urdf, WorldSettings,
 };

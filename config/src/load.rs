@@ -3,7 +3,7 @@
 use crate::alias;
 use crate::check;
 use crate::embedded;
-use crate::error::{Complaint, ConfigError, Location, nearest};
+use crate::error::{ConfigError, Diagnostic, Location, nearest};
 use crate::overrides;
 use crate::ranges;
 use crate::raw::RawScenario;
@@ -28,7 +28,7 @@ impl Settings {
             return Err(unknown_scenario(what));
         }
         let text = std::fs::read_to_string(path).map_err(|error| {
-            ConfigError::Read(Box::new(Complaint {
+            ConfigError::Read(Box::new(Diagnostic {
                 place: Location::whole(what),
                 key: String::new(),
                 found: format!("a file that cannot be read ({error})"),
@@ -92,7 +92,7 @@ fn load_urdf(written: &str, base_dir: Option<&Path>, tree: &Node) -> Result<Urdf
         Ok(text) => Ok(Urdf { name, text }),
         Err(error) => {
             let names: Vec<&str> = embedded::robots().iter().map(|(name, _)| *name).collect();
-            Err(ConfigError::Read(Box::new(Complaint {
+            Err(ConfigError::Read(Box::new(Diagnostic {
                 place: tree.place(KEY),
                 key: KEY.to_owned(),
                 found: format!("{name:?}, which cannot be read ({error})"),
@@ -113,7 +113,7 @@ fn unknown_scenario(what: &str) -> ConfigError {
         Some(near) => format!("did you mean {near}?"),
         None => "give the path of a file with a / or the ending .toml".to_owned(),
     };
-    ConfigError::UnknownScenario(Box::new(Complaint {
+    ConfigError::UnknownScenario(Box::new(Diagnostic {
         place: Location::whole(what),
         key: String::new(),
         found: "no scenario of this name".to_owned(),

@@ -1,7 +1,7 @@
 //! Overrides `--set key.path=value`, which replace values of the scenario before the checks.
 
 use crate::alias;
-use crate::error::{Complaint, ConfigError, Location};
+use crate::error::{ConfigError, Diagnostic, Location};
 use crate::raw::RawScenario;
 use crate::tree::{Node, Value, join};
 use std::collections::BTreeMap;
@@ -18,12 +18,12 @@ pub(crate) fn apply(root: &mut Node, arguments: &[String]) -> Result<(), ConfigE
 fn apply_one(root: &mut Node, defaults: &Node, argument: &str) -> Result<(), ConfigError> {
     let place = Location::Override(argument.into());
     let Some((path, text)) = argument.split_once('=') else {
-        return Err(complain(&place, "", "no =", "KEY=VALUE", "write for example --set controller.taper=0.1"));
+        return Err(override_error(&place, "", "no =", "KEY=VALUE", "write for example --set controller.taper=0.1"));
     };
     let path = path.trim();
     let mut keys: Vec<&str> = path.split('.').map(str::trim).collect();
     if keys.iter().any(|key| key.is_empty()) {
-        return Err(complain(&place, path, "an empty key", "keys joined by single points", "remove the extra point"));
+        return Err(override_error(&place, path, "an empty key", "keys joined by single points", "remove the extra point"));
     }
     // In the operator's list the entry's index stands between the section and its key.
     let section = keys[0];
@@ -52,7 +52,7 @@ pub(crate) fn parse(text: &str, path: &str, place: &Location) -> Result<Node, Co
     }
     let found = if text.is_empty() { "nothing after =".to_owned() } else { format!("{text:?}, which is not TOML") };
     let help = "numbers are plain, lists are [1, 2, 3], text with blanks is quoted for TOML and for the shell";
-    Err(complain(place, path, &found, "a TOML value or a single word", help))
+    Err(override_error(place, path, &found, "a TOML value or a single word", help))
 }
 
 struct Setter<'a> {
@@ -84,21 +84,21 @@ impl Setter<'_> {
                             format!("a number from 0 to {}", count - 1)
                         };
                         let help = "indices count from 0; to make the list longer, set the whole list";
-                        Err(complain(self.place, &path, &format!("{key:?} as an index into the list"), &expected, help))
+                        Err(override_error(self.place, &path, &format!("{key:?} as an index into the list"), &expected, help))
                     }
                 }
             }
             _ => {
                 let help = format!("set {path} itself");
-                Err(complain(self.place, &path, &found, &format!("a table or a list, to set {key} in it"), &help))
+                Err(override_error(self.place, &path, &found, &format!("a table or a list, to set {key} in it"), &help))
             }
         }
     }
 
     /// Returns the value of a path that the scenario omits.
     ///
-    /// A list starts from its default, so that an override can set single elements of it. A table starts empty; its keys
-    /// get their defaults as in any scenario.
+    /// A list starts from its default, so that an override can set single elements of it. A table starts empty; its
+    /// keys get their defaults as in any scenario.
     fn default_at(&self, path: &str) -> Node {
         let value = match self.defaults.get(path).map(|node| &node.value) {
             Some(Value::List(items)) => Value::List(items.clone()),
@@ -113,12 +113,12 @@ fn defaults() -> Result<Node, ConfigError> {
     let place = Location::whole("defaults");
     match toml::to_string(&RawScenario::default()) {
         Ok(text) => Node::parse(&text, "defaults"),
-        Err(error) => Err(complain(&place, "", &error.to_string(), "defaults that TOML can hold", "report this")),
+        Err(error) => Err(override_error(&place, "", &error.to_string(), "defaults that TOML can hold", "report this")),
     }
 }
 
-pub(crate) fn complain(place: &Location, key: &str, found: &str, expected: &str, help: &str) -> ConfigError {
-    ConfigError::Override(Box::new(Complaint {
+pub(crate) fn override_error(place: &Location, key: &str, found: &str, expected: &str, help: &str) -> ConfigError {
+    ConfigError::Override(Box::new(Diagnostic {
         place: place.clone(),
         key: key.to_owned(),
         found: found.to_owned(),

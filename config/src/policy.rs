@@ -31,7 +31,7 @@ pub enum ResetPolicy {
 #[derive(Clone, Copy, Debug, Default, Deserialize, Eq, JsonSchema, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Saturation {
-    /// S = 0.05 / (2 pi): within the last 5 % of x_b, as the paper's prose says.
+    /// S = 0.05 / (2 pi): within the last 5 % of x_b, as the paper's text states.
     #[default]
     Continuous,
     /// S = 0.1353, the printed value: the force steps at 0.95 x_b.

@@ -1,6 +1,6 @@
 //! Table of the range of every number in a scenario: for the check, for messages, and for the schema.
 
-use crate::error::{Complaint, ConfigError};
+use crate::error::{ConfigError, Diagnostic};
 use crate::tree::{Node, Value, describe_number, join};
 use std::fmt;
 
@@ -156,8 +156,8 @@ fn leaf(node: &Node, range: Range, path: &str) -> Result<(), ConfigError> {
     if range.admits(&node.value) {
         return Ok(());
     }
-    let complain = |help: &str| {
-        Box::new(Complaint {
+    let diagnostic = |help: &str| {
+        Box::new(Diagnostic {
             place: node.place.clone(),
             key: path.to_owned(),
             found: node.describe(),
@@ -167,12 +167,12 @@ fn leaf(node: &Node, range: Range, path: &str) -> Result<(), ConfigError> {
     };
     Err(match (range, &node.value) {
         (_, Value::Float(number)) if !number.is_finite() => {
-            ConfigError::OutOfRange(complain("TOML admits nan and inf, a scenario does not: give a finite number"))
+            ConfigError::OutOfRange(diagnostic("TOML admits nan and inf, a scenario does not: give a finite number"))
         }
-        (Range::Whole { .. }, Value::Float(_)) => ConfigError::WrongType(complain("write it without point and exponent")),
+        (Range::Whole { .. }, Value::Float(_)) => ConfigError::WrongType(diagnostic("write it without point and exponent")),
         (_, Value::Float(_) | Value::Integer(_)) => {
-            ConfigError::OutOfRange(complain("choose a value in that range; the unit is in the key's name"))
+            ConfigError::OutOfRange(diagnostic("choose a value in that range; the unit is in the key's name"))
         }
-        _ => ConfigError::WrongType(complain("give a plain number, without quotes or unit")),
+        _ => ConfigError::WrongType(diagnostic("give a plain number, without quotes or unit")),
     })
 }

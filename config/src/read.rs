@@ -1,6 +1,6 @@
 //! serde deserializer of a [`Node`] tree; each error names path and place of its value.
 
-use crate::error::{Complaint, ConfigError, Location, nearest};
+use crate::error::{ConfigError, Diagnostic, Location, nearest};
 use crate::tree::{Node, Value, join};
 use serde::de::value::StrDeserializer;
 use serde::de::{self, DeserializeOwned, DeserializeSeed, Expected, IntoDeserializer, Unexpected, Visitor};
@@ -11,29 +11,29 @@ use std::slice;
 
 /// Reads a whole scenario.
 pub(crate) fn read<T: DeserializeOwned>(root: &Node) -> Result<T, ConfigError> {
-    let result: Result<T, ReadError> = Deserialize::deserialize(Reader { node: root, path: String::new() });
+    let result: Result<T, ReadError> = Deserialize::deserialize(NodeReader { node: root, path: String::new() });
     result.map_err(|error| error.into_config_error(root))
 }
 
 /// Error of serde, with its value.
 #[derive(Debug)]
-pub(crate) struct ReadError(Box<Content>);
+pub(crate) struct ReadError(Box<ReadErrorDetail>);
 
 #[derive(Debug)]
-struct Content {
-    problem: Problem,
-    at: Option<At>,
+struct ReadErrorDetail {
+    problem: ReadProblem,
+    value: Option<FoundValue>,
 }
 
 #[derive(Debug)]
-struct At {
+struct FoundValue {
     path: String,
     place: Location,
     found: String,
 }
 
 #[derive(Debug)]
-enum Problem {
+enum ReadProblem {
     Type { expected: String },
     Length { found: usize, expected: String },
     UnknownKey { key: String, known: &'static [&'static str] },
@@ -41,57 +41,57 @@ enum Problem {
     MissingKey { key: &'static str },
 }
 
-impl From<Problem> for ReadError {
-    fn from(problem: Problem) -> Self {
-        Self(Box::new(Content { problem, at: None }))
+impl From<ReadProblem> for ReadError {
+    fn from(problem: ReadProblem) -> Self {
+        Self(Box::new(ReadErrorDetail { problem, value: None }))
     }
 }
 
 impl ReadError {
     /// Adds path and value; the innermost value counts.
     fn at(mut self, path: &str, node: &Node) -> Self {
-        if self.0.at.is_none() {
-            self.0.at = Some(At { path: path.to_owned(), place: node.place.clone(), found: node.describe() });
+        if self.0.value.is_none() {
+            self.0.value = Some(FoundValue { path: path.to_owned(), place: node.place.clone(), found: node.describe() });
         }
         self
     }
 
     fn into_config_error(self, root: &Node) -> ConfigError {
-        let Content { problem, at } = *self.0;
-        let At { path, place, found } =
-            at.unwrap_or_else(|| At { path: String::new(), place: root.place.clone(), found: root.describe() });
-        let complain = |key: String, found: String, expected: String, help: String| {
-            Box::new(Complaint { place, key, found, expected, help })
+        let ReadErrorDetail { problem, value } = *self.0;
+        let FoundValue { path, place, found } =
+            value.unwrap_or_else(|| FoundValue { path: String::new(), place: root.place.clone(), found: root.describe() });
+        let diagnostic = |key: String, found: String, expected: String, help: String| {
+            Box::new(Diagnostic { place, key, found, expected, help })
         };
         match problem {
-            Problem::Type { expected } => {
+            ReadProblem::Type { expected } => {
                 let help = "change the value; the documentation of the key shows its form".to_owned();
-                ConfigError::WrongType(complain(path, found, expected, help))
+                ConfigError::WrongType(diagnostic(path, found, expected, help))
             }
-            Problem::Length { found, expected } => {
+            ReadProblem::Length { found, expected } => {
                 let help = format!("{} values", if found == 0 { "add" } else { "add or remove" });
-                ConfigError::WrongLength(complain(path, format!("a list of {found}"), expected, help))
+                ConfigError::WrongLength(diagnostic(path, format!("a list of {found}"), expected, help))
             }
-            Problem::UnknownKey { key, known } => {
+            ReadProblem::UnknownKey { key, known } => {
                 let help = match nearest(&key, known) {
                     Some(near) => format!("did you mean {near}?"),
                     None => "remove it, or use one of these".to_owned(),
                 };
                 let expected = format!("one of {}", known.join(", "));
-                ConfigError::UnknownKey(complain(join(&path, &key), "an unknown key".to_owned(), expected, help))
+                ConfigError::UnknownKey(diagnostic(join(&path, &key), "an unknown key".to_owned(), expected, help))
             }
-            Problem::UnknownWord { known } => {
+            ReadProblem::UnknownWord { known } => {
                 let help = match nearest(found.trim_matches('"'), known) {
                     Some(near) => format!("did you mean \"{near}\"?"),
                     None => "use one of these words, in quotes".to_owned(),
                 };
                 let quoted: Vec<String> = known.iter().map(|word| format!("\"{word}\"")).collect();
-                ConfigError::WrongType(complain(path, found, format!("one of {}", quoted.join(", ")), help))
+                ConfigError::WrongType(diagnostic(path, found, format!("one of {}", quoted.join(", ")), help))
             }
-            Problem::MissingKey { key } => {
+            ReadProblem::MissingKey { key } => {
                 let help = format!("add {key}; it has no default");
                 let expected = "a value".to_owned();
-                ConfigError::MissingKey(complain(join(&path, key), "nothing".to_owned(), expected, help))
+                ConfigError::MissingKey(diagnostic(join(&path, key), "nothing".to_owned(), expected, help))
             }
         }
     }
@@ -118,46 +118,46 @@ fn expectation(expected: &dyn Expected) -> String {
 
 impl de::Error for ReadError {
     fn custom<T: fmt::Display>(message: T) -> Self {
-        Problem::Type { expected: message.to_string() }.into()
+        ReadProblem::Type { expected: message.to_string() }.into()
     }
 
     fn invalid_type(_: Unexpected<'_>, expected: &dyn Expected) -> Self {
-        Problem::Type { expected: expectation(expected) }.into()
+        ReadProblem::Type { expected: expectation(expected) }.into()
     }
 
     fn invalid_value(_: Unexpected<'_>, expected: &dyn Expected) -> Self {
-        Problem::Type { expected: expectation(expected) }.into()
+        ReadProblem::Type { expected: expectation(expected) }.into()
     }
 
     fn invalid_length(found: usize, expected: &dyn Expected) -> Self {
-        Problem::Length { found, expected: expectation(expected) }.into()
+        ReadProblem::Length { found, expected: expectation(expected) }.into()
     }
 
     fn unknown_variant(_: &str, known: &'static [&'static str]) -> Self {
-        Problem::UnknownWord { known }.into()
+        ReadProblem::UnknownWord { known }.into()
     }
 
     fn unknown_field(key: &str, known: &'static [&'static str]) -> Self {
-        Problem::UnknownKey { key: key.to_owned(), known }.into()
+        ReadProblem::UnknownKey { key: key.to_owned(), known }.into()
     }
 
     fn missing_field(key: &'static str) -> Self {
-        Problem::MissingKey { key }.into()
+        ReadProblem::MissingKey { key }.into()
     }
 }
 
-struct Reader<'a> {
+struct NodeReader<'a> {
     node: &'a Node,
     path: String,
 }
 
-impl Reader<'_> {
+impl NodeReader<'_> {
     fn wrong(&self, expected: String) -> ReadError {
-        ReadError::from(Problem::Type { expected }).at(&self.path, self.node)
+        ReadError::from(ReadProblem::Type { expected }).at(&self.path, self.node)
     }
 }
 
-impl<'de> de::Deserializer<'de> for Reader<'_> {
+impl<'de> de::Deserializer<'de> for NodeReader<'_> {
     type Error = ReadError;
 
     fn deserialize_any<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, ReadError> {
@@ -171,8 +171,8 @@ impl<'de> de::Deserializer<'de> for Reader<'_> {
             Value::Float(number) => visitor.visit_f64(*number),
             Value::Boolean(flag) => visitor.visit_bool(*flag),
             Value::Date(_) => Err(de::Error::invalid_type(Unexpected::Other("a date"), &visitor)),
-            Value::List(items) => visitor.visit_seq(Items { path: &self.path, index: 0, rest: items.iter() }),
-            Value::Table(table) => visitor.visit_map(Entries { path: &self.path, rest: table.iter(), current: None }),
+            Value::List(items) => visitor.visit_seq(ListReader { path: &self.path, index: 0, rest: items.iter() }),
+            Value::Table(table) => visitor.visit_map(TableReader { path: &self.path, rest: table.iter(), current: None }),
         };
         result.map_err(|error| error.at(&self.path, self.node))
     }
@@ -204,7 +204,7 @@ impl<'de> de::Deserializer<'de> for Reader<'_> {
         match &self.node.value {
             Value::List(items) if items.len() == length => self.deserialize_any(visitor),
             Value::List(items) => {
-                Err(ReadError::from(Problem::Length { found: items.len(), expected }).at(&self.path, self.node))
+                Err(ReadError::from(ReadProblem::Length { found: items.len(), expected }).at(&self.path, self.node))
             }
             _ => Err(self.wrong(expected)),
         }
@@ -221,7 +221,7 @@ impl<'de> de::Deserializer<'de> for Reader<'_> {
                 let word: StrDeserializer<'_, ReadError> = word.as_str().into_deserializer();
                 visitor.visit_enum(word).map_err(|error| error.at(&self.path, self.node))
             }
-            _ => Err(ReadError::from(Problem::UnknownWord { known }).at(&self.path, self.node)),
+            _ => Err(ReadError::from(ReadProblem::UnknownWord { known }).at(&self.path, self.node)),
         }
     }
 
@@ -231,30 +231,30 @@ impl<'de> de::Deserializer<'de> for Reader<'_> {
     }
 }
 
-struct Items<'a> {
+struct ListReader<'a> {
     path: &'a str,
     index: usize,
     rest: slice::Iter<'a, Node>,
 }
 
-impl<'de> de::SeqAccess<'de> for Items<'_> {
+impl<'de> de::SeqAccess<'de> for ListReader<'_> {
     type Error = ReadError;
 
     fn next_element_seed<T: DeserializeSeed<'de>>(&mut self, seed: T) -> Result<Option<T::Value>, ReadError> {
         let Some(node) = self.rest.next() else { return Ok(None) };
         let path = format!("{}[{}]", self.path, self.index);
         self.index += 1;
-        seed.deserialize(Reader { node, path }).map(Some)
+        seed.deserialize(NodeReader { node, path }).map(Some)
     }
 }
 
-struct Entries<'a> {
+struct TableReader<'a> {
     path: &'a str,
     rest: btree_map::Iter<'a, String, Node>,
     current: Option<(&'a str, &'a Node)>,
 }
 
-impl<'de> de::MapAccess<'de> for Entries<'_> {
+impl<'de> de::MapAccess<'de> for TableReader<'_> {
     type Error = ReadError;
 
     fn next_key_seed<K: DeserializeSeed<'de>>(&mut self, seed: K) -> Result<Option<K::Value>, ReadError> {
@@ -269,6 +269,6 @@ impl<'de> de::MapAccess<'de> for Entries<'_> {
         let Some((name, node)) = self.current.take() else {
             return Err(de::Error::custom("a key before its value"));
         };
-        seed.deserialize(Reader { node, path: join(self.path, name) })
+        seed.deserialize(NodeReader { node, path: join(self.path, name) })
     }
 }

@@ -29,33 +29,33 @@ pub struct Settings {
     /// Seed of all random numbers.
     pub seed: u64,
     /// The robot.
-    pub robot: Robot,
+    pub robot: RobotSettings,
     /// Surroundings of the robot.
-    pub world: World,
+    pub world: WorldSettings,
     /// The simulated plant.
-    pub plant: Plant,
+    pub plant: PlantSettings,
     /// Preset of the controller's policies.
     pub fidelity: Fidelity,
     /// Parameters from the first tick on: controller, planner, and the operator's entry at 0 if there is one.
-    pub initial: Parameters,
+    pub initial: ParameterSettings,
     /// Later changes by the operator, in the order of time; all ticks are above 0.
     pub operator: Vec<OperatorChange>,
     /// Injected faults, sampled, in the order of time; all ticks are within the run.
     pub faults: Vec<Fault>,
     /// Gate and watchdog.
-    pub supervisor: Supervisor,
+    pub supervisor: SupervisorSettings,
     /// Priorities and cores.
-    pub realtime: Realtime,
+    pub realtime: RealtimeSettings,
     /// The log.
-    pub recorder: Recorder,
+    pub recorder: RecorderSettings,
     /// External processes.
-    pub processes: Processes,
+    pub processes: ExternalProcesses,
     pub(crate) effective: String,
 }
 
 /// The robot, its place in the world, and its posture at the start.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Robot {
+pub struct RobotSettings {
     /// Robot description.
     pub urdf: Urdf,
     /// Link that is fixed to the world.
@@ -66,8 +66,8 @@ pub struct Robot {
     pub base_position_m: [f64; 3],
     /// Orientation of the base link: roll, pitch, yaw [rad].
     pub base_orientation_rpy_rad: [f64; 3],
-    /// q at the start, base to tip [rad; m for prismatic joints]; 1 to [`MAX_JOINTS`] numbers. The robot model compares their
-    /// number with the description.
+    /// q at the start, base to tip [rad; m for prismatic joints]; 1 to [`MAX_JOINTS`] numbers. The robot model compares
+    /// their number with the description.
     pub start_position: Vec<f64>,
     /// Joint damping [N m s/rad; N s/m], one number for each joint; `None`: the description's.
     pub joint_damping: Option<Vec<f64>>,
@@ -86,7 +86,7 @@ pub struct Urdf {
 
 /// Surroundings of the robot.
 #[derive(Clone, Debug, PartialEq)]
-pub struct World {
+pub struct WorldSettings {
     /// Gravity in the world frame [m/s^2].
     pub gravity_m_per_s2: [f64; 3],
     /// The floor, if there is one.
@@ -138,8 +138,8 @@ pub enum ObjectShape {
 
 /// Contact law of a body's surface.
 ///
-/// A contact has k, b and w of the softer surface, and mu_s, mu_d and v_c of the more slippery one. A robot's links have the
-/// surface of the body they touch.
+/// A contact has k, b and w of the softer surface, and mu_s, mu_d and v_c of the more slippery one. A robot's links
+/// have the surface of the body they touch.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surface {
     /// Stiffness k [N/m].
@@ -158,7 +158,7 @@ pub struct Surface {
 
 /// Integration and drive of the simulated plant.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Plant {
+pub struct PlantSettings {
     /// Longest step in contact [us]; need not divide the period.
     pub contact_substep_us: u32,
     /// Longest step in free flight [us]; need not divide the period.
@@ -173,7 +173,7 @@ pub struct Plant {
 
 /// Parameters that the operator may change. SI units, per axis of the world frame.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
-pub struct Parameters {
+pub struct ParameterSettings {
     /// Target x_t [m]; `None`: the position of the foot at the start.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub target_position: Option<[f64; 3]>,
@@ -209,7 +209,7 @@ pub struct Parameters {
     pub max_acceleration: f64,
 }
 
-/// A change by the operator at a tick; `None` keeps the value. Units as in [`Parameters`].
+/// A change by the operator at a tick; `None` keeps the value. Units as in [`ParameterSettings`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct OperatorChange {
     /// First tick with the new values.
@@ -248,7 +248,7 @@ pub struct OperatorChange {
     pub max_acceleration: Option<f64>,
 }
 
-impl Parameters {
+impl ParameterSettings {
     /// Returns these parameters after a change.
     #[must_use]
     pub fn with(self, change: &OperatorChange) -> Self {
@@ -275,7 +275,7 @@ impl Parameters {
 
 /// The torque gate and the watchdog.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Supervisor {
+pub struct SupervisorSettings {
     /// Time that the gate waits for a request after the state [us].
     pub deadline_us: u32,
     /// Bandwidth of the torque filter [Hz]; `None`: no filter.
@@ -296,8 +296,8 @@ pub struct Supervisor {
     pub restart_budget: u32,
     /// Window in which restarts count [ms].
     pub restart_window_ms: u32,
-    /// Delay of the second restart within a window [ms]. The first restart is immediate; each further one waits twice as long,
-    /// at most 1 s.
+    /// Delay of the second restart within a window [ms]. The first restart is immediate; each further one waits twice
+    /// as long, at most 1 s.
     pub restart_backoff_ms: u32,
     /// Largest rate of a joint's torque while it ramps in after a brake [N m/s; N/s].
     pub ramp_rate: f64,
@@ -309,7 +309,7 @@ pub struct Supervisor {
 
 /// Priorities (SCHED_FIFO, strictly falling from plant to planner) and cores (`None`: by `placement`).
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Realtime {
+pub struct RealtimeSettings {
     /// Plant.
     pub priority_plant: u32,
     /// Gate.
@@ -336,7 +336,7 @@ pub struct Realtime {
 
 /// The log.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Recorder {
+pub struct RecorderSettings {
     /// Interval between flushes of the file [ms].
     pub flush_ms: u32,
     /// Rate of the viewer frames [Hz].
@@ -347,7 +347,7 @@ pub struct Recorder {
 
 /// External processes, program first; `None`: the built-in process.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Processes {
+pub struct ExternalProcesses {
     /// Replaces the simulated plant.
     pub plant: Option<Vec<String>>,
     /// Replaces the planner.

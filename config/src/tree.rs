@@ -1,6 +1,6 @@
 //! Tree of a scenario in which every value knows its place.
 
-use crate::error::{Complaint, ConfigError, Location};
+use crate::error::{ConfigError, Diagnostic, Location};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use toml::Spanned;
@@ -28,12 +28,12 @@ pub(crate) enum Value {
 impl Node {
     /// Reads a document. `origin` names it in error messages.
     pub(crate) fn parse(text: &str, origin: &str) -> Result<Self, ConfigError> {
-        let lines = Lines::new(text, origin);
+        let lines = LineIndex::new(text, origin);
         match DeTable::parse(text) {
             Ok(table) => {
                 Ok(Self { place: Location::whole(origin), value: table_value(table.into_inner(), &|at| lines.place(at)) })
             }
-            Err(error) => Err(ConfigError::NotToml(Box::new(Complaint {
+            Err(error) => Err(ConfigError::NotToml(Box::new(Diagnostic {
                 place: error.span().map_or_else(|| Location::whole(origin), |span| lines.place(span.start)),
                 key: String::new(),
                 found: format!("text that is not TOML ({})", error.message().replace('\n', ", ")),
@@ -139,19 +139,19 @@ fn table_value(table: DeTable<'_>, place: &dyn Fn(usize) -> Location) -> Value {
     Value::Table(table.into_iter().map(|(key, value)| (key.into_inner().into_owned(), convert(value, place))).collect())
 }
 
-/// Reads an integer; one beyond 128 bits becomes the nearest that fits, which every range rejects too.
+/// Reads an integer; a number beyond 128 bits becomes the nearest that fits, which every range rejects too.
 fn integer(digits: &str, radix: u32) -> i128 {
     let beyond = if digits.starts_with('-') { i128::MIN } else { i128::MAX };
     i128::from_str_radix(digits, radix).unwrap_or(beyond)
 }
 
 /// Index from bytes of a text to its lines.
-struct Lines {
+struct LineIndex {
     name: Arc<str>,
     ends: Vec<usize>,
 }
 
-impl Lines {
+impl LineIndex {
     fn new(text: &str, origin: &str) -> Self {
         Self { name: origin.into(), ends: text.match_indices('\n').map(|(at, _)| at).collect() }
     }

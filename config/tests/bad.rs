@@ -119,7 +119,7 @@ fn value_wrong_type_rejected() {
     }
     assert_message(&before_robot("title = 3\n"), "x.toml:1: title: found 3, expected a string", &[]);
     assert_message(&before_robot("world = []\n"), "x.toml:1: world: found [], expected a table", &[]);
-    let suggestion = after_robot("[controller]\nsearch = \"sing\"\n").complaint().help.clone();
+    let suggestion = after_robot("[controller]\nsearch = \"sing\"\n").diagnostic().help.clone();
     assert_eq!(suggestion, "did you mean \"sign\"?");
 }
 

@@ -11,9 +11,9 @@ const SATURATED: f64 = 0.999;
 
 /// Returns the offset [m] under which new gains give the `force` [N] of the old ones, within +-x_b.
 ///
-/// `distance` is the planned distance x_d - x [m]. The rule is not `dx K0_old / K0_new`: where the target lies in a body,
-/// the distance carries a part of the force, and that rule scales this part by `K0_new / K0_old`. It also releases
-/// immediately the force that F_max held back, when F_max rises.
+/// `distance` is the planned distance x_d - x [m]. The rule is not `dx K0_old / K0_new`: where the target lies in a
+/// body, the distance carries a part of the force, and that rule scales this part by `K0_new / K0_old`. It also
+/// releases immediately the force that F_max limited before, when F_max rises.
 #[must_use]
 pub fn bumpless_offset(distance: f64, force: f64, profile: &ForceProfile) -> f64 {
     let bound = profile.position_bound;
@@ -24,12 +24,12 @@ pub fn bumpless_offset(distance: f64, force: f64, profile: &ForceProfile) -> f64
 
 /// Returns the offset of the next tick [m]: `proposed`, or `before` if the step winds up.
 ///
-/// `force` is the attractor's force at the offset `before` [N]. At `max_force` [N] a step away from zero in the direction of
-/// the force adds no force, and the search has to undo it later; the offset then stays. Every other step is free: out
-/// of the saturation, and towards zero, as after a loss of contact.
+/// `force` is the attractor's force at the offset `before` [N]. At `max_force` [N] a step away from zero in the
+/// direction of the force adds no force, and the search has to undo it later; the offset then stays. Every other step
+/// is free: out of the saturation, and towards zero, as after a loss of contact.
 ///
-/// The attractor's force decides, not the profile's. In convergence it may be far below F_max even beyond x_b; an offset
-/// held there can leave the contact below its desired force for ever.
+/// The attractor's force decides, not the profile's. In convergence it may be far below F_max even beyond x_b; an
+/// offset held there can leave the contact below its desired force permanently.
 #[must_use]
 pub fn conditional_integration(before: f64, proposed: f64, force: f64, max_force: f64) -> f64 {
     let saturated = force.abs() >= SATURATED * max_force;

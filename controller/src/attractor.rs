@@ -8,10 +8,10 @@ const MIN_LATCHED_ERROR_M: f64 = 1e-9;
 /// Fractal attractor of one axis (eq. 1).
 ///
 /// In divergence the profile stores energy. In convergence the force is linear about half of the latched error, and its
-/// work over the whole convergence is zero. With reference and parameters fixed, the net work on the robot over a closed
-/// cycle of the error is never positive if `F_c(e) / e` nowhere grows with `|e|`, that is for `F_max <= 0.95 K0 x_b`.
-/// A hardening profile (F_max well above `K0 x_b`) is passive over whole excursions from zero error and back. It may give
-/// energy in small cycles across its knee; that is a property of the law.
+/// work over the whole convergence is zero. Let `F_c(e) / e` nowhere grow with `|e|`, that is `F_max <= 0.95 K0 x_b`,
+/// and fix reference and parameters. Then the net work on the robot over a closed cycle of the error is never positive.
+/// A hardening profile (F_max well above `K0 x_b`) is passive over whole excursions from zero error and back. It may
+/// give energy in small cycles across its knee; that is a property of the law.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Attractor {
     /// x_max, the error latched at the start of the last convergence [m]. Starts at 0.
@@ -23,8 +23,8 @@ pub struct Attractor {
 impl Attractor {
     /// Runs one control tick: returns the next state and the force [N] for an error [m] and its rate [m/s].
     ///
-    /// The present profile always applies, also to an error latched under an older one. An error or rate that is not finite
-    /// gives no force and keeps the phase.
+    /// The present profile always applies, also to an error latched under an older one. An error or rate that is not
+    /// finite gives no force and keeps the phase.
     #[must_use]
     pub fn step(self, error: f64, error_rate: f64, profile: &ForceProfile) -> (Self, f64) {
         let latched = if self.x_max_m.is_finite() { self.x_max_m } else { 0.0 };

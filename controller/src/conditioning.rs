@@ -15,8 +15,9 @@ pub struct LowPass {
 impl LowPass {
     /// Runs one control tick of `period_s` [s] with the raw torque [N m] and the cut-off frequency [Hz].
     ///
-    /// Without a cut-off (`None`) the torque passes and the state follows it, so that a filter that starts later starts from it.
-    /// A cut-off or period that is not a positive number counts as none. A torque that is not finite counts as zero.
+    /// Without a cut-off (`None`) the torque passes and the state follows it, so that a filter that starts later starts
+    /// from it. A cut-off or period that is not a positive number counts as none. A torque that is not finite counts as
+    /// zero.
     #[must_use]
     pub fn step(self, input: &[f64; MAX_JOINTS], cutoff_hz: Option<f64>, period_s: f64) -> Self {
         let exponent = cutoff_hz.map_or(f64::INFINITY, |frequency| TAU * frequency * period_s);
@@ -32,8 +33,8 @@ impl LowPass {
 
 /// Limits each torque to +-its peak [N m; N for a prismatic joint]; also returns the limited joints: bit i for joint i.
 ///
-/// An infinite peak does not limit. A torque that is not finite becomes zero and counts as limited. A peak that is negative
-/// or nan limits the torque to zero.
+/// An infinite peak does not limit. A torque that is not finite becomes zero and counts as limited. A peak that is
+/// negative or nan limits the torque to zero.
 #[must_use]
 pub fn limit(torque: &[f64; MAX_JOINTS], peak: &[f64; MAX_JOINTS]) -> ([f64; MAX_JOINTS], u32) {
     let mut limited = 0_u32;

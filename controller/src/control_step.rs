@@ -1,6 +1,6 @@
 //! Control step of one tick: from the inputs of tick k to request(k), without a clock or a bus.
 
-use crate::task_space::{self, Input as Measured};
+use crate::task_space::{self, TaskSpaceInput};
 use hapfic_config::PERIOD_S;
 use hapfic_messages::{ControllerState, MAX_JOINTS, Parameters, Process, Request, State};
 use hapfic_robot::Chain;
@@ -23,8 +23,8 @@ pub struct ControlInputs<'a> {
 
 /// Runs one tick of the control law, a pure function of its inputs.
 ///
-/// Returns `None` if the state has another number of joints than the robot, or an input is not finite. `gravity` is in the
-/// world frame [m/s^2]. The request carries the code of `controller` and a `stamp_ns` of zero.
+/// Returns `None` if the state has another number of joints than the robot, or an input is not finite. `gravity` is in
+/// the world frame [m/s^2]. The request carries the code of `controller` and a `stamp_ns` of zero.
 #[must_use]
 pub fn control_step(chain: &Chain, gravity: &Vector3<f64>, inputs: &ControlInputs<'_>, controller: Process) -> Option<Request> {
     let ControlInputs { state, parameters, .. } = *inputs;
@@ -34,7 +34,7 @@ pub fn control_step(chain: &Chain, gravity: &Vector3<f64>, inputs: &ControlInput
     }
     let kin = chain.kinematics(&state.joint_position[..n]);
     let jacobian = chain.jacobian(&kin);
-    let measured = Measured {
+    let measured = TaskSpaceInput {
         position: kin.tip_position().into(),
         velocity: jacobian.linear_mul(&state.joint_velocity[..n]).into(),
         reference_position: inputs.reference_position,

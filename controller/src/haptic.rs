@@ -1,4 +1,5 @@
-//! Haptic search: finds the offset of the reference at which the measured reaction matches the desired one (Algorithm 1).
+//! Haptic search: finds the offset of the reference at which the measured reaction matches the desired one (Algorithm
+//! 1).
 
 use hapfic_messages::{ResetPolicy, Search};
 
@@ -16,12 +17,13 @@ pub struct HapticParameters {
     pub search: Search,
     /// Treatment of the offset while the search is at rest.
     pub reset_policy: ResetPolicy,
-    /// Share of the force error that the tapered search removes in 1 ms, as if against K0; default 0.2. Raising it settles
-    /// faster; from 0.8 on it limit-cycles.
+    /// Share of the force error that the tapered search removes in 1 ms, as if against K0; default 0.2. Raising it
+    /// settles faster; from 0.8 on it limit-cycles.
     pub taper: f64,
     /// Sigma as a scale, dimensionless, 0.01 in the paper: a full step in 1 ms is this share of `F_d / K0`.
     pub search_scale: f64,
-    /// Sigma as a threshold [N], 0.01 in the paper: a force error below it counts as matched, a force up to it as no contact.
+    /// Sigma as a threshold [N], 0.01 in the paper: a force error below it counts as matched, a force up to it as no
+    /// contact.
     pub force_resolution: f64,
     /// Control tick [s]. The step grows with it, so that the search speed does not depend on the rate.
     pub period_s: f64,
@@ -37,11 +39,12 @@ pub struct HapticSearch {
 }
 
 impl HapticSearch {
-    /// Runs one control tick. `desired` is F_d and `measured` is F, reactions on the end-effector in the world frame [N].
+    /// Runs one control tick. `desired` is F_d and `measured` is F, reactions on the end-effector in the world frame
+    /// [N].
     ///
-    /// The offset respects the bound of this tick, also where the policy keeps it and the bound has shrunk. A force that is not
-    /// finite keeps the offset. An offset that is not finite becomes zero, as does every offset under a bound that is not a
-    /// finite, positive number.
+    /// The offset respects the bound of this tick, also where the policy keeps it and the bound has shrunk. A force
+    /// that is not finite keeps the offset. An offset that is not finite becomes zero, as does every offset under a
+    /// bound that is not a finite, positive number.
     #[must_use]
     pub fn step(self, desired: f64, measured: f64, p: &HapticParameters) -> Self {
         let offset = if self.offset_m.is_finite() { self.offset_m } else { 0.0 };
@@ -69,7 +72,8 @@ fn search(offset: f64, desired: f64, measured: f64, p: &HapticParameters) -> f64
 
 /// Returns the step of the offset in this tick [m].
 ///
-/// Algorithm 1 prints sigma F_d / K0. The absolute value replaces it because a negative F_d searches away from its target.
+/// Algorithm 1 prints sigma F_d / K0. The absolute value replaces it because a negative F_d searches away from its
+/// target.
 fn step_length(desired: f64, force_error: f64, p: &HapticParameters) -> f64 {
     let per_newton = p.period_s / PAPER_PERIOD_S / p.stiffness;
     let full = p.search_scale * desired.abs() * per_newton;

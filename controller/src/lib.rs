@@ -1,10 +1,10 @@
 //! HapFIC controller: haptic search, force profile, fractal attractor and the task-space law that combines them.
 //!
-//! All laws are pure functions of one axis of the world frame: state in, state and force out. Forces are in N, lengths in
-//! m, times in s. Every output is finite, and no force exceeds `F_max`, for every parameter set.
+//! All laws are pure functions of one axis of the world frame: state in, state and force out. Forces are in N, lengths
+//! in m, times in s. Every output is finite, and no force exceeds `F_max`, for every parameter set.
 //!
 //! ```
-//! use hapfic_controller::task_space::{self, Input};
+//! use hapfic_controller::task_space::{self, TaskSpaceInput};
 //! use hapfic_messages::{ControllerState, Parameters};
 //!
 //! let parameters = Parameters {
@@ -16,7 +16,7 @@
 //!     force_resolution: 0.01,
 //!     ..Parameters::default()
 //! };
-//! let input = Input { reference_position: [0.01, 0.0, 0.0], ..Input::default() };
+//! let input = TaskSpaceInput { reference_position: [0.01, 0.0, 0.0], ..TaskSpaceInput::default() };
 //! let output = task_space::step(ControllerState::default(), &input, &parameters, 1e-3)?;
 //! assert_eq!(output.force, [20.0, 0.0, 0.0]);
 //! # Ok::<(), hapfic_controller::task_space::TaskSpaceError>(())

@@ -1,13 +1,13 @@
 //! Conversion of checked settings into the parameter set of the messages.
 
-use hapfic_config::{Parameters as Settings, ResetPolicy, Saturation, Search};
+use hapfic_config::{ParameterSettings, ResetPolicy, Saturation, Search};
 use hapfic_messages::Parameters;
 
 /// Returns the parameter set of a version that applies from `effective_tick` on.
 ///
 /// `default_target` is the target if the settings have none [m].
 #[must_use]
-pub fn parameters(settings: &Settings, version: u64, effective_tick: i64, default_target: [f64; 3]) -> Parameters {
+pub fn parameters(settings: &ParameterSettings, version: u64, effective_tick: i64, default_target: [f64; 3]) -> Parameters {
     let reset_policy = match settings.reset_policy {
         ResetPolicy::ContactLoss => hapfic_messages::ResetPolicy::ContactLoss,
         ResetPolicy::AsPrinted => hapfic_messages::ResetPolicy::AsPrinted,

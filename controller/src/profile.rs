@@ -12,8 +12,8 @@ const AS_PRINTED: f64 = 0.1353;
 
 /// Force profile of one axis, F_c(e) (eq. 4): linear, then saturating at F_max.
 ///
-/// It is odd in the error, and `|F_c| <= F_max` for every finite error and every parameter set. With incompatible parameters
-/// (`F_max < 0.95 K0 x_b`) F_max cuts off the linear part.
+/// It is odd in the error, and `|F_c| <= F_max` for every finite error and every parameter set. With incompatible
+/// parameters (`F_max < 0.95 K0 x_b`) F_max cuts off the linear part.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ForceProfile {
     /// Stiffness K0 of the linear part [N/m], >= 0. Raising it reduces the error under load.
@@ -53,8 +53,8 @@ impl ForceProfile {
 
     /// Returns an error [m] at which the profile gives a force [N], or the nearest smaller one.
     ///
-    /// It is `F / K0` in the linear part, and x_b for F_max. In between the slope is steep, and the result is the end of the
-    /// linear part. It is zero for an invalid profile, an infinite force or zero stiffness.
+    /// It is `F / K0` in the linear part, and x_b for F_max. In between the slope is steep, and the result is the end
+    /// of the linear part. It is zero for an invalid profile, an infinite force or zero stiffness.
     #[must_use]
     pub fn error_for(&self, force: f64) -> f64 {
         if !self.is_valid() || !force.is_finite() || self.stiffness == 0.0 {

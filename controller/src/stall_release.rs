@@ -11,13 +11,14 @@ const AT_REST_S: f64 = 0.020;
 /// Detector of a stalled convergence on one axis.
 ///
 /// In convergence the force crosses zero at half of the latched error (eq. 1). A strongly damped axis has no speed left
-/// there. It comes to rest without force, up to `x_max / 2` off its reference. Beyond that point the attractor even pushes
-/// it away from the reference. After 20 ms below 1 mm/s the release latches the error again, and the profile acts with F_c(e).
+/// there. It comes to rest without force, up to `x_max / 2` off its reference. Beyond that point the attractor even
+/// pushes it away from the reference. After 20 ms below 1 mm/s the release latches the error again, and the profile
+/// acts with F_c(e).
 ///
-/// A release adds no energy. For a profile with `F_max <= 0.95 K0 x_b` the force of the convergence towards the reference
-/// never exceeds the profile's at the same error: `2 F_c(M) / M (e - M / 2) <= F_c(e)` for every `|e| <= |M|`. Over any
-/// return, with any number of releases, the robot gets at most the energy that the profile stored. The energy that a
-/// release offers, `F_c(e) |e| / 4`, falls from one release to the next with `|e|`.
+/// A release adds no energy. For a profile with `F_max <= 0.95 K0 x_b` the force of the convergence towards the
+/// reference never exceeds the profile's at the same error: `2 F_c(M) / M (e - M / 2) <= F_c(e)` for every `|e| <=
+/// |M|`. Over any return, with any number of releases, the robot gets at most the energy that the profile stored. The
+/// energy that a release offers, `F_c(e) |e| / 4`, falls from one release to the next with `|e|`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Stall {
     /// Consecutive ticks at rest in convergence without contact. Starts at 0.
@@ -44,9 +45,9 @@ pub struct StallInput {
 impl Stall {
     /// Runs one control tick after the attractor's step: returns the next states and the force [N].
     ///
-    /// It releases only if the profile's force towards the reference exceeds the attractor's by more than the force resolution.
-    /// That includes the range beyond half of x_max, where the attractor pushes away, and excludes gains below the sensor's
-    /// resolution.
+    /// It releases only if the profile's force towards the reference exceeds the attractor's by more than the force
+    /// resolution. That includes the range beyond half of x_max, where the attractor pushes away, and excludes gains
+    /// below the sensor's resolution.
     #[must_use]
     pub fn step(self, attractor: Attractor, input: &StallInput, profile: &ForceProfile) -> (Self, Attractor, f64) {
         // A nan compares as false: moving, or in contact.

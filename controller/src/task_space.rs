@@ -64,7 +64,7 @@ pub fn policies(p: &Parameters) -> Option<Policies> {
 
 /// Inputs of the law in one tick, world frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Input {
+pub struct TaskSpaceInput {
     /// x, foot position [m].
     pub position: [f64; 3],
     /// J q', foot velocity [m/s].
@@ -79,7 +79,7 @@ pub struct Input {
 
 /// Outputs of the law in one tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Output {
+pub struct TaskSpaceOutput {
     /// State after this tick.
     pub state: ControllerState,
     /// e = x_d + dx - x [m].
@@ -95,10 +95,15 @@ pub struct Output {
 /// # Errors
 /// [`TaskSpaceError`] if a number of state, input or parameters is not finite, the code of a policy is unknown, or the
 /// period is not a positive time.
-pub fn step(state: ControllerState, input: &Input, p: &Parameters, period_s: f64) -> Result<Output, TaskSpaceError> {
+pub fn step(
+    state: ControllerState,
+    input: &TaskSpaceInput,
+    p: &Parameters,
+    period_s: f64,
+) -> Result<TaskSpaceOutput, TaskSpaceError> {
     check(&state, input, p, period_s)?;
     let policies = decode(p)?;
-    let mut output = Output { state, ..Output::default() };
+    let mut output = TaskSpaceOutput { state, ..TaskSpaceOutput::default() };
     for axis in 0..3 {
         let haptic = HapticParameters {
             stiffness: p.stiffness[axis],
@@ -206,7 +211,7 @@ fn switch(code: u32) -> Option<bool> {
     }
 }
 
-fn check(state: &ControllerState, input: &Input, p: &Parameters, period_s: f64) -> Result<(), TaskSpaceError> {
+fn check(state: &ControllerState, input: &TaskSpaceInput, p: &Parameters, period_s: f64) -> Result<(), TaskSpaceError> {
     if !period_s.is_finite() || period_s <= 0.0 {
         return Err(TaskSpaceError::Period { found: period_s });
     }

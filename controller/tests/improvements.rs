@@ -1,7 +1,7 @@
 //! Improvements over the printed law (decision 8), each against the problem that it solves.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use hapfic_controller::task_space::{self, Input};
+use hapfic_controller::task_space::{self, TaskSpaceInput};
 use hapfic_controller::{Attractor, ForceProfile, Stall, StallInput};
 use hapfic_messages::{ControllerState, Parameters, ResetPolicy, Saturation, Search};
 
@@ -39,7 +39,8 @@ fn errors_of_damped_mass(p: &Parameters, damper: f64, ticks: usize) -> Vec<f64> 
     let mut state = ControllerState::default();
     let mut errors = Vec::with_capacity(ticks);
     for _ in 0..ticks {
-        let input = Input { position: [position, 0.0, 0.0], velocity: [velocity, 0.0, 0.0], ..Input::default() };
+        let input =
+            TaskSpaceInput { position: [position, 0.0, 0.0], velocity: [velocity, 0.0, 0.0], ..TaskSpaceInput::default() };
         let output = task_space::step(state, &input, p, PERIOD_S).unwrap();
         state = output.state;
         errors.push(output.error[0]);
@@ -53,7 +54,8 @@ fn errors_of_damped_mass(p: &Parameters, damper: f64, ticks: usize) -> Vec<f64> 
 
 #[test]
 fn stall_release_strong_damping_reaches_reference() {
-    // Eq. 1: critical damping is 2 sqrt(2 F_max m / x_max) = 110 N s/m; without release the mass rests at x_max / 2 = 0.1 m.
+    // Eq. 1: critical damping is 2 sqrt(2 F_max m / x_max) = 110 N s/m; without release the mass rests at x_max / 2 =
+    // 0.1 m.
     let stalled = errors_of_damped_mass(&printed(improved()), 130.0, 1500);
     assert!(stalled[800..].iter().all(|e| (e - 0.1).abs() < 1e-3), "rests at {} m", stalled[1499]);
     let released = errors_of_damped_mass(&improved(), 130.0, 1500);
@@ -124,7 +126,11 @@ fn beyond_the_limit(p: &Parameters) -> (f64, usize) {
     let (mut state, mut measured) = (ControllerState::default(), 0.0);
     let mut tick = |desired: f64| {
         let p = Parameters { desired_force: [0.0, 0.0, desired], ..*p };
-        let input = Input { reference_position: [0.0, 0.0, -0.001], contact_force: [0.0, 0.0, measured], ..Input::default() };
+        let input = TaskSpaceInput {
+            reference_position: [0.0, 0.0, -0.001],
+            contact_force: [0.0, 0.0, measured],
+            ..TaskSpaceInput::default()
+        };
         let output = task_space::step(state, &input, &p, PERIOD_S).unwrap();
         state = output.state;
         measured = -output.force[2];
@@ -150,8 +156,9 @@ fn anti_windup_saturated_force_stops_offset() {
 
 #[test]
 fn anti_windup_gain_change_keeps_force() {
-    // In contact with a matched force the search is at rest. The target is 1 mm deep: K0 (dx + d) = 2000 (-0.003 - 0.001) N.
-    let input = Input { contact_force: [8.0; 3], reference_position: [-0.001; 3], ..Input::default() };
+    // In contact with a matched force the search is at rest. The target is 1 mm deep: K0 (dx + d) = 2000 (-0.003 -
+    // 0.001) N.
+    let input = TaskSpaceInput { contact_force: [8.0; 3], reference_position: [-0.001; 3], ..TaskSpaceInput::default() };
     let with = |stiffness: f64, max_force: f64, p: Parameters| Parameters {
         stiffness: [stiffness; 3],
         max_force: [max_force; 3],
@@ -175,7 +182,7 @@ fn anti_windup_gain_change_keeps_force() {
     assert!(old.state.converging[0] == 1 && old.force[0] < -4.0, "{old:?}");
     let new = after(old.state, &with(6000.0, 150.0, improved()));
     assert!((old.force[0] - new.force[0]).abs() < 1e-9, "{old:?} {new:?}");
-    // The force that F_max held back does not return immediately.
+    // The force that F_max limited does not return immediately.
     let held = after(found.state, &with(2000.0, 3.0, improved()));
     assert!((held.force[0] + 3.0).abs() < 1e-9);
     let freed = after(held.state, &with(2000.0, 150.0, improved()));
@@ -189,7 +196,7 @@ fn anti_windup_gain_change_keeps_force() {
     assert!((force + 0.95 * 2000.0 * 0.003).abs() < 1e-9, "{force}");
     assert_eq!(after(start, &with(6000.0, 150.0, improved())).state.offset[0], -0.003, "no previous tick");
     // Gains that move the force towards the desired force keep dx.
-    let hard = Input { contact_force: [80.0; 3], ..input };
+    let hard = TaskSpaceInput { contact_force: [80.0; 3], ..input };
     let pressing = ControllerState { force: [-80.0; 3], ..found.state };
     let relaxed = task_space::step(pressing, &hard, &with(1000.0, 150.0, improved()), PERIOD_S).unwrap();
     assert!(relaxed.force[0] > -8.0, "{}", relaxed.force[0]);
@@ -198,6 +205,6 @@ fn anti_windup_gain_change_keeps_force() {
     let next = after(found.state, &p).state;
     assert_eq!(after(next, &p).state.offset[0], next.offset[0]);
     // Without contact there is no force to keep, and no offset.
-    let air = Input { contact_force: [0.0; 3], ..input };
+    let air = TaskSpaceInput { contact_force: [0.0; 3], ..input };
     assert_eq!(task_space::step(found.state, &air, &p, PERIOD_S).unwrap().state.offset[0], 0.0);
 }

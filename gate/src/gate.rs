@@ -1,6 +1,6 @@
 //! The torque gate without its thread: turns requests, or the lack of them, into commands.
 
-use crate::limits::Limits;
+use crate::limits::GateLimits;
 use crate::protocol::{Choice, ControllerSlot, GateInputs, Observation, Protocol, TickAction, WaitPolicy};
 use crate::torque_check::TorqueCheck;
 use hapfic_controller::conditioning::{LowPass, limit};
@@ -8,7 +8,7 @@ use hapfic_messages::{
     Check, Command, ControllerState, MAX_JOINTS, Mode, Parameters, Process, Request, Severity, Source, State, ValidationError,
 };
 
-/// A step of a joint's torque from one tick to the next, larger than [`Limits::discontinuity`].
+/// A step of a joint's torque from one tick to the next, larger than [`GateLimits::discontinuity`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TorqueStep {
     /// Index of the joint, from the base.
@@ -20,7 +20,7 @@ pub struct TorqueStep {
 /// The gate's state from tick to tick.
 #[derive(Clone, Debug)]
 pub struct Gate {
-    limits: Limits,
+    limits: GateLimits,
     check: TorqueCheck,
     filter: LowPass,
     protocol: Protocol,
@@ -33,7 +33,7 @@ pub struct Gate {
 impl Gate {
     /// Gate before its first tick.
     #[must_use]
-    pub fn new(limits: Limits, check: TorqueCheck) -> Self {
+    pub fn new(limits: GateLimits, check: TorqueCheck) -> Self {
         let first = Command {
             tick: -1,
             mode: Mode::Hold.code(),
@@ -76,7 +76,7 @@ impl Gate {
         self.last.tick + 1
     }
 
-    /// The largest step of a joint's torque in the last command, if it exceeds [`Limits::discontinuity`].
+    /// The largest step of a joint's torque in the last command, if it exceeds [`GateLimits::discontinuity`].
     #[must_use]
     pub fn discontinuity(&self) -> Option<TorqueStep> {
         self.step
@@ -131,7 +131,7 @@ impl Gate {
     pub fn miss(&mut self, seen: &Observation, inputs: &GateInputs) -> Command {
         match self.advance(Choice::Miss, seen, inputs) {
             Some(TickAction::Hold) => {
-                // Nothing has been commanded yet: the drive's own brakes hold, also after a stop that was left.
+                // No torque has been commanded yet: the drive's own brakes hold, also after the end of a stop.
                 self.publish(Command { mode: Mode::Hold.code(), source: Source::None.code(), ..self.last })
             }
             Some(TickAction::Repeat) => self.publish(Command { source: Source::Repeated.code(), ..self.last }),
@@ -224,16 +224,22 @@ mod tests {
     use hapfic_robot::Chain;
     use nalgebra::Vector3;
 
-    const NOTHING: GateInputs = GateInputs { stop: false, rearm: false, missing: false };
-    const NOBODY: Observation = Observation { valid: [false; 2], rejected: [false; 2], present: [true; 2], overdue: true };
+    const NO_INPUTS: GateInputs = GateInputs { stop: false, rearm: false, missing: false };
+    const NO_ANSWER: Observation = Observation { valid: [false; 2], rejected: [false; 2], present: [true; 2], overdue: true };
 
     fn chain() -> Chain {
         Chain::from_settings(&Settings::load("floor", &[]).unwrap().robot).unwrap()
     }
 
     fn gate(bandwidth_hz: Option<f64>) -> Gate {
-        let limits =
-            Limits { joints: 3, bandwidth_hz, peak: [40.0; MAX_JOINTS], period_s: 1e-3, ramp_rate: 2000.0, discontinuity: 10.0 };
+        let limits = GateLimits {
+            joints: 3,
+            bandwidth_hz,
+            peak: [40.0; MAX_JOINTS],
+            period_s: 1e-3,
+            ramp_rate: 2000.0,
+            discontinuity: 10.0,
+        };
         Gate::new(limits, TorqueCheck::new(chain(), [0.0, 0.0, -9.81]))
     }
 
@@ -244,11 +250,11 @@ mod tests {
     }
 
     fn miss(gate: &mut Gate) -> Command {
-        gate.miss(&NOBODY, &NOTHING)
+        gate.miss(&NO_ANSWER, &NO_INPUTS)
     }
 
     fn accept(gate: &mut Gate, request: &Request) -> Command {
-        gate.accept(ControllerSlot::First, request, &Observation::alone(), &NOTHING)
+        gate.accept(ControllerSlot::First, request, &Observation::alone(), &NO_INPUTS)
     }
 
     fn request(tick: i64, torque: f64) -> Request {
@@ -280,7 +286,7 @@ mod tests {
     }
 
     #[test]
-    fn gate_peak_limits_and_marks_the_joint() {
+    fn gate_peak_limits_and_marks_joint() {
         let mut gate = gate(None);
         let mut request = request(0, 10.0);
         request.torque[1] = -55.0;
@@ -321,32 +327,32 @@ mod tests {
     }
 
     #[test]
-    fn gate_mismatched_or_invalid_request_is_rejected() {
+    fn gate_invalid_request_rejected() {
         let gate = gate(None);
         let state = state(&gate);
         let chain = chain();
         let force = [1.0, -2.0, 30.0];
         let jacobian = chain.jacobian(&chain.kinematics(&state.joint_position[..3]));
         let torque = jacobian.linear_transpose_mul(&Vector3::from(force));
-        let good = Request { force, torque, ..request(0, 0.0) };
-        assert_eq!(gate.validate(&good, &state, &Parameters { version: 1, ..Parameters::default() }), Ok(()));
-        for bad in [
-            Request { tick: 1, ..good },
-            Request { state_tick: -1, ..good },
-            Request { parameters_version: 2, ..good },
-            Request { joints: 4, ..good },
-            Request { controller: Process::Plant.code(), ..good },
-            Request { force: [f64::NAN, 0.0, 0.0], ..good },
-            Request { error: [0.0, f64::NAN, 0.0], ..good },
-            Request { error_rate: [f64::INFINITY, 0.0, 0.0], ..good },
-            Request { state: ControllerState { offset: [0.0, 0.0, f64::NAN], ..good.state }, ..good },
-            Request { state: ControllerState { x_max: [f64::NAN; 3], ..good.state }, ..good },
-            Request { state: ControllerState { converging: [2, 0, 0], ..good.state }, ..good },
-            Request { torque: [f64::INFINITY; MAX_JOINTS], ..good },
-            Request { torque: [1.0; MAX_JOINTS], ..good },
-            Request { force: [1.0, -2.0, 31.0], ..good },
+        let valid = Request { force, torque, ..request(0, 0.0) };
+        assert_eq!(gate.validate(&valid, &state, &Parameters { version: 1, ..Parameters::default() }), Ok(()));
+        for invalid in [
+            Request { tick: 1, ..valid },
+            Request { state_tick: -1, ..valid },
+            Request { parameters_version: 2, ..valid },
+            Request { joints: 4, ..valid },
+            Request { controller: Process::Plant.code(), ..valid },
+            Request { force: [f64::NAN, 0.0, 0.0], ..valid },
+            Request { error: [0.0, f64::NAN, 0.0], ..valid },
+            Request { error_rate: [f64::INFINITY, 0.0, 0.0], ..valid },
+            Request { state: ControllerState { offset: [0.0, 0.0, f64::NAN], ..valid.state }, ..valid },
+            Request { state: ControllerState { x_max: [f64::NAN; 3], ..valid.state }, ..valid },
+            Request { state: ControllerState { converging: [2, 0, 0], ..valid.state }, ..valid },
+            Request { torque: [f64::INFINITY; MAX_JOINTS], ..valid },
+            Request { torque: [1.0; MAX_JOINTS], ..valid },
+            Request { force: [1.0, -2.0, 31.0], ..valid },
         ] {
-            assert!(gate.validate(&bad, &state, &Parameters { version: 1, ..Parameters::default() }).is_err(), "{bad:?}");
+            assert!(gate.validate(&invalid, &state, &Parameters { version: 1, ..Parameters::default() }).is_err(), "{invalid:?}");
         }
     }
 
@@ -366,19 +372,19 @@ mod tests {
             assert_eq!(command.ramped, if tick < 15 { 0b111 } else { 0 });
             before = command.torque[0];
         }
-        // Legal torque has steps.
+        // A torque within the limits may step.
         let command = feed(&mut gate, -8.0);
         assert_eq!((command.torque[0], command.ramped), (-8.0, 0));
         assert_eq!(gate.discontinuity(), Some(TorqueStep { joint: 2, size: -38.0 }));
         feed(&mut gate, -17.0);
-        assert_eq!(gate.discontinuity(), None, "below the size that is told of");
+        assert_eq!(gate.discontinuity(), None, "below the reported size");
     }
 
     #[test]
-    fn gate_stop_is_latched_and_left_through_brake() {
+    fn gate_stop_latched_until_rearm_to_brake() {
         let mut gate = gate(None);
         feed(&mut gate, 5.0);
-        let stop = GateInputs { stop: true, ..NOTHING };
+        let stop = GateInputs { stop: true, ..NO_INPUTS };
         let first = request(gate.tick(), 5.0);
         let stopped = gate.accept(ControllerSlot::First, &first, &Observation::alone(), &stop);
         assert_eq!((stopped.mode, stopped.source, stopped.torque[0]), (Mode::Stopped.code(), Source::Suppressed.code(), 0.0));
@@ -387,7 +393,7 @@ mod tests {
             assert_eq!(feed(&mut gate, 5.0).mode, Mode::Stopped.code());
         }
         let again = request(gate.tick(), 5.0);
-        let rearmed = gate.accept(ControllerSlot::First, &again, &Observation::alone(), &GateInputs { rearm: true, ..NOTHING });
+        let rearmed = gate.accept(ControllerSlot::First, &again, &Observation::alone(), &GateInputs { rearm: true, ..NO_INPUTS });
         assert_eq!(rearmed.mode, Mode::Brake.code());
         let mut ticks = 0;
         while feed(&mut gate, 5.0).mode != Mode::Active.code() {
@@ -404,7 +410,7 @@ mod tests {
     }
 
     #[test]
-    fn gate_brake_resets_the_filter() {
+    fn gate_brake_resets_filter() {
         let mut gate = gate(Some(20.0));
         for _ in 0..200 {
             feed(&mut gate, 30.0);
@@ -413,11 +419,11 @@ mod tests {
         miss(&mut gate);
         clear(&mut gate, 10.0);
         let alpha = 1.0 - (-2.0 * std::f64::consts::PI * 20.0 * 1e-3_f64).exp();
-        assert!((feed(&mut gate, 10.0).torque[0] - 10.0 * alpha).abs() < 1e-12, "nothing of the torque before the brake");
+        assert!((feed(&mut gate, 10.0).torque[0] - 10.0 * alpha).abs() < 1e-12, "no torque from before the brake");
     }
 
     #[test]
-    fn gate_ramp_continues_from_the_limited_torque() {
+    fn gate_ramp_continues_from_limited_torque() {
         let mut gate = gate(None);
         feed(&mut gate, 1.0);
         miss(&mut gate);
@@ -427,7 +433,7 @@ mod tests {
             feed(&mut gate, 100.0);
         }
         assert_eq!((gate.last().torque[0], gate.last().limited, gate.last().ramped), (40.0, 0b111, 0b111));
-        assert_eq!(feed(&mut gate, -8.0).torque[0], 38.0, "2 N m below the torque that went out");
+        assert_eq!(feed(&mut gate, -8.0).torque[0], 38.0, "2 N m below the last published torque");
     }
 
     /// A gate whose last command is limited on one joint and ramping on the others, with force and controller state.
@@ -449,7 +455,7 @@ mod tests {
     }
 
     #[test]
-    fn gate_repeat_keeps_the_whole_command() {
+    fn gate_repeat_keeps_whole_command() {
         let mut gate = saturated();
         let before = *gate.last();
         let expected =
@@ -458,7 +464,7 @@ mod tests {
     }
 
     #[test]
-    fn gate_brake_clears_the_whole_command() {
+    fn gate_brake_clears_whole_command() {
         let mut gate = saturated();
         let before = *gate.last();
         miss(&mut gate);
@@ -479,7 +485,7 @@ mod tests {
     }
 
     #[test]
-    fn gate_pass_replaces_the_whole_command() {
+    fn gate_pass_replaces_whole_command() {
         let mut gate = saturated();
         let before = *gate.last();
         let request = Request { stamp_ns: 77, ..request(gate.tick(), 21.0) };
@@ -497,10 +503,10 @@ mod tests {
     #[test]
     fn gate_stop_before_first_torque_then_rearm_holds() {
         let mut gate = gate(None);
-        let stop = GateInputs { stop: true, ..NOTHING };
-        let stopped = gate.miss(&NOBODY, &stop);
+        let stop = GateInputs { stop: true, ..NO_INPUTS };
+        let stopped = gate.miss(&NO_ANSWER, &stop);
         assert_eq!((stopped.mode, stopped.severity), (Mode::Stopped.code(), Severity::Stopped.code()));
-        let rearmed = gate.miss(&NOBODY, &GateInputs { rearm: true, ..NOTHING });
+        let rearmed = gate.miss(&NO_ANSWER, &GateInputs { rearm: true, ..NO_INPUTS });
         assert_eq!((rearmed.mode, rearmed.severity), (Mode::Hold.code(), Severity::Brake.code()), "no longer stopped");
     }
 }

@@ -14,6 +14,6 @@ pub mod severity;
 pub mod torque_check;
 
 pub use gate::{Gate, TorqueStep};
-pub use limits::Limits;
+pub use limits::GateLimits;
 pub use parameter_schedule::ParameterSchedule;
 pub use torque_check::TorqueCheck;

@@ -6,7 +6,7 @@ use hapfic_robot::Chain;
 
 /// Limits that the gate enforces on a robot.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Limits {
+pub struct GateLimits {
     /// Number of joints of the robot.
     pub joints: usize,
     /// Bandwidth of the torque filter [Hz]; `None`: no filter.
@@ -21,7 +21,7 @@ pub struct Limits {
     pub discontinuity: f64,
 }
 
-impl Limits {
+impl GateLimits {
     /// Limits of a scenario and its robot. The peak is the scenario's, or else the effort limit of each joint.
     #[must_use]
     pub fn new(settings: &Settings, chain: &Chain) -> Self {

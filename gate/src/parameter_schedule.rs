@@ -1,6 +1,6 @@
 //! Schedule of the operator's parameters: announced some ticks ahead, so that all processes change at the same tick.
 
-use hapfic_config::{MIN_SPACING_TICKS, OperatorChange, Parameters, Settings};
+use hapfic_config::{MIN_SPACING_TICKS, OperatorChange, ParameterSettings, Settings};
 use hapfic_controller::parameters;
 use hapfic_messages::Operator;
 use std::collections::VecDeque;
@@ -13,8 +13,9 @@ const CAPACITY: usize = 16;
 pub struct ParameterSchedule {
     operator: Operator,
     /// Configuration from which `operator.next` was made.
-    next: Parameters,
-    here: [f64; 3],
+    next: ParameterSettings,
+    /// Default target: initial position of the foot [m].
+    start_position: [f64; 3],
     waiting: VecDeque<OperatorChange>,
 }
 
@@ -35,19 +36,19 @@ pub struct ScheduleSlot {
     /// Version that it would have.
     pub version: u64,
     /// Set that it would follow.
-    pub before: Parameters,
+    pub before: ParameterSettings,
     /// Its index among the waiting changes.
     index: usize,
 }
 
 impl ParameterSchedule {
-    /// Schedule with a scenario's script. `here` is the initial position of the foot, and its initial target [m].
+    /// Schedule with a scenario's script. `start_position` is that of the foot [m], and its first target.
     #[must_use]
-    pub fn new(settings: &Settings, here: [f64; 3]) -> Self {
-        let first = parameters::parameters(&settings.initial, 1, 0, here);
+    pub fn new(settings: &Settings, start_position: [f64; 3]) -> Self {
+        let first = parameters::parameters(&settings.initial, 1, 0, start_position);
         let mut waiting = VecDeque::with_capacity(settings.operator.len() + CAPACITY);
         waiting.extend(settings.operator.iter().copied());
-        Self { operator: Operator { current: first, next: first }, next: settings.initial, here, waiting }
+        Self { operator: Operator { current: first, next: first }, next: settings.initial, start_position, waiting }
     }
 
     /// Parameters in force and announced.
@@ -64,7 +65,7 @@ impl ParameterSchedule {
         let change = self.waiting.pop_front()?;
         let current = *self.operator.at(tick + 1);
         self.next = self.next.with(&change);
-        let next = parameters::parameters(&self.next, current.version + 1, change.at_tick, self.here);
+        let next = parameters::parameters(&self.next, current.version + 1, change.at_tick, self.start_position);
         self.operator = Operator { current, next };
         Some(&self.operator)
     }
@@ -176,12 +177,12 @@ mod tests {
                 }
                 if let Some((version, effective)) = promised {
                     let changed = schedule.operator().at(now + 1).taper == 0.123;
-                    assert_eq!(changed, now + 1 >= effective, "asked at {tick}, now {now}");
+                    assert_eq!(changed, now + 1 >= effective, "requested at {tick}, now {now}");
                     assert!(effective >= tick + MIN_SPACING_TICKS);
                     assert!(version >= 2);
                 }
             }
-            assert!(announced.contains(&promised.unwrap()), "asked at {tick}: {promised:?} is not in {announced:?}");
+            assert!(announced.contains(&promised.unwrap()), "requested at {tick}: {promised:?} is not in {announced:?}");
             assert_eq!(announced.len(), 6);
             for pair in announced.windows(2) {
                 assert_eq!(pair[1].0, pair[0].0 + 1);
@@ -202,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn insert_above_capacity_is_rejected() {
+    fn insert_above_capacity_rejected() {
         let mut schedule = scripted(&[(20, 2.0)]);
         let capacity = schedule.waiting.capacity();
         let taken = (0..capacity + 5).filter(|_| schedule.insert(&force(0, 3.0), 0).is_some()).count();

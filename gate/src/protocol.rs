@@ -10,7 +10,7 @@ use hapfic_messages::{Process, Severity};
 /// Ticks in a row answered by the other controller only, after which it becomes the primary.
 pub const PROMOTE_AFTER: u32 = 3;
 
-/// The two places of controllers.
+/// The two slots of controllers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum ControllerSlot {
     /// The process named `controller`: the primary at first.
@@ -58,7 +58,7 @@ pub struct Observation {
     pub valid: [bool; 2],
     /// An invalid request has arrived.
     pub rejected: [bool; 2],
-    /// The process is alive and does ticks.
+    /// The process is alive and runs ticks.
     pub present: [bool; 2],
     /// The deadline has passed; in lockstep: the time-out of the wait for both has passed.
     pub overdue: bool,
@@ -75,7 +75,7 @@ impl Observation {
 /// Inputs of the gate at a tick, beside requests.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct GateInputs {
-    /// The operator, or a spent restart budget, asks for a latched stop.
+    /// The operator, or a spent restart budget, requests a latched stop.
     pub stop: bool,
     /// The operator re-arms.
     pub rearm: bool,
@@ -268,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn step_lost_or_late_primary_is_replaced() {
+    fn step_lost_or_late_primary_replaced() {
         let inputs = GateInputs::default();
         let gone = seen([false, true], [false, true], false);
         let (after, action) = Protocol::default().step(Choice::Take(ControllerSlot::Second), &gone, &inputs);

@@ -1,8 +1,8 @@
-//! Restart of a lost process: when it is started again, and when no more.
+//! Restart of a lost process: its back-off and its budget.
 //!
 //! Pure: the supervisor's main thread runs it, and `tests/protocol` explores it together with the gate's protocol.
 
-/// How often, and how fast, the supervisor restarts a process.
+/// Restart policy of the supervisor for a process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct RestartPolicy {
     /// Restarts within the window.
@@ -28,23 +28,23 @@ pub struct RestartState {
 /// Stage of a slot's restart.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum RestartStage {
-    /// The process was started and has not done a tick yet.
+    /// The process was started and has not run a tick yet.
     #[default]
     Starting,
-    /// The process does ticks.
+    /// The process runs ticks.
     Working,
     /// The process was lost; the next start is at this time [ms].
     BackOff(u64),
     /// The budget is spent; only the operator can cause another start.
-    GivenUp,
+    BudgetSpent,
 }
 
 /// Signal to a slot's restart.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum RestartSignal {
-    /// The process has done a tick.
+    /// The process has run a tick.
     Ticked,
-    /// The process is gone, or was taken for gone and killed.
+    /// The process has ended, or a detector reported it and it was killed.
     Lost,
     /// Time has passed.
     Time,
@@ -78,7 +78,7 @@ impl RestartState {
                 self.restarts_ms.push(now_ms);
                 Some(RestartAction::Start)
             }
-            (RestartStage::GivenUp, RestartSignal::Rearmed) => {
+            (RestartStage::BudgetSpent, RestartSignal::Rearmed) => {
                 self.restarts_ms.clear();
                 self.stage = RestartStage::BackOff(now_ms);
                 None
@@ -96,7 +96,7 @@ impl RestartState {
         self.restarts_ms.retain(|at| now_ms.saturating_sub(*at) < policy.window_ms);
         let before = self.restarts_ms.len() as u32;
         if before >= policy.budget {
-            self.stage = RestartStage::GivenUp;
+            self.stage = RestartStage::BudgetSpent;
             return Some(RestartAction::Stop);
         }
         let wait = match before {
@@ -121,7 +121,7 @@ mod tests {
     const POLICY: RestartPolicy = RestartPolicy { budget: 3, window_ms: 10_000, backoff_ms: 10 };
 
     #[test]
-    fn restart_first_is_immediate_then_backoff_doubles() {
+    fn restart_first_immediate_then_backoff_doubles() {
         let mut restart = RestartState { stage: RestartStage::Working, ..RestartState::default() };
         let mut now = 1000;
         for wait in [0, 10, 20] {
@@ -138,14 +138,18 @@ mod tests {
         }
         let action;
         (restart, action) = restart.after(RestartSignal::Lost, now, &POLICY);
-        assert_eq!((restart.stage, action), (RestartStage::GivenUp, Some(RestartAction::Stop)));
-        assert_eq!(restart.clone().after(RestartSignal::Time, now + 100_000, &POLICY).0.stage, RestartStage::GivenUp, "latched");
+        assert_eq!((restart.stage, action), (RestartStage::BudgetSpent, Some(RestartAction::Stop)));
+        assert_eq!(
+            restart.clone().after(RestartSignal::Time, now + 100_000, &POLICY).0.stage,
+            RestartStage::BudgetSpent,
+            "latched"
+        );
         (restart, _) = restart.after(RestartSignal::Rearmed, now, &POLICY);
         assert_eq!(restart.stage, RestartStage::BackOff(now));
     }
 
     #[test]
-    fn restart_outside_window_is_forgotten() {
+    fn restart_outside_window_not_counted() {
         let mut restart = RestartState { stage: RestartStage::Working, ..RestartState::default() };
         for n in 0..50 {
             let now = n * 10_000;
@@ -158,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn restart_backoff_is_capped_for_any_budget() {
+    fn restart_backoff_capped_for_any_budget() {
         let policy = RestartPolicy { budget: 200, window_ms: u64::MAX, backoff_ms: 10 };
         let mut restart = RestartState { stage: RestartStage::Working, ..RestartState::default() };
         let mut now = 0;

@@ -16,7 +16,7 @@ pub struct Conditions {
     pub good: u32,
     /// A process is missing; clears on its return.
     pub missing: bool,
-    /// The operator, or a spent restart budget, asks for a latched stop.
+    /// The operator, or a spent restart budget, requests a latched stop.
     pub stop: bool,
     /// The operator re-arms after a latched stop.
     pub rearm: bool,
@@ -99,7 +99,7 @@ mod tests {
     }
 
     #[test]
-    fn severity_stopped_is_left_only_by_rearm() {
+    fn severity_stopped_left_only_by_rearm() {
         for (before, now) in all() {
             if before == Severity::Stopped && !now.rearm {
                 assert_eq!(severity(before, &now), Severity::Stopped);

@@ -7,28 +7,28 @@ use hapfic_messages::{Parameters, Request, State, ValidationError};
 use hapfic_robot::Chain;
 use nalgebra::Vector3;
 
-struct Case {
+struct TorqueCase {
     check: TorqueCheck,
     chain: Chain,
     state: State,
 }
 
-fn case() -> Case {
+fn case() -> TorqueCase {
     let settings = Settings::load("floor", &[]).unwrap();
     let chain = Chain::from_settings(&settings.robot).unwrap();
     let mut state = State { joints: 3, ..State::default() };
     state.joint_position[..3].copy_from_slice(&[0.2, 0.9, -1.8]);
-    Case { check: TorqueCheck::new(chain.clone(), settings.world.gravity_m_per_s2), chain, state }
+    TorqueCase { check: TorqueCheck::new(chain.clone(), settings.world.gravity_m_per_s2), chain, state }
 }
 
-impl Case {
+impl TorqueCase {
     /// A request whose torque is J^T F.
     fn request(&self, force: [f64; 3]) -> Request {
         let jacobian = self.chain.jacobian(&self.chain.kinematics(&self.state.joint_position[..3]));
         Request { joints: 3, force, torque: jacobian.linear_transpose_mul(&Vector3::from(force)), ..Request::default() }
     }
 
-    /// Result with the torque of joint 1 off by so much [N m].
+    /// Result with the torque of joint 1 off by `by` [N m].
     fn off(&self, force: [f64; 3], by: f64) -> Result<(), ValidationError> {
         let mut request = self.request(force);
         request.torque[1] += by;
@@ -37,7 +37,7 @@ impl Case {
 }
 
 #[test]
-fn torque_check_zero_torque_keeps_an_absolute_tolerance() {
+fn torque_check_zero_torque_keeps_absolute_tolerance() {
     let case = case();
     assert_eq!(case.off([0.0; 3], 0.9e-6), Ok(()));
     assert_eq!(case.off([0.0; 3], -0.9e-6), Ok(()));
@@ -47,7 +47,7 @@ fn torque_check_zero_torque_keeps_an_absolute_tolerance() {
 }
 
 #[test]
-fn torque_check_tolerance_grows_with_the_load() {
+fn torque_check_tolerance_grows_with_load() {
     let case = case();
     let force = [3000.0, 1000.0, -4000.0];
     let load = case.request(force).torque[1].abs();
@@ -59,7 +59,7 @@ fn torque_check_tolerance_grows_with_the_load() {
 }
 
 #[test]
-fn torque_check_nan_is_rejected_by_itself() {
+fn torque_check_nan_rejected() {
     let case = case();
     assert!(matches!(case.off([0.0; 3], f64::NAN), Err(ValidationError::Torque { joint: 1, .. })));
     assert!(case.off([f64::NAN, 0.0, 0.0], 0.0).is_err());
@@ -70,7 +70,7 @@ fn torque_check_nan_is_rejected_by_itself() {
 }
 
 #[test]
-fn torque_check_another_robots_state_is_rejected() {
+fn torque_check_other_robot_rejected() {
     let case = case();
     let request = case.request([0.0; 3]);
     let state = State { joints: 4, ..case.state };

@@ -1,8 +1,9 @@
 //! Harmonic planner (HapFIC, eqs. 2-3): moves the reference smoothly to a target position.
 //!
-//! The reference moves from rest to rest along a harmonic arc. It is a piecewise closed form of the time since acceptance of
-//! the target, without integration, and therefore ends on the target at rest, without drift or chatter. A new target is
-//! valid at any tick: position and velocity stay continuous, and the acceleration never exceeds its limit.
+//! The reference moves from rest to rest along a harmonic arc. It is a piecewise closed form of the time since
+//! acceptance of the target, without integration. It therefore ends on the target at rest, without drift or chatter. A
+//! new target is valid at any tick: position and velocity stay continuous, and the acceleration never exceeds its
+//! limit.
 //!
 //! The law is pure: [`step`] takes a state and returns the next one. The state is plain data
 //! ([`hapfic_messages::PlannerState`]) and complete: a planner that restarts from a copy continues bit for bit.
@@ -26,5 +27,5 @@ mod axis;
 mod plan;
 mod planner;
 
-pub use plan::Plan;
+pub use plan::TickPlan;
 pub use planner::{PEAK_TO_MEAN, PlannerParameters, Setpoint, hold, setpoint, step};

@@ -9,14 +9,14 @@ const MAX_CATCH_UP: i64 = 4;
 
 /// A plan with its tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Plan {
+pub struct TickPlan {
     /// Tick of the plan.
     pub tick: i64,
     /// State of the planner at that tick.
     pub state: PlannerState,
 }
 
-impl Plan {
+impl TickPlan {
     /// Returns a plan at rest on the position of the foot [m].
     #[must_use]
     pub fn at_rest(tick: i64, foot_position: [f64; 3]) -> Self {
@@ -31,8 +31,8 @@ impl Plan {
 
     /// Returns the plan of the tick after `state`, from the previous plan if there is one.
     ///
-    /// `active`: whether the command of the previous tick puts the drive under torque. While it does not (before the first
-    /// command, and while braking) the reference is the position of the foot.
+    /// `active`: whether the command of the previous tick puts the drive under torque. While it does not (before the
+    /// first command, and while braking) the reference is the position of the foot.
     #[must_use]
     pub fn next(before: Option<Self>, state: &State, active: bool, operator: &Operator) -> Self {
         let tick = state.tick.saturating_add(1);

@@ -12,7 +12,8 @@ const LARGEST_COORDINATE_M: f64 = 1e100;
 /// Limits of the reference's motion. They apply to the next accepted target, never to the active one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlannerParameters {
-    /// Desired mean speed [m/s], > 0. The peak speed v_max is [`PEAK_TO_MEAN`] times this. Raising it shortens the motion.
+    /// Desired mean speed [m/s], > 0. The peak speed v_max is [`PEAK_TO_MEAN`] times this. Raising it shortens the
+    /// motion.
     pub mean_speed_m_per_s: f64,
     /// Largest acceleration a_max of the reference on any axis [m/s^2], > 0. Raising it allows short, sharp motions.
     pub max_acceleration_m_per_s2: f64,

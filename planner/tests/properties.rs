@@ -145,8 +145,8 @@ proptest! {
             let distance = distance.hypot(target[1] - here[1]).hypot(target[2] - here[2]);
             let last = run(before, core::slice::from_ref(change)).pop().unwrap().0;
             if last.ticks == u64::from(change.ticks) {
-                // The target is new. Braking takes u / a and adds a distance of u^2 / 2a; the arc takes at most pi d / v_max, or the
-                // time that a_max allows.
+                // The target is new. Braking takes u / a and adds a distance of u^2 / 2a; the arc takes at most pi d /
+                // v_max, or the time that a_max allows.
                 let (peak, a) = (PEAK_TO_MEAN * change.limits.mean_speed_m_per_s, change.limits.max_acceleration_m_per_s2);
                 let farthest = distance + 0.5 * fastest * fastest / a;
                 let longest = fastest / a + (PI * farthest / peak).max(PI * (0.5 * farthest / a).sqrt());

@@ -1,7 +1,7 @@
 //! Vector test of the planner.
 //!
-//! The reference values come from the vector file `planner.csv`: three-dimensional motions (eqs. 2-3 in closed form), with
-//! targets that change at rest and in motion.
+//! The reference values come from the vector file `planner.csv`: three-dimensional motions (eqs. 2-3 in closed form),
+//! with targets that change at rest and in motion.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use hapfic_planner::{PlannerParameters, hold, setpoint, step};

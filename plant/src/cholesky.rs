@@ -3,8 +3,9 @@
 // Indices read as the algebra does.
 #![allow(clippy::needless_range_loop)]
 
-/// Factor of the upper left `n` rows and columns, of which the lower triangle is read and replaced; on its diagonal are the
-/// reciprocals. `false` if the matrix is not positive definite.
+/// Factors the upper left `n` rows and columns in place; returns `false` if the matrix is not positive definite.
+///
+/// Reads and replaces the lower triangle alone. The diagonal of the factor holds reciprocals.
 pub(crate) fn factor<const WIDTH: usize>(m: &mut [[f64; WIDTH]; WIDTH], n: usize) -> bool {
     for i in 0..n {
         let (above, rest) = m.split_at_mut(i);
@@ -28,7 +29,7 @@ pub(crate) fn factor<const WIDTH: usize>(m: &mut [[f64; WIDTH]; WIDTH], n: usize
     true
 }
 
-/// Solves with a factor from [`factor`]; `x` holds the right side before and the solution after.
+/// Solves with a factor from [`factor`]; replaces the right side in `x` by the solution.
 pub(crate) fn substitute<const WIDTH: usize>(m: &[[f64; WIDTH]; WIDTH], x: &mut [f64; WIDTH], n: usize) {
     for i in 0..n {
         let row = &m[i];
@@ -53,7 +54,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn solves_what_it_has_factored() {
+    fn cholesky_factored_matrix_solves() {
         let matrix = [[4.0, f64::NAN, f64::NAN], [2.0, 5.0, f64::NAN], [-1.0, 0.5, 3.0]];
         let solution = [0.3, -1.2, 2.0];
         let mut x = [0.0; 3];
@@ -71,7 +72,7 @@ mod tests {
     }
 
     #[test]
-    fn refuses_what_is_not_positive_definite() {
+    fn cholesky_indefinite_matrix_is_rejected() {
         assert!(!factor(&mut [[1.0, 0.0], [2.0, 1.0]], 2));
         assert!(!factor(&mut [[f64::NAN, 0.0], [0.0, 1.0]], 2));
     }

@@ -1,15 +1,15 @@
-//! Where bodies and shapes are, and how they move, at one instant.
+//! Poses and velocities of bodies and colliders at one instant.
 
-use crate::contact_point::{ContactShape, Solid, pose, vector};
+use crate::contact_point::{ContactShape, PosedShape, pose, vector};
 use crate::object::FreeBody;
 use arrayvec::ArrayVec;
 use hapfic_messages::MAX_OBJECTS;
 use hapfic_robot::{Chain, JointKind, Kinematics, MAX_JOINTS};
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
-/// What a shape is fixed to.
+/// Body that a collider is fixed to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Body {
+pub(crate) enum BodyId {
     /// The world.
     World,
     /// A moving body of the chain.
@@ -18,43 +18,44 @@ pub(crate) enum Body {
     Object(usize),
 }
 
-/// A shape with its carrier and its name's place among the names of a scene.
+/// A shape fixed to a body.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Collider {
-    pub(crate) carrier: Body,
-    pub(crate) form: ContactShape,
-    pub(crate) name: usize,
-    /// Its place among the placed shapes of a scene.
-    pub(crate) place: usize,
-    /// In the frame of the carrier.
+    pub(crate) parent: BodyId,
+    pub(crate) shape: ContactShape,
+    /// Index among the names of the scene.
+    pub(crate) name_index: usize,
+    /// Index among the colliders of the scene.
+    pub(crate) index: usize,
+    /// Pose in the frame of the body.
     local: Isometry3<f64>,
-    turn: Matrix3<f64>,
-    /// Radius of a sphere about its origin that holds it, m; nothing for the half-space, which does not move.
-    reach: f64,
+    local_rotation: Matrix3<f64>,
+    /// Radius of the bounding sphere about the origin [m]; zero for the half-space, which does not move.
+    bounding_radius: f64,
 }
 
 impl Collider {
-    pub(crate) fn new(carrier: Body, form: ContactShape, local: Isometry3<f64>, name: usize, place: usize) -> Self {
-        let turn = local.rotation.to_rotation_matrix().into_inner();
-        Self { carrier, form, name, place, local, turn, reach: form.reach().unwrap_or(0.0) }
+    pub(crate) fn new(parent: BodyId, shape: ContactShape, local: Isometry3<f64>, name_index: usize, index: usize) -> Self {
+        let local_rotation = local.rotation.to_rotation_matrix().into_inner();
+        Self { parent, shape, name_index, index, local, local_rotation, bounding_radius: shape.bounding_radius().unwrap_or(0.0) }
     }
 
-    /// The same with another shape.
-    pub(crate) fn with(&self, form: ContactShape, place: usize) -> Self {
-        Self::new(self.carrier, form, self.local, self.name, place)
+    /// The same collider with another shape and index.
+    pub(crate) fn with(&self, shape: ContactShape, index: usize) -> Self {
+        Self::new(self.parent, shape, self.local, self.name_index, index)
     }
 }
 
-/// A frame in motion.
+/// Pose and velocity of a body's frame.
 #[derive(Clone, Copy, Debug)]
-struct Frame {
+struct BodyMotion {
     origin: Vector3<f64>,
     rotation: Matrix3<f64>,
     velocity: Vector3<f64>,
     angular: Vector3<f64>,
 }
 
-impl Frame {
+impl BodyMotion {
     /// At rest.
     const WORLD: Self = Self {
         origin: Vector3::new(0.0, 0.0, 0.0),
@@ -69,100 +70,102 @@ impl Frame {
     }
 }
 
-/// A shape in motion.
+/// Pose and speed of a collider.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Placed {
-    /// Its origin, m.
+pub(crate) struct ColliderState {
+    /// Origin [m].
     pub(crate) center: Vector3<f64>,
-    /// Its orientation.
+    /// Orientation.
     pub(crate) rotation: Matrix3<f64>,
-    /// An upper bound of the speed of its surface, m/s.
+    /// Upper bound of the speed of the surface [m/s].
     pub(crate) speed: f64,
 }
 
-impl Placed {
-    fn new(side: &Collider, frame: &Frame) -> Self {
-        let arm = frame.rotation * side.local.translation.vector;
-        let speed = (frame.velocity + frame.angular.cross(&arm)).norm() + frame.angular.norm() * side.reach;
-        Self { center: frame.origin + arm, rotation: frame.rotation * side.turn, speed }
+impl ColliderState {
+    fn new(collider: &Collider, frame: &BodyMotion) -> Self {
+        let arm = frame.rotation * collider.local.translation.vector;
+        let speed = (frame.velocity + frame.angular.cross(&arm)).norm() + frame.angular.norm() * collider.bounding_radius;
+        Self { center: frame.origin + arm, rotation: frame.rotation * collider.local_rotation, speed }
     }
 
-    /// An upper bound of the way from there to here of any point of its surface, m.
-    pub(crate) fn way(&self, side: &Collider, from: &(Vector3<f64>, Matrix3<f64>)) -> f64 {
+    /// Upper bound of the distance that any point of the surface has moved since `from` [m].
+    pub(crate) fn travel(&self, collider: &Collider, from: &(Vector3<f64>, Matrix3<f64>)) -> f64 {
         let shift = (self.center - from.0).norm();
-        match side.form {
+        match collider.shape {
             ContactShape::Ball(_) | ContactShape::HalfSpace(_) => shift,
             // The Frobenius norm bounds the spectral one.
-            ContactShape::Capsule { .. } | ContactShape::Box(_) => shift + (self.rotation - from.1).norm() * side.reach,
+            ContactShape::Capsule { .. } | ContactShape::Box(_) => {
+                shift + (self.rotation - from.1).norm() * collider.bounding_radius
+            }
         }
     }
 
-    /// The shape as the queries take it.
-    pub(crate) fn solid<'a>(&self, side: &'a Collider, objects: &[FreeBody]) -> Solid<'a> {
-        match &side.form {
-            ContactShape::HalfSpace(shape) => Solid::HalfSpace {
+    /// The shape at its pose, as input of the distance queries.
+    pub(crate) fn posed_shape<'a>(&self, collider: &'a Collider, objects: &[FreeBody]) -> PosedShape<'a> {
+        match &collider.shape {
+            ContactShape::HalfSpace(shape) => PosedShape::HalfSpace {
                 shape,
-                pose: pose(&Isometry3::from_parts(Translation3::from(self.center), side.local.rotation)),
+                pose: pose(&Isometry3::from_parts(Translation3::from(self.center), collider.local.rotation)),
                 point: self.center,
                 normal: self.rotation.column(2).into_owned(),
             },
-            ContactShape::Ball(ball) => Solid::Ball { ball, center: self.center },
+            ContactShape::Ball(ball) => PosedShape::Ball { ball, center: self.center },
             ContactShape::Capsule { axis, radius } => {
                 let end = |z: f64| vector(&(self.center + self.rotation.column(2) * z));
-                Solid::Capsule { axis: parry3d_f64::shape::Segment::new(end(axis[0]), end(axis[1])), radius: *radius }
+                PosedShape::Capsule { axis: parry3d_f64::shape::Segment::new(end(axis[0]), end(axis[1])), radius: *radius }
             }
             ContactShape::Box(cuboid) => {
-                let rotation = match side.carrier {
-                    // As it is, to the last bit.
-                    Body::Object(i) => objects[i].rotation * side.local.rotation,
+                let rotation = match collider.parent {
+                    // The body's own quaternion, bit for bit.
+                    BodyId::Object(i) => objects[i].rotation * collider.local.rotation,
                     _ => UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(self.rotation)),
                 };
                 let pose = pose(&Isometry3::from_parts(Translation3::from(self.center), rotation));
-                Solid::Box { cuboid, pose, center: self.center, rotation: self.rotation }
+                PosedShape::Box { cuboid, pose, center: self.center, rotation: self.rotation }
             }
         }
     }
 }
 
-/// The shapes of a scene at one instant.
+/// States of all colliders of a scene at one instant.
 #[derive(Clone, Debug)]
-pub(crate) struct Places {
-    /// Counts the instants.
+pub(crate) struct ColliderStates {
+    /// Number of updates so far.
     pub(crate) instant: u64,
-    places: Vec<Placed>,
+    states: Vec<ColliderState>,
 }
 
-impl Places {
-    /// Room for so many shapes.
+impl ColliderStates {
+    /// Creates the states of `shapes` colliders, all at the origin.
     pub(crate) fn new(shapes: usize) -> Self {
-        let nowhere = Placed { center: Vector3::zeros(), rotation: Matrix3::identity(), speed: 0.0 };
-        Self { instant: 0, places: vec![nowhere; shapes] }
+        let at_origin = ColliderState { center: Vector3::zeros(), rotation: Matrix3::identity(), speed: 0.0 };
+        Self { instant: 0, states: vec![at_origin; shapes] }
     }
 
-    /// Where a shape is.
+    /// State of a collider.
     #[inline]
-    pub(crate) fn of(&self, side: &Collider) -> &Placed {
-        &self.places[side.place]
+    pub(crate) fn of(&self, collider: &Collider) -> &ColliderState {
+        &self.states[collider.index]
     }
 
-    /// Finds where all of them are.
-    pub(crate) fn update(&mut self, sides: &[Collider], chain: &Chain, kin: &Kinematics, qd: &[f64], objects: &[FreeBody]) {
+    /// Recomputes all states.
+    pub(crate) fn update(&mut self, colliders: &[Collider], chain: &Chain, kin: &Kinematics, qd: &[f64], objects: &[FreeBody]) {
         self.instant += 1;
         let links = links(chain, kin, qd);
-        let objects: ArrayVec<Frame, MAX_OBJECTS> = objects.iter().map(Frame::of).collect();
-        for side in sides {
-            let frame = match side.carrier {
-                Body::World => &Frame::WORLD,
-                Body::Link(i) => &links[i],
-                Body::Object(i) => &objects[i],
+        let objects: ArrayVec<BodyMotion, MAX_OBJECTS> = objects.iter().map(BodyMotion::of).collect();
+        for collider in colliders {
+            let frame = match collider.parent {
+                BodyId::World => &BodyMotion::WORLD,
+                BodyId::Link(i) => &links[i],
+                BodyId::Object(i) => &objects[i],
             };
-            self.places[side.place] = Placed::new(side, frame);
+            self.states[collider.index] = ColliderState::new(collider, frame);
         }
     }
 }
 
-/// The moving bodies of the chain.
-fn links(chain: &Chain, kin: &Kinematics, qd: &[f64]) -> ArrayVec<Frame, MAX_JOINTS> {
+/// Poses and velocities of the moving bodies of the chain.
+fn links(chain: &Chain, kin: &Kinematics, qd: &[f64]) -> ArrayVec<BodyMotion, MAX_JOINTS> {
     let (mut velocity, mut angular): (Vector3<f64>, Vector3<f64>) = (Vector3::zeros(), Vector3::zeros());
     let mut before = Vector3::zeros();
     let mut frames = ArrayVec::new();
@@ -174,7 +177,7 @@ fn links(chain: &Chain, kin: &Kinematics, qd: &[f64]) -> ArrayVec<Frame, MAX_JOI
             JointKind::Prismatic => velocity += axis * *rate,
         }
         before = origin;
-        frames.push(Frame { origin, rotation: kin.body_rotation(i), velocity, angular });
+        frames.push(BodyMotion { origin, rotation: kin.body_rotation(i), velocity, angular });
     }
     frames
 }

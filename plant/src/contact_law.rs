@@ -10,96 +10,96 @@
 //! mu  = mu_d                                                                              beyond
 //! ```
 //!
-//! A loaded contact therefore creeps, slower than v_c: that is the law, not an error.
+//! A loaded contact therefore creeps, slower than v_c: the law itself demands this.
 
 /// Parameters of a contact between two bodies.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ContactLaw {
-    /// k, N/m.
+    /// k [N/m].
     pub stiffness: f64,
-    /// b, N s/m.
+    /// b [N s/m].
     pub damping: f64,
-    /// w, m.
+    /// w [m].
     pub transition_width: f64,
     /// mu_s.
     pub friction_static: f64,
     /// mu_d.
     pub friction_dynamic: f64,
-    /// v_c, m/s.
+    /// v_c [m/s].
     pub critical_speed: f64,
 }
 
 /// A value and its derivative.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Sloped {
+pub struct ValueAndSlope {
     /// The value.
     pub value: f64,
-    /// The derivative by the argument.
+    /// The derivative with respect to the argument.
     pub slope: f64,
 }
 
 /// A normal force and its derivatives.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Normal {
-    /// F_n, N.
+pub struct NormalForce {
+    /// F_n [N].
     pub force: f64,
-    /// dF_n / dd, N/m.
+    /// dF_n / dd [N/m].
     pub by_depth: f64,
-    /// dF_n / dd', N s/m.
+    /// dF_n / dd' [N s/m].
     pub by_rate: f64,
 }
 
 impl ContactLaw {
-    /// s(d): 0 at touch, 1 from the width on, level at both ends.
+    /// s(d): 0 at touch, 1 from w on, with zero slope at both ends.
     #[must_use]
     #[inline]
-    pub fn transition(&self, depth: f64) -> Sloped {
+    pub fn transition(&self, depth: f64) -> ValueAndSlope {
         let r = depth / self.transition_width;
         if r <= 0.0 {
-            Sloped { value: 0.0, slope: 0.0 }
+            ValueAndSlope { value: 0.0, slope: 0.0 }
         } else if r >= 1.0 {
-            Sloped { value: 1.0, slope: 0.0 }
+            ValueAndSlope { value: 1.0, slope: 0.0 }
         } else {
-            Sloped { value: r * r * (3.0 - 2.0 * r), slope: 6.0 * r * (1.0 - r) / self.transition_width }
+            ValueAndSlope { value: r * r * (3.0 - 2.0 * r), slope: 6.0 * r * (1.0 - r) / self.transition_width }
         }
     }
 
-    /// Normal force for a depth (m) and its rate (m/s, positive while sinking in). Never attractive.
+    /// Normal force for a depth [m] and its rate [m/s], positive while the depth grows. Never attractive.
     #[must_use]
     #[inline]
-    pub fn normal(&self, depth: f64, rate: f64) -> Normal {
+    pub fn normal(&self, depth: f64, rate: f64) -> NormalForce {
         let s = self.transition(depth);
         let spring = self.stiffness * depth + self.damping * rate;
         let force = s.value * spring;
         if force <= 0.0 {
-            return Normal::default();
+            return NormalForce::default();
         }
-        Normal { force, by_depth: s.slope * spring + s.value * self.stiffness, by_rate: s.value * self.damping }
+        NormalForce { force, by_depth: s.slope * spring + s.value * self.stiffness, by_rate: s.value * self.damping }
     }
 
-    /// Coefficient of friction for a slip speed (m/s, not negative).
+    /// Coefficient of friction for a slip speed [m/s], zero or more.
     #[must_use]
     #[inline]
-    pub fn friction(&self, speed: f64) -> Sloped {
+    pub fn friction(&self, speed: f64) -> ValueAndSlope {
         let r = speed / self.critical_speed;
         if r <= 1.0 {
-            Sloped {
+            ValueAndSlope {
                 value: self.friction_static * r * (2.0 - r),
                 slope: self.friction_static * 2.0 * (1.0 - r) / self.critical_speed,
             }
         } else if r < 3.0 {
             let u = 0.5 * (r - 1.0);
             let fall = self.friction_dynamic - self.friction_static;
-            Sloped {
+            ValueAndSlope {
                 value: self.friction_static + fall * u * u * (3.0 - 2.0 * u),
                 slope: fall * 6.0 * u * (1.0 - u) / (2.0 * self.critical_speed),
             }
         } else {
-            Sloped { value: self.friction_dynamic, slope: 0.0 }
+            ValueAndSlope { value: self.friction_dynamic, slope: 0.0 }
         }
     }
 
-    /// mu(|v|) / |v|, which stays finite at rest, s/m.
+    /// mu(|v|) / |v|, which stays finite at rest [s/m].
     #[must_use]
     #[inline]
     pub fn friction_per_speed(&self, speed: f64) -> f64 {
@@ -107,7 +107,7 @@ impl ContactLaw {
         if r <= 1.0 { self.friction_static * (2.0 - r) / self.critical_speed } else { self.friction(speed).value / speed }
     }
 
-    /// Elastic energy of a depth, J: the integral of s(x) k x from touch to there.
+    /// Elastic energy at a depth [J]: the integral of s(x) k x from 0 to the depth.
     #[must_use]
     pub fn stored(&self, depth: f64) -> f64 {
         let (k, w) = (self.stiffness, self.transition_width);
@@ -116,20 +116,20 @@ impl ContactLaw {
         if depth > w { inside + 0.5 * k * (depth * depth - w * w) } else { inside }
     }
 
-    /// Depth at which the law carries a steady normal force, m.
+    /// Depth at which the law carries a steady normal force [m].
     #[must_use]
     pub fn depth_at(&self, force: f64) -> f64 {
         if force <= 0.0 {
             return 0.0;
         }
-        // s(d) k d rises strictly: bisection, between nothing and the depth that would do without the transition.
+        // s(d) k d rises strictly: bisection between zero and the depth without the transition, plus w.
         let (mut low, mut high) = (0.0, self.transition_width + force / self.stiffness);
         for _ in 0..200 {
-            let middle = 0.5 * (low + high);
-            if self.normal(middle, 0.0).force < force {
-                low = middle;
+            let midpoint = 0.5 * (low + high);
+            if self.normal(midpoint, 0.0).force < force {
+                low = midpoint;
             } else {
-                high = middle;
+                high = midpoint;
             }
         }
         0.5 * (low + high)
@@ -150,7 +150,7 @@ mod tests {
     };
 
     #[test]
-    fn derivatives_agree_with_differences() {
+    fn contact_law_derivatives_match_differences() {
         let step = 1e-9;
         for i in 1..2000 {
             let (d, rate) = (f64::from(i) * 1e-6, 0.01);
@@ -168,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_contact_stores_is_the_work_of_pressing_it() {
+    fn contact_law_stored_energy_is_work() {
         let (mut sum, step) = (0.0, 1e-7);
         for i in 0..25_000 {
             let depth = (f64::from(i) + 0.5) * step;
@@ -180,13 +180,13 @@ mod tests {
     }
 
     #[test]
-    fn pulls_at_nothing() {
-        assert_eq!(LAW.normal(1e-4, -1.0), Normal::default());
-        assert_eq!(LAW.normal(-1e-4, 1.0), Normal::default());
+    fn contact_law_separation_never_pulls() {
+        assert_eq!(LAW.normal(1e-4, -1.0), NormalForce::default());
+        assert_eq!(LAW.normal(-1e-4, 1.0), NormalForce::default());
     }
 
     #[test]
-    fn fifty_newton_sink_in_by_the_published_depth() {
+    fn contact_law_50_n_has_published_depth() {
         assert!((LAW.depth_at(50.0) - 0.2731e-3).abs() < 1e-7);
         assert!((LAW.normal(LAW.depth_at(300.0), 0.0).force - 300.0).abs() < 1e-9);
     }

@@ -1,19 +1,20 @@
-//! One implicit sub-step of everything that may be in contact.
+//! Implicit sub-step of all bodies that may be in contact.
 
-use crate::collider::{Body, Collider};
+use crate::collider::{BodyId, Collider};
 use crate::contact_law::ContactLaw;
 use crate::newton::MAX_POINTS;
 use crate::object::FreeBody;
-use crate::point::Point;
-use crate::scene::Pair;
+use crate::point::ConstraintPoint;
+use crate::scene::ContactPair;
 use crate::step_scope::{CLEARANCE, ConstraintSource, StepScope};
 use crate::velocities::{MAX_SPEEDS, VelocityVector};
-use crate::world::World;
+use crate::world::PhysicsWorld;
 use hapfic_robot::{JointVector, Kinematics};
 use nalgebra::{Matrix3, Vector3};
 
-/// The stop at a joint's limit: a stiff, well damped contact law over the angle, rad (m for a prismatic joint), that holds the
-/// joint's full effort with 2 mrad (mm).
+/// Contact law of the stop at a joint's limit, over the angle [rad], or [m] for a prismatic joint.
+///
+/// Stiff and well damped: it holds the joint's full effort at a depth of 2 mrad or 2 mm.
 fn stop(effort: f64) -> ContactLaw {
     let effort = if effort.is_finite() { effort } else { 0.0 };
     let stiffness = (effort / 2e-3).max(1e4);
@@ -27,58 +28,58 @@ fn stop(effort: f64) -> ContactLaw {
     }
 }
 
-/// A normal and two unit vectors across it, as columns.
+/// A normal and two unit vectors perpendicular to it, as columns.
 fn axes(normal: &Vector3<f64>) -> Matrix3<f64> {
     let least = if normal.x.abs() < 0.6 { Vector3::x() } else { Vector3::y() };
     let first = (least - normal * normal.dot(&least)).normalize();
     Matrix3::from_columns(&[*normal, first, normal.cross(&first)])
 }
 
-/// Where the speeds of leg and objects stand in a row.
+/// Positions of the speeds of leg and objects in the velocity vector.
 #[derive(Clone, Copy, Debug)]
-struct Layout<'a> {
+struct VelocityLayout<'a> {
     kin: &'a Kinematics,
     objects: &'a [FreeBody],
-    /// Speeds of the leg; none if it does not take part.
+    /// Number of the leg's speeds; zero if the leg is not in the sub-step.
     leg: usize,
 }
 
-impl Layout<'_> {
+impl VelocityLayout<'_> {
     fn object(&self, index: usize) -> usize {
         self.leg + 6 * index
     }
 
-    /// Says which speeds the motion of `body` seen from `against` depends on at a point, along three directions.
-    fn couple(&self, pair: &Pair, at: &Vector3<f64>, axes: &Matrix3<f64>, point: &mut Point) {
+    /// Adds the Jacobian columns of the motion of `body` relative to `against` at a point, along three directions.
+    fn couple(&self, pair: &ContactPair, at: &Vector3<f64>, axes: &Matrix3<f64>, point: &mut ConstraintPoint) {
         let mut sides = [(&pair.body, 1.0), (&pair.against, -1.0)];
         // In the order of the speeds.
-        if let [(Collider { carrier: Body::Object(i), .. }, _), (Collider { carrier: Body::Object(j), .. }, _)] = sides
+        if let [(Collider { parent: BodyId::Object(i), .. }, _), (Collider { parent: BodyId::Object(j), .. }, _)] = sides
             && i > j
         {
             sides.swap(0, 1);
         }
-        for (side, sign) in sides {
-            match side.carrier {
-                Body::World => {}
-                Body::Link(_) if self.leg == 0 => {}
-                Body::Link(i) => {
+        for (collider, sign) in sides {
+            match collider.parent {
+                BodyId::World => {}
+                BodyId::Link(_) if self.leg == 0 => {}
+                BodyId::Link(i) => {
                     let jacobian = self.kin.point_jacobian(i, at);
                     for (index, column) in jacobian.linear[..=i].iter().enumerate() {
-                        point.depends_on(index, axes.tr_mul(&(column * sign)));
+                        point.add_column(index, axes.tr_mul(&(column * sign)));
                     }
                 }
-                Body::Object(i) => {
+                BodyId::Object(i) => {
                     let (first, arm) = (self.object(i), at - self.objects[i].position);
                     let along = axes.transpose() * sign;
                     for k in 0..3 {
-                        point.depends_on(first + k, along.column(k).into_owned());
+                        point.add_column(first + k, along.column(k).into_owned());
                     }
-                    // In its rows: the moment of a unit force along each direction.
+                    // Row k: the moment of a unit force along direction k.
                     let moments = Matrix3::from_rows(
                         &[0, 1, 2].map(|row| along.row(row)).map(|axis| arm.cross(&axis.transpose()).transpose()),
                     );
                     for k in 0..3 {
-                        point.depends_on(first + 3 + k, moments.column(k).into_owned());
+                        point.add_column(first + 3 + k, moments.column(k).into_owned());
                     }
                 }
             }
@@ -86,11 +87,18 @@ impl Layout<'_> {
     }
 }
 
-impl World {
-    /// One implicit sub-step of `h`, s.
-    pub(crate) fn press(&mut self, taking: StepScope, kin: &Kinematics, torque: &JointVector, damping: &JointVector, h: f64) {
-        let leg = if taking == StepScope::All { self.n() } else { 0 };
-        let left_out = self.collect_constraints(taking, kin, h);
+impl PhysicsWorld {
+    /// Advances the bodies in `scope` by one implicit sub-step of `h` [s].
+    pub(crate) fn contact_step(
+        &mut self,
+        scope: StepScope,
+        kin: &Kinematics,
+        torque: &JointVector,
+        damping: &JointVector,
+        h: f64,
+    ) {
+        let leg = if scope == StepScope::All { self.n() } else { 0 };
+        let left_out = self.collect_constraints(scope, kin, h);
         self.newton.leg = leg;
         self.newton.count = self.objects.len();
         if leg > 0 {
@@ -99,7 +107,7 @@ impl World {
         self.set_up_objects(leg, h);
         let mut v = [0.0; MAX_SPEEDS];
         let solved = self.newton.solve(h, &self.points, &mut v, &mut self.forces);
-        let physics = &mut self.account.physics;
+        let physics = &mut self.tick_sums.physics;
         physics.substeps += 1;
         physics.contact_substeps += 1;
         physics.newton_iterations += solved.iterations;
@@ -110,7 +118,7 @@ impl World {
         }
         self.qd[..leg].copy_from_slice(&v[..leg]);
         for (body, v) in self.objects.iter_mut().zip(v[leg..].chunks_exact(6)) {
-            body.push(Vector3::new(v[0], v[1], v[2]), Vector3::new(v[3], v[4], v[5]), h);
+            body.apply_contact_velocities(Vector3::new(v[0], v[1], v[2]), Vector3::new(v[3], v[4], v[5]), h);
         }
     }
 
@@ -143,74 +151,74 @@ impl World {
         }
     }
 
-    /// Stops and contact points within reach of a sub-step of `h`, s. Returns how many there was no room for.
-    fn collect_constraints(&mut self, taking: StepScope, kin: &Kinematics, h: f64) -> usize {
+    /// Collects stops and contact points within reach of a sub-step of `h` [s]; returns the number that did not fit.
+    fn collect_constraints(&mut self, scope: StepScope, kin: &Kinematics, h: f64) -> usize {
         self.points.clear();
-        self.owners.clear();
-        let leg = if taking == StepScope::All { self.n() } else { 0 };
+        self.sources.clear();
+        let leg = if scope == StepScope::All { self.n() } else { 0 };
         for (i, joint) in self.scene.chain.joints().iter().enumerate().take(leg) {
-            let way = CLEARANCE + 2.0 * h * self.qd[i].abs();
+            let travel = CLEARANCE + 2.0 * h * self.qd[i].abs();
             for (depth, sign) in [(joint.lower - self.q[i], 1.0), (self.q[i] - joint.upper, -1.0)] {
-                if depth > -way && self.points.len() < MAX_POINTS {
-                    let mut point = Point::new(depth, stop(self.effort[i]));
-                    point.depends_on(i, Vector3::new(sign, 0.0, 0.0));
+                if depth > -travel && self.points.len() < MAX_POINTS {
+                    let mut point = ConstraintPoint::new(depth, stop(self.effort[i]));
+                    point.add_column(i, Vector3::new(sign, 0.0, 0.0));
                     self.points.push(point);
-                    self.owners.push(ConstraintSource::Stop);
+                    self.sources.push(ConstraintSource::Stop);
                 }
             }
         }
-        let reach = |scene: &crate::scene::Scene, index: usize| {
-            taking.pair(&scene.pairs[index]).then(|| CLEARANCE + 2.0 * h * scene.closing_speed(index))
+        let reach = |scene: &crate::scene::CollisionScene, index: usize| {
+            scope.pair(&scene.pairs[index]).then(|| CLEARANCE + 2.0 * h * scene.closing_speed(index))
         };
-        self.scene.find(&self.objects, reach, &mut self.found);
-        let layout = Layout { kin, objects: &self.objects, leg };
+        self.scene.find_contacts(&self.objects, reach, &mut self.contacts);
+        let layout = VelocityLayout { kin, objects: &self.objects, leg };
         let room = MAX_POINTS - self.points.len();
-        for (index, touch) in self.found.iter().take(room) {
+        for (index, contact) in self.contacts.iter().take(room) {
             let pair = &self.scene.pairs[*index];
-            let axes = axes(&touch.normal);
-            let mut point = Point::new(touch.depth, pair.law);
-            layout.couple(pair, &touch.point, &axes, &mut point);
+            let axes = axes(&contact.normal);
+            let mut point = ConstraintPoint::new(contact.depth, pair.law);
+            layout.couple(pair, &contact.point, &axes, &mut point);
             self.points.push(point);
-            self.owners.push(ConstraintSource::Pair { index: *index, touch: *touch, axes });
+            self.sources.push(ConstraintSource::Pair { index: *index, contact: *contact, axes });
         }
-        self.found.len().saturating_sub(room)
+        self.contacts.len().saturating_sub(room)
     }
 
     /// Adds the forces of a sub-step to the tick's sums.
     fn accumulate(&mut self, h: f64, v: &VelocityVector) {
-        let mut middle = [0.0; MAX_SPEEDS];
-        for ((middle, before), after) in middle.iter_mut().zip(&self.newton.v0).zip(v).take(self.newton.n()) {
-            *middle = 0.5 * (before + after);
+        let mut midpoint = [0.0; MAX_SPEEDS];
+        for ((midpoint, before), after) in midpoint.iter_mut().zip(&self.newton.v0).zip(v).take(self.newton.n()) {
+            *midpoint = 0.5 * (before + after);
         }
-        for ((point, force), owner) in self.points.iter().zip(&self.forces).zip(&self.owners) {
-            let ConstraintSource::Pair { index, touch, axes } = owner else { continue };
+        for ((point, force), source) in self.points.iter().zip(&self.forces).zip(&self.sources) {
+            let ConstraintSource::Pair { index, contact, axes } = source else { continue };
             if force.x <= 0.0 {
                 continue;
             }
-            self.contact_work += h * force.dot(&point.speeds(&middle));
+            self.contact_work += h * force.dot(&point.speeds(&midpoint));
             let sensed = self.scene.pairs[*index].sensed;
-            self.account.add(*index, sensed, touch, axes * force, h);
-            self.account.peak_normal = self.account.peak_normal.max(force.x);
+            self.tick_sums.add(*index, sensed, contact, axes * force, h);
+            self.tick_sums.peak_normal = self.tick_sums.peak_normal.max(force.x);
         }
     }
 
-    /// What a held leg's contacts with the world carry: without motion only the springs count.
+    /// Adds the contact forces of a held leg: elastic parts alone, since nothing moves.
     pub(crate) fn read_held_contact(&mut self, duration: f64) {
-        let wanted = |scene: &crate::scene::Scene, index: usize| (!scene.pairs[index].has_object()).then_some(CLEARANCE);
-        self.scene.find(&self.objects, wanted, &mut self.found);
-        for (index, touch) in &self.found {
+        let reach = |scene: &crate::scene::CollisionScene, index: usize| (!scene.pairs[index].has_object()).then_some(CLEARANCE);
+        self.scene.find_contacts(&self.objects, reach, &mut self.contacts);
+        for (index, contact) in &self.contacts {
             let pair = &self.scene.pairs[*index];
-            let force = pair.law.normal(touch.depth, 0.0).force;
-            self.account.add(*index, pair.sensed, touch, touch.normal * force, duration);
+            let force = pair.law.normal(contact.depth, 0.0).force;
+            self.tick_sums.add(*index, pair.sensed, contact, contact.normal * force, duration);
         }
     }
 
-    /// Elastic energy in the contacts now, J.
+    /// Elastic energy stored in the contacts at the present state [J].
     #[must_use]
     pub fn contact_stored(&mut self) -> f64 {
         let kin = self.kinematics();
-        self.place(&kin);
-        self.scene.find(&self.objects, |_, _| Some(0.0), &mut self.found);
-        self.found.iter().map(|(index, touch)| self.scene.pairs[*index].law.stored(touch.depth)).sum()
+        self.update_colliders(&kin);
+        self.scene.find_contacts(&self.objects, |_, _| Some(0.0), &mut self.contacts);
+        self.contacts.iter().map(|(index, contact)| self.scene.pairs[*index].law.stored(contact.depth)).sum()
     }
 }

@@ -1,25 +1,25 @@
-//! The robot's drive: what it makes of the commands it gets, and of those it does not get.
+//! Drive of the robot: maps commands, and the lack of commands, to torques, damping or brakes.
 
-use crate::world::Action;
+use crate::world::DriveAction;
 use hapfic_messages::{Command, Drive, Mode};
 
-/// The drive's memory.
+/// State of the drive.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DriveState {
     /// The newest command.
     command: Option<Command>,
-    /// Whether a torque has ever been commanded: from then on the brakes are off.
+    /// Whether any command has had a torque; the brakes are off from then on.
     released: bool,
 }
 
 impl DriveState {
-    /// The memory of a drive whose program was started again: brakes off if they had been.
+    /// State of a drive after a restart of the plant: the brakes are off if they had been off.
     #[must_use]
     pub fn resumed(released: bool) -> Self {
         Self { command: None, released }
     }
 
-    /// Takes a command if it is newer than the one in use. Says whether it was.
+    /// Accepts a command if it is newer than the present one; returns whether it was.
     pub fn take(&mut self, command: &Command) -> bool {
         let newer = self.command.is_none_or(|c| command.tick > c.tick);
         if newer {
@@ -29,26 +29,26 @@ impl DriveState {
         newer
     }
 
-    /// Tick of the command in use; -1 if there is none.
+    /// Tick of the present command; -1 without a command.
     #[must_use]
     pub fn command_tick(&self) -> i64 {
         self.command.map_or(-1, |c| c.tick)
     }
 
-    /// What to do from `tick` on, for one period.
+    /// Action from `tick` on, for one period.
     ///
-    /// The command of the tick before is due. A late one is replaced by the one in use; when `timeout_ticks` ticks brought
-    /// nothing, the drive damps its joints with `damping`, N m s/rad.
+    /// The command of the tick before is due. If it is late, the drive repeats the present one. After `timeout_ticks`
+    /// ticks without a command, the drive damps its joints with `damping` [N m s/rad].
     #[must_use]
-    pub fn act(&self, tick: i64, timeout_ticks: u32, damping: f64) -> (Drive, Action) {
+    pub fn act(&self, tick: i64, timeout_ticks: u32, damping: f64) -> (Drive, DriveAction) {
         let Some(command) = self.command.filter(|_| self.released) else {
-            return (Drive::Held, Action::Held);
+            return (Drive::Held, DriveAction::Held);
         };
         let missed = tick.saturating_sub(1).saturating_sub(command.tick);
         if missed < i64::from(timeout_ticks) && Mode::from_code(command.mode) == Some(Mode::Active) {
-            (Drive::Torque, Action::Torque(command.torque))
+            (Drive::Torque, DriveAction::Torque(command.torque))
         } else {
-            (Drive::Braking, Action::Damped(damping))
+            (Drive::Braking, DriveAction::Damped(damping))
         }
     }
 }
@@ -62,29 +62,29 @@ mod tests {
     }
 
     #[test]
-    fn brakes_hold_until_a_torque_is_commanded() {
+    fn drive_before_first_torque_holds() {
         let mut drive = DriveState::default();
         assert_eq!(drive.act(0, 3, 2.0).0, Drive::Held);
         drive.take(&command(-1, Mode::Hold));
         assert_eq!(drive.act(0, 3, 2.0).0, Drive::Held);
         drive.take(&command(0, Mode::Active));
-        assert_eq!(drive.act(1, 3, 2.0), (Drive::Torque, Action::Torque([0.0; 8])));
+        assert_eq!(drive.act(1, 3, 2.0), (Drive::Torque, DriveAction::Torque([0.0; 8])));
     }
 
     #[test]
-    fn two_missing_commands_are_bridged_and_the_third_brakes() {
+    fn drive_third_missing_command_brakes() {
         let mut drive = DriveState::default();
         drive.take(&command(7, Mode::Active));
         for tick in 8..=10 {
-            assert_eq!(drive.act(tick, 3, 2.0).1, Action::Torque([7.0; 8]), "tick {tick}");
+            assert_eq!(drive.act(tick, 3, 2.0).1, DriveAction::Torque([7.0; 8]), "tick {tick}");
         }
-        assert_eq!(drive.act(11, 3, 2.0), (Drive::Braking, Action::Damped(2.0)));
+        assert_eq!(drive.act(11, 3, 2.0), (Drive::Braking, DriveAction::Damped(2.0)));
         drive.take(&command(11, Mode::Active));
         assert_eq!(drive.act(12, 3, 2.0).0, Drive::Torque);
     }
 
     #[test]
-    fn an_older_command_is_not_taken() {
+    fn drive_older_command_is_ignored() {
         let mut drive = DriveState::default();
         assert!(drive.take(&command(5, Mode::Active)));
         assert!(!drive.take(&command(5, Mode::Active)));
@@ -93,7 +93,7 @@ mod tests {
     }
 
     #[test]
-    fn braking_is_obeyed_at_once() {
+    fn drive_brake_command_acts_immediately() {
         let mut drive = DriveState::default();
         drive.take(&command(5, Mode::Active));
         drive.take(&command(6, Mode::Brake));

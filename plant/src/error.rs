@@ -1,20 +1,20 @@
-//! What can go wrong while a world is built or run.
+//! Errors of building and running a world.
 
 /// An error of the plant.
 #[derive(Debug, thiserror::Error)]
 pub enum PlantError {
-    /// A state to go on from that does not fit.
-    #[error("cannot go on from the last state: it has {} joints and {} objects, expected {} and {}", found.0, found.1, expected.0, expected.1)]
+    /// A state to resume from belongs to another robot or world.
+    #[error("cannot resume from the last state: found {} joints and {} objects, expected {} and {}", found.0, found.1, expected.0, expected.1)]
     Resume {
         /// Joints and objects of the state.
         found: (usize, usize),
         /// Joints and objects of robot and world.
         expected: (usize, usize),
     },
-    /// The robot description.
+    /// The robot description is invalid.
     #[error(transparent)]
     Robot(#[from] hapfic_robot::RobotError),
-    /// A tip link that cannot touch anything.
+    /// The tip link has no collision shape.
     #[error(
         "link '{link}': found no collision shape, expected a sphere: the tip link must be able to touch the floor and the objects"
     )]
@@ -22,7 +22,7 @@ pub enum PlantError {
         /// The tip link.
         link: String,
     },
-    /// A foot the contacts cannot carry.
+    /// The foot has a shape for which there is no contact rule.
     #[error("link '{link}': found {shape:?} as collision shape of the foot, expected a sphere")]
     FootShape {
         /// The tip link.
@@ -30,50 +30,50 @@ pub enum PlantError {
         /// Its shape.
         shape: hapfic_robot::Shape,
     },
-    /// Two bodies of one name.
+    /// Two bodies have the same name.
     #[error(
-        "world.object: found '{name}' as a name, expected one that neither a link nor another body has: contacts are told apart by it"
+        "world.object: found '{name}' as a name, expected one that neither a link nor another body has: the log identifies contacts by it"
     )]
     Name {
         /// The name.
         name: String,
     },
-    /// A start inside of something.
+    /// A body starts inside another one.
     #[error(
         "{body} starts {depth_m:.4} m deep in {against}, expected at most {limit_m:.4} m: move one of them (robot.base_position_m, robot.start_position_rad, world.object.position_m)"
     )]
     StartsInside {
-        /// How deep.
+        /// Penetration depth [m].
         depth_m: f64,
-        /// What.
+        /// The penetrating body.
         body: String,
-        /// In what.
+        /// The penetrated body.
         against: String,
-        /// Transition width of the contact, and what the body sinks in by its own weight.
+        /// Transition width of the contact plus the depth under the bodies' own weight [m].
         limit_m: f64,
     },
-    /// A start posture that does not fit the robot.
+    /// The start posture does not fit the robot.
     #[error("robot.start_position_rad{place}: found {found}, expected {expected}")]
     Start {
-        /// `[i]`, or nothing.
+        /// `[i]`, or empty.
         place: String,
-        /// What was given.
+        /// The given value.
         found: String,
-        /// What would fit.
+        /// The valid values.
         expected: String,
     },
-    /// The state left the numbers.
+    /// The state left the finite numbers.
     #[error(
         "the simulation left the finite numbers at tick {tick}; joint position {position:?}, velocity {velocity:?}, objects {objects:?}"
     )]
     NotFinite {
-        /// When.
+        /// The tick.
         tick: i64,
         /// q.
         position: Vec<f64>,
         /// q'.
         velocity: Vec<f64>,
-        /// Where the objects are, m.
+        /// Positions of the objects [m].
         objects: Vec<[f64; 3]>,
     },
 }

@@ -1,40 +1,42 @@
-//! Motion away from everything: the classic fourth-order Runge-Kutta method, and when it may be used.
+//! Motion without contact: the classic fourth-order Runge-Kutta method, and the conditions for its use.
 
 use crate::cholesky::{factor, substitute};
-use crate::scene::Pair;
+use crate::scene::ContactPair;
 use crate::step_scope::CLEARANCE;
-use crate::world::World;
+use crate::world::PhysicsWorld;
 use hapfic_robot::{JointVector, Kinematics, MAX_JOINTS};
 
-/// Share of a damped velocity that may decay in a Runge-Kutta sub-step; the method is unstable beyond 2.8.
+/// Largest decay of a damped velocity in a Runge-Kutta sub-step, as rate times length; the method is unstable beyond
+/// 2.8.
 const DECAY: f64 = 0.5;
 
-impl World {
-    /// Whether the leg can touch nothing within a free sub-step of `h`, s.
+impl PhysicsWorld {
+    /// Whether the leg is certain to touch nothing within a free sub-step of `h` [s].
     pub(crate) fn leg_is_clear(&mut self, h: f64) -> bool {
         let stops = self.scene.chain.joints().iter().zip(&self.q).zip(&self.qd).all(|((joint, q), qd)| {
-            let way = CLEARANCE + 2.0 * h * qd.abs();
-            *q - way > joint.lower && *q + way < joint.upper
+            let travel = CLEARANCE + 2.0 * h * qd.abs();
+            *q - travel > joint.lower && *q + travel < joint.upper
         });
-        stops && self.are_clear(h, Pair::has_link)
+        stops && self.are_clear(h, ContactPair::has_link)
     }
 
-    /// Whether no object can touch another, or the floor, within a free sub-step of `h`, s.
+    /// Whether the objects are certain to touch neither each other nor the floor within a free sub-step of `h` [s].
     pub(crate) fn objects_are_clear(&mut self, h: f64) -> bool {
         self.are_clear(h, |pair| !pair.has_link())
     }
 
-    fn are_clear(&mut self, h: f64, which: impl Fn(&Pair) -> bool) -> bool {
+    fn are_clear(&mut self, h: f64, which: impl Fn(&ContactPair) -> bool) -> bool {
         (0..self.scene.pairs.len()).all(|index| {
             if !which(&self.scene.pairs[index]) {
                 return true;
             }
             let reach = CLEARANCE + 2.0 * h * self.scene.closing_speed(index);
-            self.scene.touch(index, &self.objects, reach).next().is_none()
+            self.scene.pair_contacts(index, &self.objects, reach).next().is_none()
         })
     }
 
-    /// Whether damping is weak enough for an explicit sub-step of `h`: the trace of M^-1 D bounds the fastest decay.
+    /// Whether damping is weak enough for an explicit sub-step of `h` [s]: the trace of M^-1 D bounds the fastest
+    /// decay.
     pub(crate) fn is_explicit_stable(&self, kin: &Kinematics, damping: &JointVector, h: f64) -> bool {
         let n = self.n();
         if damping[..n].iter().all(|c| *c == 0.0) {
@@ -53,12 +55,12 @@ impl World {
 
     /// Cholesky factor of the mass matrix; `None` if it is singular.
     fn factor(&self, kin: &Kinematics) -> Option<[JointVector; MAX_JOINTS]> {
-        // Symmetric: its columns are its rows.
+        // Symmetric: columns equal rows.
         let mut matrix: [JointVector; MAX_JOINTS] = self.scene.chain.mass_matrix(kin).into();
         factor(&mut matrix, self.n()).then_some(matrix)
     }
 
-    /// q'' under a torque; not a number where the mass matrix is singular, which the plant reports.
+    /// q'' under a torque; NaN where the mass matrix is singular, which the plant reports.
     fn acceleration(&self, kin: &Kinematics, qd: &JointVector, torque: &JointVector, damping: &JointVector) -> JointVector {
         let n = self.n();
         let bias = self.scene.chain.bias(kin, &qd[..n], &self.gravity);
@@ -71,7 +73,7 @@ impl World {
         qdd
     }
 
-    /// One Runge-Kutta sub-step of the leg.
+    /// Advances the leg by one Runge-Kutta sub-step of `h` [s].
     pub(crate) fn free_step(&mut self, kin: &Kinematics, torque: &JointVector, damping: &JointVector, h: f64) {
         let n = self.n();
         let (q0, v0) = (self.q, self.qd);

@@ -1,7 +1,7 @@
-//! The simulated robot: a leg, the world it touches, and the drive in between.
+//! The simulated robot: a leg with its drive, and the world that it touches.
 //!
-//! [`Plant`] is the whole of it without a clock; [`process::run`] is the process. The contact law is [`ContactLaw`], the
-//! integrator [`World`].
+//! [`Plant`] is all of it, without a clock; the crate `hapfic-plant-process` holds the process. The contact law is
+//! [`ContactLaw`], the integrator [`PhysicsWorld`].
 
 mod account;
 mod cholesky;
@@ -23,10 +23,10 @@ mod step_scope;
 mod velocities;
 mod world;
 
-pub use account::Advance;
-pub use contact_law::{ContactLaw, Normal, Sloped};
+pub use account::TickResult;
+pub use contact_law::{ContactLaw, NormalForce, ValueAndSlope};
 pub use drive::DriveState;
 pub use error::PlantError;
 pub use object::FreeBody;
 pub use plant::Plant;
-pub use world::{Action, Substeps, World};
+pub use world::{DriveAction, PhysicsWorld, Substeps};

@@ -1,4 +1,4 @@
-//! One implicit step of the velocities under contact: Newton's method in velocity space.
+//! Implicit step of the velocities under contact: Newton's method in velocity space.
 //!
 //! The velocities v1 at the end of a sub-step h satisfy
 //!
@@ -6,75 +6,75 @@
 //! (M + h D) v1 = M v0 + h (tau - bias) + h sum_c J_c^T f_c
 //! ```
 //!
-//! The normal force of a contact is taken at the middle of the sub-step (v_m = (v0 + v1) / 2, d_m = d0 - h/2 n.J v_m), which is
-//! second order on impacts; friction, whose slope 2 mu_s F_n / v_c is the stiff part, at its end, so that it holds without
-//! chatter. The falling branch of mu and the coupling of normal and tangential forces are left out of the matrix (quasi-Newton),
-//! which keeps it positive definite.
+//! The normal force of a contact is that of the midpoint (v_m = (v0 + v1) / 2, d_m = d0 - h/2 n.J v_m): second order on
+//! impacts. Friction is that of the end of the sub-step, so that it holds without chatter; its slope 2 mu_s F_n / v_c
+//! is the stiff part. The matrix omits the falling branch of mu and the coupling of normal and tangential forces
+//! (quasi-Newton), and thus stays positive definite.
 //!
-//! Within a tick a sub-step goes on from the one before: it starts from the same change of velocity, and keeps the factored matrix
-//! as long as that lets the residual fall quickly. Both decide how soon it is solved, not what counts as solved.
+//! Within a tick, a sub-step starts from the change of velocity of the one before. It reuses the factored matrix while
+//! the residual falls quickly. This warm start changes the number of iterations, not the tolerance.
 
 use crate::cholesky::{factor, substitute};
-use crate::point::Point;
+use crate::point::ConstraintPoint;
 use crate::velocities::{MAX_SPEEDS, VelocityVector};
 use hapfic_messages::MAX_OBJECTS;
 use hapfic_robot::MassMatrix;
 use nalgebra::{Matrix3, Vector3};
 
-/// Most contact points at a time, joint stops first; with more the sub-step counts as unconverged.
+/// Maximum number of constraint points, joint stops first; with more, the sub-step counts as unconverged.
 pub(crate) const MAX_POINTS: usize = 32;
-/// Most iterations.
+/// Maximum number of iterations.
 const MAX_ITERATIONS: u32 = 25;
-/// Residual that counts as solved, N s.
+/// Largest residual of a converged sub-step [N s].
 const TOLERANCE: f64 = 1e-10;
-/// The same as a force over the sub-step, N: in sub-steps below 20 us the tighter of the two.
+/// The same as a force over the sub-step [N]; tighter than [`TOLERANCE`] below 20 us.
 const TOLERANCE_FORCE: f64 = 5e-6;
-/// Share of the residual that a step with a kept matrix may leave; with more the matrix is made anew.
-const KEEP: f64 = 0.1;
+/// Ratio of residuals after and before a step, above which the next step factors a new matrix.
+const FACTOR_REUSE_RATIO: f64 = 0.1;
 
-/// Force of a contact point: normal, and the two components of friction, N.
-pub(crate) type PointForce = Vector3<f64>;
+/// Force of a constraint point: normal, and the two components of friction [N].
+pub(crate) type ConstraintForce = Vector3<f64>;
 
-/// How a step was solved.
+/// Outcome of the iteration.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Solved {
-    /// Iterations it took.
+pub(crate) struct SolveResult {
+    /// Number of iterations.
     pub(crate) iterations: u32,
-    /// Whether the residual ended below the tolerance.
+    /// Whether the last residual is within the tolerance.
     pub(crate) converged: bool,
 }
 
-/// What a sub-step knows from the one before.
+/// Data that a sub-step reuses from the one before.
 #[derive(Clone, Debug)]
-struct Known {
-    /// Number of velocities, and length, s, of that sub-step; with others all else is void.
+struct WarmStart {
+    /// Number of velocities and length [s] of that sub-step; the rest is invalid for other values.
     size: (usize, f64),
-    /// How the velocities changed.
+    /// Change of the velocities.
     change: VelocityVector,
     /// Whether the matrix holds a factor.
     factored: bool,
 }
 
-/// The problem of a sub-step, and the memory to solve it in. The leg's velocities come first, then six of each body.
+/// Equations of a sub-step, and the buffers to solve them. The leg's velocities come first, then six per body.
 #[derive(Clone, Debug)]
 pub(crate) struct Newton {
-    /// Velocities of the leg that count.
+    /// Number of the leg's velocities.
     pub(crate) leg: usize,
     /// M + h D of the leg.
     pub(crate) mass: MassMatrix,
-    /// Bodies that count.
+    /// Number of bodies.
     pub(crate) count: usize,
-    /// Masses, kg, and inertias, kg m^2, of the bodies.
+    /// Masses [kg] and inertias [kg m^2] of the bodies.
     pub(crate) bodies: [(f64, Matrix3<f64>); MAX_OBJECTS],
     /// M v0 + h (tau - bias).
     pub(crate) impulse: VelocityVector,
     /// Velocities at the start.
     pub(crate) v0: VelocityVector,
-    /// Separation speeds of the points at the start, m/s.
+    /// Separation speeds of the points at the start [m/s].
     before: [f64; MAX_POINTS],
     residual: VelocityVector,
     matrix: [VelocityVector; MAX_SPEEDS],
-    known: Known,
+    warm_start: WarmStart,
 }
 
 impl Newton {
@@ -90,75 +90,81 @@ impl Newton {
             before: [0.0; MAX_POINTS],
             residual: zero,
             matrix: [zero; MAX_SPEEDS],
-            known: Known { size: (0, 0.0), change: zero, factored: false },
+            warm_start: WarmStart { size: (0, 0.0), change: zero, factored: false },
         }
     }
 
-    /// Velocities that count.
+    /// Number of velocities.
     pub(crate) fn n(&self) -> usize {
         self.leg + 6 * self.count
     }
 
-    /// Forgets the sub-step before: the next one is solved as if it were the first.
-    pub(crate) fn forget(&mut self) {
-        self.known.size = (0, 0.0);
+    /// Discards the data of the sub-step before: the next sub-step starts cold.
+    pub(crate) fn reset_warm_start(&mut self) {
+        self.warm_start.size = (0, 0.0);
     }
 
-    /// Velocities at the end of the sub-step, and the force of every point.
-    pub(crate) fn solve(&mut self, h: f64, points: &[Point], v: &mut VelocityVector, forces: &mut [PointForce]) -> Solved {
+    /// Solves for the velocities at the end of the sub-step and the force of every point.
+    pub(crate) fn solve(
+        &mut self,
+        h: f64,
+        points: &[ConstraintPoint],
+        v: &mut VelocityVector,
+        forces: &mut [ConstraintForce],
+    ) -> SolveResult {
         let n = self.n();
-        if self.known.size != (n, h) {
-            self.known.size = (n, h);
-            self.known.change[..n].fill(0.0);
-            self.known.factored = false;
+        if self.warm_start.size != (n, h) {
+            self.warm_start.size = (n, h);
+            self.warm_start.change[..n].fill(0.0);
+            self.warm_start.factored = false;
         }
         for (before, point) in self.before.iter_mut().zip(points) {
             *before = point.speeds(&self.v0).x;
         }
-        for ((v, before), change) in v.iter_mut().zip(&self.v0).zip(&self.known.change).take(n) {
+        for ((v, before), change) in v.iter_mut().zip(&self.v0).zip(&self.warm_start.change).take(n) {
             *v = before + change;
         }
         let tolerance = TOLERANCE.min(TOLERANCE_FORCE * h);
-        let mut norm = self.weigh(h, points, v, forces);
+        let mut norm = self.evaluate(h, points, v, forces);
         let mut iterations = 0;
-        // One step at least: what is let pass would else add up, always to the same side.
+        // At least one step: accepted residuals would otherwise add up, always with the same sign.
         while (norm > tolerance || iterations == 0) && iterations < MAX_ITERATIONS {
             iterations += 1;
-            let kept = self.known.factored;
+            let kept = self.warm_start.factored;
             if !kept {
                 self.assemble(h, points, v);
                 if !factor(&mut self.matrix, n) {
                     break;
                 }
-                self.known.factored = true;
+                self.warm_start.factored = true;
             }
             let mut step = self.residual;
             substitute(&self.matrix, &mut step, n);
             let last = norm;
-            // Where the law bends, a full step may overshoot: halve it until the residual falls, or take the shortest.
+            // A full step may overshoot where the law bends: halve it until the residual falls, or take the shortest.
             let mut scale = 1.0;
             let mut taken = 0.0;
             loop {
                 for i in 0..n {
                     v[i] -= (scale - taken) * step[i];
                 }
-                norm = self.weigh(h, points, v, forces);
+                norm = self.evaluate(h, points, v, forces);
                 if norm < last || norm <= tolerance || scale < 0.1 {
                     break;
                 }
                 (taken, scale) = (scale, if kept { 0.0 } else { 0.5 * scale });
             }
-            // Not good enough any more, or invalid at all: then it starts again from where it was.
-            self.known.factored = norm <= tolerance || norm <= KEEP * last;
+            // If the residual fell too little, the next step factors a new matrix.
+            self.warm_start.factored = norm <= tolerance || norm <= FACTOR_REUSE_RATIO * last;
         }
-        for ((change, after), before) in self.known.change.iter_mut().zip(&*v).zip(&self.v0).take(n) {
+        for ((change, after), before) in self.warm_start.change.iter_mut().zip(&*v).zip(&self.v0).take(n) {
             *change = after - before;
         }
-        Solved { iterations, converged: norm <= tolerance }
+        SolveResult { iterations, converged: norm <= tolerance }
     }
 
-    /// Fills forces and residual at velocities `v`; returns the largest residual, N s.
-    fn weigh(&mut self, h: f64, points: &[Point], v: &VelocityVector, forces: &mut [PointForce]) -> f64 {
+    /// Fills forces and residual at velocities `v`; returns the largest residual [N s].
+    fn evaluate(&mut self, h: f64, points: &[ConstraintPoint], v: &VelocityVector, forces: &mut [ConstraintForce]) -> f64 {
         let n = self.n();
         let (residual, impulse) = (&mut self.residual, &self.impulse);
         for i in 0..self.leg {
@@ -175,17 +181,17 @@ impl Newton {
         }
         for ((point, before), force) in points.iter().zip(&self.before).zip(forces.iter_mut()) {
             *force = point.force(h, *before, &point.speeds(v));
-            // Also for what is not a number.
+            // Includes NaN.
             if force.x != 0.0 {
                 point.apply_jacobian_transpose(&(*force * h), residual);
             }
         }
-        // Not a number must not pass for solved.
+        // NaN must not count as converged.
         residual[..n].iter().fold(0.0, |worst: f64, r| if r.is_nan() { f64::INFINITY } else { worst.max(r.abs()) })
     }
 
     /// Fills the lower triangle of the matrix at velocities `v`.
-    fn assemble(&mut self, h: f64, points: &[Point], v: &VelocityVector) {
+    fn assemble(&mut self, h: f64, points: &[ConstraintPoint], v: &VelocityVector) {
         let n = self.n();
         let matrix = &mut self.matrix;
         for (i, row) in matrix[..n].iter_mut().enumerate() {
@@ -226,7 +232,7 @@ mod tests {
         newton
     }
 
-    fn floor_point(depth: f64) -> Point {
+    fn floor_point(depth: f64) -> ConstraintPoint {
         let law = ContactLaw {
             stiffness: 1e6,
             damping: 1e4,
@@ -235,15 +241,15 @@ mod tests {
             friction_dynamic: 0.3,
             critical_speed: 1e-3,
         };
-        let mut point = Point::new(depth, law);
+        let mut point = ConstraintPoint::new(depth, law);
         for (index, by) in [Vector3::y(), Vector3::z(), Vector3::x()].into_iter().enumerate() {
-            point.depends_on(index, by);
+            point.add_column(index, by);
         }
         point
     }
 
-    /// A block on the floor under a side force, from rest: where it creeps, the friction carries the load; above mu_s it slides
-    /// with the difference to mu_d.
+    /// Final speed [m/s] and unconverged sub-steps of a block on the floor, pushed from rest with `share` of its
+    /// weight.
     fn push(mass: f64, share: f64, h: f64, time: f64) -> (f64, u32) {
         let mut newton = block(mass);
         let weight = 9.81 * mass;
@@ -266,7 +272,7 @@ mod tests {
     }
 
     #[test]
-    fn friction_holds_with_the_creep_of_its_law_at_any_sub_step() {
+    fn newton_friction_any_substep_creeps_by_law() {
         // mu(v) = 0.4: r (2 - r) = 0.8.
         let creep = 1e-3 * (1.0 - 0.2_f64.sqrt());
         for h in [1e-5, 2e-5, 2e-4, 1e-3] {
@@ -277,14 +283,14 @@ mod tests {
     }
 
     #[test]
-    fn beyond_static_friction_it_slides_against_the_dynamic_one() {
+    fn newton_load_above_static_friction_slides() {
         let (v, _) = push(2.0, 0.7, 2e-5, 0.5);
         let expected = (0.7 - 0.3) * 9.81 * 0.5;
         assert!((v / expected - 1.0).abs() < 0.01, "{v} against {expected}");
     }
 
     #[test]
-    fn without_contact_it_is_the_linear_solution() {
+    fn newton_without_contact_is_linear() {
         let mut newton = block(4.0);
         newton.impulse[1] = 8.0;
         let mut v = [0.0; MAX_SPEEDS];
@@ -293,7 +299,8 @@ mod tests {
         assert!((v[1] - 2.0).abs() < 1e-15);
     }
 
-    /// Iterations and unconverged steps of a block that falls onto the floor with these speeds [m/s].
+    /// Most iterations, unconverged sub-steps and largest residual [N] of a block that hits the floor at these speeds
+    /// [m/s].
     fn fall(down: f64, sideways: f64, h: f64) -> (u32, u32, f64) {
         let mass = 2.0;
         let mut newton = block(mass);
@@ -311,14 +318,14 @@ mod tests {
             let solved = newton.solve(h, std::slice::from_ref(&point), &mut v, &mut forces);
             most = most.max(solved.iterations);
             unconverged += u32::from(!solved.converged);
-            let residual = newton.weigh(h, std::slice::from_ref(&point), &v, &mut forces);
+            let residual = newton.evaluate(h, std::slice::from_ref(&point), &v, &mut forces);
             worst = worst.max(residual / h);
             point.depth -= h * 0.5 * (newton.v0[2] + v[2]);
         }
         (most, unconverged, worst)
     }
 
-    /// Sub-steps up to the plant's default, from gentle touches to 5 m/s, sliding or not.
+    /// Sub-steps [s] up to the plant's default, with speeds down and sideways [m/s].
     fn falls() -> impl Iterator<Item = (f64, f64, f64)> {
         [1e-6, 5e-6, 1e-5, 2e-5].into_iter().flat_map(|h| {
             [0.01, 0.1, 0.5, 2.0, 5.0].into_iter().flat_map(move |down| [0.0, 1e-3, 0.05, 1.0].map(|side| (h, down, side)))
@@ -343,7 +350,7 @@ mod tests {
     }
 
     #[test]
-    fn newton_sliding_contact_needs_one_iteration_a_sub_step() {
+    fn newton_sliding_contact_takes_one_iteration() {
         let (mass, h) = (2.0, 2e-5);
         let weight = 9.81 * mass;
         let (mut newton, mut point) = (block(mass), floor_point(0.0));
@@ -360,7 +367,7 @@ mod tests {
             iterations += if step < 1000 { 0 } else { solved.iterations };
             point.depth -= h * 0.5 * (newton.v0[2] + v[2]);
         }
-        // Each starts from the change of velocity of the one before; six are needed without it.
+        // Without the warm start it takes six iterations per sub-step.
         assert!(iterations <= 1010, "{iterations} iterations in 1000 sub-steps");
     }
 }

@@ -1,4 +1,4 @@
-//! A body that moves freely: its state, its inertia, and its motion without contact.
+//! Free body: state, inertia, and motion without contact.
 
 use hapfic_config::{Object, ObjectShape};
 use hapfic_messages::ObjectState;
@@ -7,22 +7,22 @@ use nalgebra::{Matrix3, Quaternion, Translation3, UnitQuaternion, Vector3};
 /// A box or a ball of even density.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FreeBody {
-    /// Centre of mass, m.
+    /// Centre of mass [m].
     pub position: Vector3<f64>,
-    /// From the body's axes to the world's.
+    /// Orientation, from the body's axes to the world's.
     pub rotation: UnitQuaternion<f64>,
-    /// Velocity of the centre, m/s.
+    /// Velocity of the centre [m/s].
     pub velocity: Vector3<f64>,
-    /// Angular velocity in the world frame, rad/s.
+    /// Angular velocity in the world frame [rad/s].
     pub angular_velocity: Vector3<f64>,
-    /// kg.
+    /// Mass [kg].
     pub mass: f64,
-    /// Principal moments about the centre, along the body's axes, kg m^2.
+    /// Principal moments about the centre, along the body's axes [kg m^2].
     pub inertia: Vector3<f64>,
 }
 
 impl FreeBody {
-    /// At rest where the scenario puts it.
+    /// Creates a body at rest at the pose of the scenario.
     pub(crate) fn new(object: &Object) -> Self {
         let m = object.mass_kg;
         let inertia = match object.shape {
@@ -40,13 +40,13 @@ impl FreeBody {
         }
     }
 
-    /// Where its frame is.
+    /// Pose of the body's frame.
     #[must_use]
     pub fn pose(&self) -> nalgebra::Isometry3<f64> {
         nalgebra::Isometry3::from_parts(Translation3::from(self.position), self.rotation)
     }
 
-    /// As it is published.
+    /// State for the `/state` message.
     #[must_use]
     pub fn state(&self) -> ObjectState {
         let q = self.rotation;
@@ -58,43 +58,45 @@ impl FreeBody {
         }
     }
 
-    /// Goes on from a pose and a velocity as they were published.
+    /// Restores a published pose and velocity.
     pub(crate) fn resume(&mut self, at: &ObjectState) {
         let [i, j, k, w] = at.orientation;
         self.position = at.position.into();
-        // As it was, to the last bit: normalising could change that.
+        // Bit for bit: normalising could change the last bits.
         self.rotation = UnitQuaternion::new_unchecked(nalgebra::Quaternion::new(w, i, j, k));
         self.velocity = at.linear_velocity.into();
         self.angular_velocity = at.angular_velocity.into();
     }
 
-    /// Inertia along the axes of the world, kg m^2.
+    /// Inertia along the axes of the world [kg m^2].
     #[must_use]
     pub fn world_inertia(&self) -> Matrix3<f64> {
         let r = self.rotation.to_rotation_matrix();
         r * Matrix3::from_diagonal(&self.inertia) * r.transpose()
     }
 
-    /// L, kg m^2/s, world frame.
+    /// Angular momentum L, world frame [kg m^2/s].
     #[must_use]
     pub fn angular_momentum(&self) -> Vector3<f64> {
         self.rotation * self.inertia.component_mul(&(self.rotation.inverse() * self.angular_velocity))
     }
 
-    /// Angular velocity that goes with an angular momentum in an orientation.
+    /// Angular velocity of an angular momentum at an orientation.
     fn angular_velocity_of(&self, rotation: &UnitQuaternion<f64>, momentum: &Vector3<f64>) -> Vector3<f64> {
         rotation * (rotation.inverse() * momentum).component_div(&self.inertia)
     }
 
-    /// Kinetic and potential energy, J.
+    /// Kinetic and potential energy [J].
     #[must_use]
     pub fn energy(&self, gravity: &Vector3<f64>) -> f64 {
         0.5 * self.mass * self.velocity.norm_squared() + 0.5 * self.angular_velocity.dot(&self.angular_momentum())
             - self.mass * gravity.dot(&self.position)
     }
 
-    /// Moves without contact for `h`, s: a parabola, and a turn that keeps the angular momentum (the gyroscopic torque is what
-    /// that amounts to), by the fourth-order Runge-Kutta method on the orientation.
+    /// Moves without contact for `h` [s].
+    ///
+    /// The centre follows a parabola. The rotation keeps the angular momentum, which includes the gyroscopic torque;
+    /// the fourth-order Runge-Kutta method integrates the orientation.
     pub(crate) fn free_step(&mut self, gravity: &Vector3<f64>, h: f64) {
         self.position += h * (self.velocity + 0.5 * h * gravity);
         self.velocity += h * gravity;
@@ -113,17 +115,19 @@ impl FreeBody {
         self.angular_velocity = self.angular_velocity_of(&self.rotation, &momentum);
     }
 
-    /// Takes the velocities that contacts left after `h`, s. `solved` is an angular velocity under the inertia of the start: it
-    /// stands for the angular momentum, which is what is kept while the body turns by the midpoint rule.
-    pub(crate) fn push(&mut self, velocity: Vector3<f64>, solved: Vector3<f64>, h: f64) {
+    /// Moves for `h` [s] to the velocities that the contact solver found.
+    ///
+    /// `solved` is an angular velocity under the inertia of the start, and thus gives the angular momentum. The
+    /// orientation follows by the midpoint rule at that momentum.
+    pub(crate) fn apply_contact_velocities(&mut self, velocity: Vector3<f64>, solved: Vector3<f64>, h: f64) {
         self.position += 0.5 * h * (self.velocity + velocity);
         self.velocity = velocity;
         let before = self.angular_momentum();
         let after = self.world_inertia() * solved;
         let half = UnitQuaternion::from_scaled_axis(0.5 * h * self.angular_velocity) * self.rotation;
-        let middle = self.angular_velocity_of(&half, &(0.5 * (before + after)));
+        let midpoint = self.angular_velocity_of(&half, &(0.5 * (before + after)));
         self.rotation =
-            UnitQuaternion::new_normalize((UnitQuaternion::from_scaled_axis(h * middle) * self.rotation).into_inner());
+            UnitQuaternion::new_normalize((UnitQuaternion::from_scaled_axis(h * midpoint) * self.rotation).into_inner());
         self.angular_velocity = self.angular_velocity_of(&self.rotation, &after);
     }
 }
@@ -145,8 +149,8 @@ mod tests {
     }
 
     #[test]
-    fn a_thrown_brick_tumbles_and_keeps_what_it_has() {
-        // About its middle axis it turns over again and again.
+    fn free_body_flight_keeps_energy_and_momentum() {
+        // Rotation about the intermediate axis is unstable: the brick flips.
         let (mut body, gravity) = (brick(), Vector3::new(0.0, 0.0, -9.81));
         let (energy, momentum) = (body.energy(&gravity), body.angular_momentum());
         let axis = body.rotation.inverse() * body.angular_velocity.normalize();
@@ -155,7 +159,7 @@ mod tests {
             body.free_step(&gravity, 1e-4);
             flipped |= (body.rotation.inverse() * body.angular_velocity.normalize()).dot(&axis) < -0.9;
         }
-        assert!(flipped, "without gyroscopic torque it would not");
+        assert!(flipped, "the brick does not flip: no gyroscopic torque");
         assert!((body.angular_momentum() - momentum).norm() < 1e-9 * momentum.norm());
         assert!((body.energy(&gravity) / energy - 1.0).abs() < 1e-9);
         assert!((body.velocity.z - (3.0 - 9.81 * 5.0)).abs() < 1e-9);
@@ -163,12 +167,12 @@ mod tests {
     }
 
     #[test]
-    fn the_step_of_contacts_turns_as_flight_does() {
+    fn free_body_contact_step_rotates_as_flight() {
         let (mut pushed, mut flown) = (brick(), brick());
         let h = 2e-5;
         for _ in 0..10_000 {
             let (velocity, solved) = (pushed.velocity, pushed.angular_velocity);
-            pushed.push(velocity, solved, h);
+            pushed.apply_contact_velocities(velocity, solved, h);
             flown.free_step(&Vector3::zeros(), h);
         }
         assert!(pushed.rotation.angle_to(&flown.rotation) < 1e-6, "{}", pushed.rotation.angle_to(&flown.rotation));
@@ -176,8 +180,8 @@ mod tests {
     }
 
     #[test]
-    fn a_top_precesses_at_its_rate() {
-        // Symmetric about z: the axis goes round the angular momentum at L / I_x.
+    fn free_body_symmetric_top_precesses() {
+        // Symmetric about z: the axis circles the angular momentum at L / I_x.
         let mut body = FreeBody {
             rotation: UnitQuaternion::identity(),
             angular_velocity: Vector3::new(1.0, 0.0, 20.0),

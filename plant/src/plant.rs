@@ -1,34 +1,34 @@
-//! The simulated robot and its world, tick by tick.
+//! Simulated robot and world, advanced by ticks.
 
-use crate::account::Advance;
-use crate::collider::{Body, Collider};
+use crate::account::TickResult;
+use crate::collider::{BodyId, Collider};
 use crate::drive::DriveState;
 use crate::error::PlantError;
 use crate::object::FreeBody;
-use crate::scene::Scene;
-use crate::world::{Substeps, World};
+use crate::scene::CollisionScene;
+use crate::world::{PhysicsWorld, Substeps};
 use hapfic_config::Settings;
 use hapfic_messages::{Command, Drive, MAX_JOINTS, State};
 use hapfic_robot::Chain;
 use nalgebra::Vector3;
 
-// The messages have room for as many objects as a scenario may have.
+// A message holds as many objects as a scenario.
 const _: () = assert!(hapfic_config::MAX_OBJECTS == hapfic_messages::MAX_OBJECTS);
 
-/// Microseconds of a tick.
+/// Length of a tick [us].
 const TICK_US: u32 = 1000;
 
 /// A robot with its drive and sensors, in its world.
 #[derive(Clone, Debug)]
 pub struct Plant {
-    world: World,
+    world: PhysicsWorld,
     drive: DriveState,
-    acted: Drive,
+    applied: Drive,
     command_timeout_ticks: u32,
     brake_damping: f64,
     tick: i64,
-    last: Advance,
-    /// Elastic energy in the contacts at the present tick, J.
+    last: TickResult,
+    /// Elastic energy stored in the contacts at the present tick [J].
     stored: f64,
 }
 
@@ -39,31 +39,31 @@ impl Plant {
     /// [`PlantError`] if the robot description or the start posture is invalid.
     pub fn new(settings: &Settings) -> Result<Self, PlantError> {
         let chain = Chain::from_settings(&settings.robot)?;
-        let q = start(&settings.robot.start_position, &chain)?;
+        let q = start_position(&settings.robot.start_position, &chain)?;
         let (mut damping, mut effort) = ([0.0; MAX_JOINTS], [0.0; MAX_JOINTS]);
         for (i, joint) in chain.joints().iter().enumerate() {
             damping[i] = joint.damping;
             effort[i] = joint.effort;
         }
         let substeps = Substeps { flight_us: settings.plant.flight_substep_us, contact_us: settings.plant.contact_substep_us };
-        let mut scene = Scene::new(settings, chain)?;
+        let mut scene = CollisionScene::new(settings, chain)?;
         let objects: Vec<_> = settings.world.objects.iter().map(FreeBody::new).collect();
         let gravity = Vector3::from(settings.world.gravity_m_per_s2);
-        refuse_inside(&mut scene, &q, &objects, &gravity)?;
-        let mut world = World::new(scene, q, objects, gravity, damping, effort, substeps);
+        reject_penetration(&mut scene, &q, &objects, &gravity)?;
+        let mut world = PhysicsWorld::new(scene, q, objects, gravity, damping, effort, substeps);
         Ok(Self {
             stored: world.contact_stored(),
             world,
             drive: DriveState::default(),
-            acted: Drive::Held,
+            applied: Drive::Held,
             command_timeout_ticks: settings.plant.command_timeout_ticks,
             brake_damping: settings.plant.brake_damping_n_m_s_per_rad,
             tick: 0,
-            last: Advance::default(),
+            last: TickResult::default(),
         })
     }
 
-    /// Goes on from a state that a forerunner has published, as if it had made it itself: the world has no other memory.
+    /// Resumes from a state that a predecessor has published. The state is all that the world remembers.
     ///
     /// # Errors
     /// [`PlantError::Resume`] if the state is of another robot or world.
@@ -80,23 +80,23 @@ impl Plant {
         }
         self.world.contact_work = state.physics.contact_work_j;
         self.stored = state.physics.contact_stored_j;
-        self.acted = Drive::from_code(state.drive).unwrap_or(Drive::Held);
-        self.drive = DriveState::resumed(self.acted != Drive::Held);
+        self.applied = Drive::from_code(state.drive).unwrap_or(Drive::Held);
+        self.drive = DriveState::resumed(self.applied != Drive::Held);
         self.tick = state.tick;
-        self.last = Advance {
+        self.last = TickResult {
             sensed_force: state.foot_force.into(),
             torque: state.joint_torque,
             contacts: state.contacts,
             contact_count: state.contact_count as usize,
             physics: state.physics,
-            ..Advance::default()
+            ..TickResult::default()
         };
         Ok(())
     }
 
-    /// The world, for those who want to look closer or set a state.
+    /// The world, to inspect or set its state.
     #[must_use]
-    pub fn world(&mut self) -> &mut World {
+    pub fn world(&mut self) -> &mut PhysicsWorld {
         &mut self.world
     }
 
@@ -106,19 +106,19 @@ impl Plant {
         &self.world.scene.chain
     }
 
-    /// Names of the bodies that [`hapfic_messages::ContactState`] counts.
+    /// Names of the bodies, by the indices in [`hapfic_messages::ContactState`].
     #[must_use]
     pub fn body_names(&self) -> &[String] {
         &self.world.scene.names
     }
 
-    /// What came out of the last tick.
+    /// Result of the last tick.
     #[must_use]
-    pub fn last(&self) -> &Advance {
+    pub fn last(&self) -> &TickResult {
         &self.last
     }
 
-    /// The sample at the present tick, without wall-clock times.
+    /// State at the present tick, without wall-clock times.
     #[must_use]
     pub fn sample(&self) -> State {
         let world = &self.world;
@@ -130,7 +130,7 @@ impl Plant {
             time_ns: self.tick as u64 * u64::from(TICK_US) * 1000,
             command_tick: self.drive.command_tick(),
             joints: n as u32,
-            drive: self.acted.code(),
+            drive: self.applied.code(),
             joint_position: world.q,
             joint_velocity: world.qd,
             joint_torque: self.last.torque,
@@ -146,30 +146,30 @@ impl Plant {
         state.physics.contact_work_j = world.contact_work();
         state.physics.contact_stored_j = self.stored;
         state.object_count = world.objects.len() as u32;
-        for (place, body) in state.objects.iter_mut().zip(&world.objects) {
-            *place = body.state();
+        for (object, body) in state.objects.iter_mut().zip(&world.objects) {
+            *object = body.state();
         }
         state
     }
 
-    /// Takes a command if it is newer than the one in use. Says whether it was.
+    /// Accepts a command if it is newer than the present one; returns whether it was.
     pub fn take(&mut self, command: &Command) -> bool {
         self.drive.take(command)
     }
 
-    /// Tick of the command in use; -1 if there is none.
+    /// Tick of the present command; -1 without a command.
     #[must_use]
     pub fn command_tick(&self) -> i64 {
         self.drive.command_tick()
     }
 
-    /// Advances by one tick under the command in use.
+    /// Advances by one tick under the present command.
     ///
     /// # Errors
-    /// [`PlantError::NotFinite`] if the state left the numbers; the plant must not be used any more then.
+    /// [`PlantError::NotFinite`] if the state left the finite numbers; the plant is invalid from then on.
     pub fn advance(&mut self) -> Result<(), PlantError> {
         let (drive, action) = self.drive.act(self.tick, self.command_timeout_ticks, self.brake_damping);
-        self.acted = drive;
+        self.applied = drive;
         self.last = self.world.advance(action, TICK_US);
         self.stored = self.world.contact_stored();
         let world = &self.world;
@@ -187,24 +187,30 @@ impl Plant {
     }
 }
 
-/// Refuses a start in which two bodies are deeper in each other than their transition width and what their weight presses them in.
-fn refuse_inside(scene: &mut Scene, q: &[f64], objects: &[FreeBody], gravity: &Vector3<f64>) -> Result<(), PlantError> {
+/// Rejects a start in which two bodies are deeper in each other than their transition width plus the depth under their
+/// weight.
+fn reject_penetration(
+    scene: &mut CollisionScene,
+    q: &[f64],
+    objects: &[FreeBody],
+    gravity: &Vector3<f64>,
+) -> Result<(), PlantError> {
     let kin = scene.chain.kinematics(q);
     let mut found = Vec::new();
-    scene.place(&kin, &[0.0; MAX_JOINTS], objects);
-    scene.find(objects, |_, _| Some(0.0), &mut found);
-    for (index, touch) in found {
+    scene.update_colliders(&kin, &[0.0; MAX_JOINTS], objects);
+    scene.find_contacts(objects, |_, _| Some(0.0), &mut found);
+    for (index, contact) in found {
         let pair = &scene.pairs[index];
-        let weight = |carrier| match carrier {
-            Body::Object(i) => objects[i].mass * gravity.norm(),
-            Body::World | Body::Link(_) => 0.0,
+        let weight = |parent| match parent {
+            BodyId::Object(i) => objects[i].mass * gravity.norm(),
+            BodyId::World | BodyId::Link(_) => 0.0,
         };
-        let load = weight(pair.body.carrier) + weight(pair.against.carrier);
+        let load = weight(pair.body.parent) + weight(pair.against.parent);
         let limit_m = pair.law.transition_width + pair.law.depth_at(load);
-        if touch.depth > limit_m {
-            let name = |side: &Collider| scene.names[side.name].clone();
+        if contact.depth > limit_m {
+            let name = |collider: &Collider| scene.names[collider.name_index].clone();
             return Err(PlantError::StartsInside {
-                depth_m: touch.depth,
+                depth_m: contact.depth,
                 body: name(&pair.body),
                 against: name(&pair.against),
                 limit_m,
@@ -214,17 +220,17 @@ fn refuse_inside(scene: &mut Scene, q: &[f64], objects: &[FreeBody], gravity: &V
     Ok(())
 }
 
-fn start(wanted: &[f64], chain: &Chain) -> Result<[f64; MAX_JOINTS], PlantError> {
+fn start_position(configured: &[f64], chain: &Chain) -> Result<[f64; MAX_JOINTS], PlantError> {
     let n = chain.dof();
-    if wanted.len() != n {
+    if configured.len() != n {
         return Err(PlantError::Start {
             place: String::new(),
-            found: format!("{} values", wanted.len()),
+            found: format!("{} values", configured.len()),
             expected: format!("{n}, one for each joint from '{}' to '{}'", chain.base_link(), chain.tip_link()),
         });
     }
     let mut q = [0.0; MAX_JOINTS];
-    for (i, (joint, &value)) in chain.joints().iter().zip(wanted).enumerate() {
+    for (i, (joint, &value)) in chain.joints().iter().zip(configured).enumerate() {
         if value < joint.lower || value > joint.upper {
             return Err(PlantError::Start {
                 place: format!("[{i}]"),

@@ -1,8 +1,8 @@
-//! The bodies of the world, their shapes, and which of them may touch.
+//! Bodies of the world, their colliders, and the contact pairs.
 
-use crate::collider::{Body, Collider, Places};
+use crate::collider::{BodyId, Collider, ColliderStates};
 use crate::contact_law::ContactLaw;
-use crate::contact_point::{ContactPoint, ContactShape, Finder};
+use crate::contact_point::{ContactFinder, ContactPoint, ContactShape};
 use crate::error::PlantError;
 use crate::object::FreeBody;
 use crate::pair_cache::PairCache;
@@ -12,59 +12,58 @@ use nalgebra::Isometry3;
 use parry3d_f64::math::Vector;
 use parry3d_f64::shape::{Ball, Cuboid, HalfSpace};
 
-/// Contacts softer than this, N/m, let a body sink in so far that the lower leg touches with foot and shank at once: it is one
-/// contact then, of whichever is deeper.
+/// Stiffness below which foot and shank may touch the same place [N/m]. They make one contact then: the deeper one.
 const SOFT: f64 = 1e5;
-/// Depths this near are the same, m: the end of the shank lies in the foot.
+/// Difference up to which two depths count as equal [m]: the end of the shank lies in the foot.
 const SAME: f64 = 1e-9;
 
-/// Two shapes that may touch. The force on `body` is the normal force along the normal; `against` feels the opposite.
+/// Two colliders that may touch. The normal force acts on `body` along the normal, and on `against` the opposite way.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Pair {
+pub(crate) struct ContactPair {
     pub(crate) body: Collider,
     pub(crate) against: Collider,
     pub(crate) law: ContactLaw,
-    /// Whether the force sensor at the tip feels it.
+    /// Whether the force sensor at the tip measures the contact.
     pub(crate) sensed: bool,
-    /// The foot's pair, if this is of the rest of the lower leg on something soft: only the deeper of the two counts.
-    pub(crate) rival: Option<usize>,
+    /// Pair of the foot, if this is the shank on a soft body: only the deeper of the two pairs counts.
+    pub(crate) foot_pair: Option<usize>,
 }
 
-impl Pair {
-    /// Whether it depends on where the leg is.
+impl ContactPair {
+    /// Whether a link takes part.
     pub(crate) fn has_link(&self) -> bool {
-        matches!(self.body.carrier, Body::Link(_))
+        matches!(self.body.parent, BodyId::Link(_))
     }
 
     /// Whether a free body takes part.
     pub(crate) fn has_object(&self) -> bool {
-        [self.body, self.against].iter().any(|side| matches!(side.carrier, Body::Object(_)))
+        [self.body, self.against].iter().any(|collider| matches!(collider.parent, BodyId::Object(_)))
     }
 }
 
-/// The world's bodies.
+/// Colliders of the world, and the pairs that may touch.
 #[derive(Clone)]
-pub(crate) struct Scene {
+pub(crate) struct CollisionScene {
     pub(crate) chain: Chain,
     pub(crate) names: Vec<String>,
-    pub(crate) pairs: Vec<Pair>,
-    sides: Vec<Collider>,
-    places: Places,
-    watches: Vec<PairCache>,
-    finder: Finder,
+    pub(crate) pairs: Vec<ContactPair>,
+    colliders: Vec<Collider>,
+    collider_states: ColliderStates,
+    pair_caches: Vec<PairCache>,
+    finder: ContactFinder,
 }
 
-/// A contact point with its pair.
-pub(crate) type Contacts = Vec<(usize, ContactPoint)>;
+/// Contact points, each with the index of its pair.
+pub(crate) type PairContacts = Vec<(usize, ContactPoint)>;
 
-/// URDF's cylinder as the largest capsule in it.
+/// Largest capsule inside a URDF cylinder.
 fn inscribed(radius: f64, length: f64) -> ContactShape {
     let radius = radius.min(0.5 * length);
     let half = 0.5 * length - radius;
     if half > 0.0 { ContactShape::capsule(-half, half, radius) } else { ContactShape::Ball(Ball::new(radius)) }
 }
 
-fn form(shape: &Shape) -> ContactShape {
+fn contact_shape(shape: &Shape) -> ContactShape {
     match *shape {
         Shape::Sphere { radius } => ContactShape::Ball(Ball::new(radius)),
         Shape::Cylinder { radius, length } => inscribed(radius, length),
@@ -73,11 +72,11 @@ fn form(shape: &Shape) -> ContactShape {
     }
 }
 
-/// The same on a soft body: a cylinder's axis then goes from end to end, so that the shank's reaches into the foot.
-fn form_on_soft(shape: &Shape) -> ContactShape {
+/// The same on a soft body: the capsule's axis spans the whole cylinder, so that the shank's reaches into the foot.
+fn contact_shape_on_soft(shape: &Shape) -> ContactShape {
     match *shape {
         Shape::Cylinder { radius, length } => ContactShape::capsule(-0.5 * length, 0.5 * length, radius),
-        _ => form(shape),
+        _ => contact_shape(shape),
     }
 }
 
@@ -92,8 +91,8 @@ fn law(surface: &Surface) -> ContactLaw {
     }
 }
 
-/// Where two surfaces meet: the softer gives, the more slippery slides.
-fn meet(a: &Surface, b: &Surface) -> ContactLaw {
+/// Contact law of two surfaces: stiffness and damping of the softer one, friction of the more slippery one.
+fn combine_surfaces(a: &Surface, b: &Surface) -> ContactLaw {
     let soft = law(if a.stiffness_n_per_m <= b.stiffness_n_per_m { a } else { b });
     let slippery = if a.friction_static <= b.friction_static { a } else { b };
     ContactLaw {
@@ -104,48 +103,57 @@ fn meet(a: &Surface, b: &Surface) -> ContactLaw {
     }
 }
 
-/// Something that is not the robot, and its surface.
-struct Thing<'a> {
-    side: Collider,
+/// Floor or object, with its surface.
+struct EnvironmentBody<'a> {
+    collider: Collider,
     surface: &'a Surface,
 }
 
-impl Scene {
-    /// Builds the world of a scenario.
+impl CollisionScene {
+    /// Builds the colliders and pairs of a scenario.
     pub(crate) fn new(settings: &Settings, chain: Chain) -> Result<Self, PlantError> {
         let mut scene = Self {
             chain,
             names: Vec::new(),
             pairs: Vec::new(),
-            sides: Vec::new(),
-            places: Places::new(0),
-            watches: Vec::new(),
-            finder: Finder::default(),
+            colliders: Vec::new(),
+            collider_states: ColliderStates::new(0),
+            pair_caches: Vec::new(),
+            finder: ContactFinder::default(),
         };
-        let limbs = scene.limbs()?;
-        let mut things = Vec::new();
+        let link_colliders = scene.link_colliders()?;
+        let mut environment = Vec::new();
         if let Some(floor) = &settings.world.floor {
             let local = Isometry3::translation(0.0, 0.0, floor.height_m);
-            let form = ContactShape::HalfSpace(HalfSpace::new(Vector::Z));
-            things.push(Thing { side: scene.side(Body::World, form, local, "floor")?, surface: &floor.surface });
+            let shape = ContactShape::HalfSpace(HalfSpace::new(Vector::Z));
+            environment.push(EnvironmentBody {
+                collider: scene.add_named_collider(BodyId::World, shape, local, "floor")?,
+                surface: &floor.surface,
+            });
         }
         for (index, object) in settings.world.objects.iter().enumerate() {
-            things.push(scene.object(index, object)?);
+            environment.push(scene.object(index, object)?);
         }
-        if !things.is_empty() && !limbs.iter().any(|(_, collision)| scene.is_foot(collision)) {
+        if !environment.is_empty() && !link_colliders.iter().any(|(_, collision)| scene.is_foot(collision)) {
             return Err(PlantError::NoFoot { link: scene.chain.tip_link().to_owned() });
         }
-        for thing in &things {
-            scene.pair_with_limbs(&limbs, thing);
+        for other in &environment {
+            scene.pair_with_links(&link_colliders, other);
         }
-        for (i, against) in things.iter().enumerate() {
-            for body in &things[i + 1..] {
-                let law = meet(body.surface, against.surface);
-                scene.pairs.push(Pair { body: body.side, against: against.side, law, sensed: false, rival: None });
+        for (i, against) in environment.iter().enumerate() {
+            for body in &environment[i + 1..] {
+                let law = combine_surfaces(body.surface, against.surface);
+                scene.pairs.push(ContactPair {
+                    body: body.collider,
+                    against: against.collider,
+                    law,
+                    sensed: false,
+                    foot_pair: None,
+                });
             }
         }
-        scene.places = Places::new(scene.sides.len());
-        scene.watches = vec![PairCache::new(); scene.pairs.len()];
+        scene.collider_states = ColliderStates::new(scene.colliders.len());
+        scene.pair_caches = vec![PairCache::new(); scene.pairs.len()];
         Ok(scene)
     }
 
@@ -153,110 +161,128 @@ impl Scene {
         collision.link == self.chain.tip_link()
     }
 
-    fn side(&mut self, carrier: Body, form: ContactShape, local: Isometry3<f64>, name: &str) -> Result<Collider, PlantError> {
-        if !matches!(carrier, Body::Link(_)) && self.names.iter().any(|n| n == name) {
+    fn add_named_collider(
+        &mut self,
+        parent: BodyId,
+        shape: ContactShape,
+        local: Isometry3<f64>,
+        name: &str,
+    ) -> Result<Collider, PlantError> {
+        if !matches!(parent, BodyId::Link(_)) && self.names.iter().any(|n| n == name) {
             return Err(PlantError::Name { name: name.to_owned() });
         }
-        // A link may have several shapes, and one name.
+        // All shapes of a link share one name.
         let index = self.names.iter().position(|n| n == name).unwrap_or_else(|| {
             self.names.push(name.to_owned());
             self.names.len() - 1
         });
-        Ok(self.keep(Collider::new(carrier, form, local, index, self.sides.len())))
+        Ok(self.add_collider(Collider::new(parent, shape, local, index, self.colliders.len())))
     }
 
-    fn keep(&mut self, side: Collider) -> Collider {
-        self.sides.push(side);
-        side
+    fn add_collider(&mut self, collider: Collider) -> Collider {
+        self.colliders.push(collider);
+        collider
     }
 
-    /// The moving shapes of the robot, feet first.
-    fn limbs(&mut self) -> Result<Vec<(Collider, Collision)>, PlantError> {
+    /// Adds the moving colliders of the robot, the foot first.
+    fn link_colliders(&mut self) -> Result<Vec<(Collider, Collision)>, PlantError> {
         let mut collisions: Vec<Collision> = self.chain.collisions().to_vec();
         collisions.sort_by_key(|c| !self.is_foot(c));
-        let mut limbs = Vec::new();
+        let mut link_colliders = Vec::new();
         for collision in collisions {
             let Some(body) = collision.body else { continue };
-            // A flat foot would need a rule of its own for where foot and shank meet.
+            // A flat foot would need a rule for the edge between foot and shank.
             if self.is_foot(&collision) && !matches!(collision.shape, Shape::Sphere { .. }) {
                 return Err(PlantError::FootShape { link: collision.link.clone(), shape: collision.shape });
             }
-            let side = self.side(Body::Link(body), form(&collision.shape), collision.origin, &collision.link)?;
-            limbs.push((side, collision));
+            let collider =
+                self.add_named_collider(BodyId::Link(body), contact_shape(&collision.shape), collision.origin, &collision.link)?;
+            link_colliders.push((collider, collision));
         }
-        Ok(limbs)
+        Ok(link_colliders)
     }
 
-    fn object<'a>(&mut self, index: usize, object: &'a Object) -> Result<Thing<'a>, PlantError> {
-        let form = match object.shape {
-            ObjectShape::Box { size_m } => form(&Shape::Box { size: size_m }),
+    fn object<'a>(&mut self, index: usize, object: &'a Object) -> Result<EnvironmentBody<'a>, PlantError> {
+        let shape = match object.shape {
+            ObjectShape::Box { size_m } => contact_shape(&Shape::Box { size: size_m }),
             ObjectShape::Ball { radius_m } => ContactShape::Ball(Ball::new(radius_m)),
         };
-        let side = self.side(Body::Object(index), form, Isometry3::identity(), &object.name)?;
-        Ok(Thing { side, surface: &object.surface })
+        let collider = self.add_named_collider(BodyId::Object(index), shape, Isometry3::identity(), &object.name)?;
+        Ok(EnvironmentBody { collider, surface: &object.surface })
     }
 
-    fn pair_with_limbs(&mut self, limbs: &[(Collider, Collision)], thing: &Thing) {
-        let law = law(thing.surface);
+    fn pair_with_links(&mut self, link_colliders: &[(Collider, Collision)], other: &EnvironmentBody) {
+        let law = law(other.surface);
         let mut foot = None;
-        for (side, collision) in limbs {
+        for (collider, collision) in link_colliders {
             let sensed = self.is_foot(collision);
-            let mut body = *side;
-            let mut rival = None;
+            let mut body = *collider;
+            let mut foot_pair = None;
             if law.stiffness < SOFT && !sensed {
-                // Only the link that carries the foot reaches into it.
-                rival = foot.filter(|(_, carrier)| *carrier == side.carrier).map(|(pair, _)| pair);
-                if rival.is_some() {
-                    body = self.keep(side.with(form_on_soft(&collision.shape), self.sides.len()));
+                // The link that carries the foot reaches into it; other links do not.
+                foot_pair = foot.filter(|(_, parent)| *parent == collider.parent).map(|(pair, _)| pair);
+                if foot_pair.is_some() {
+                    body = self.add_collider(collider.with(contact_shape_on_soft(&collision.shape), self.colliders.len()));
                 }
             }
             if sensed {
-                foot = Some((self.pairs.len(), side.carrier));
+                foot = Some((self.pairs.len(), collider.parent));
             }
-            self.pairs.push(Pair { body, against: thing.side, law, sensed, rival });
+            self.pairs.push(ContactPair { body, against: other.collider, law, sensed, foot_pair });
         }
     }
 
-    /// Says where everything is: what is asked for after this is asked for there.
-    pub(crate) fn place(&mut self, kin: &Kinematics, qd: &[f64], objects: &[FreeBody]) {
-        self.places.update(&self.sides, &self.chain, kin, qd, objects);
+    /// Updates the poses of all colliders for the queries that follow.
+    pub(crate) fn update_colliders(&mut self, kin: &Kinematics, qd: &[f64], objects: &[FreeBody]) {
+        self.collider_states.update(&self.colliders, &self.chain, kin, qd, objects);
     }
 
-    /// An upper bound of how fast the two sides of a pair can come closer, m/s.
+    /// Upper bound of the closing speed of a pair [m/s].
     pub(crate) fn closing_speed(&self, index: usize) -> f64 {
         let pair = &self.pairs[index];
-        self.places.of(&pair.body).speed + self.places.of(&pair.against).speed
+        self.collider_states.of(&pair.body).speed + self.collider_states.of(&pair.against).speed
     }
 
-    /// Where the sides of a pair touch, as far as their gap is below `reach`, m.
-    pub(crate) fn touch(&mut self, index: usize, objects: &[FreeBody], reach: f64) -> impl Iterator<Item = &ContactPoint> {
-        let Pair { body, against, .. } = &self.pairs[index];
-        let (at, to) = (self.places.of(body), self.places.of(against));
-        let watch = &mut self.watches[index];
-        let touches = watch.look(self.places.instant, (body, at), (against, to), objects, reach, &mut self.finder);
-        touches.iter().filter(move |touch| -touch.depth < reach)
+    /// Contact points of a pair with a gap below `reach` [m].
+    pub(crate) fn pair_contacts(
+        &mut self,
+        index: usize,
+        objects: &[FreeBody],
+        reach: f64,
+    ) -> impl Iterator<Item = &ContactPoint> {
+        let ContactPair { body, against, .. } = &self.pairs[index];
+        let (at, to) = (self.collider_states.of(body), self.collider_states.of(against));
+        let pair_cache = &mut self.pair_caches[index];
+        let contacts =
+            pair_cache.contacts(self.collider_states.instant, (body, at), (against, to), objects, reach, &mut self.finder);
+        contacts.iter().filter(move |contact| -contact.depth < reach)
     }
 
-    /// All contact points of the pairs that `choose` wants, as far as their gap is below what it returns, m.
-    pub(crate) fn find(&mut self, objects: &[FreeBody], choose: impl Fn(&Self, usize) -> Option<f64>, found: &mut Contacts) {
-        found.clear();
+    /// Finds the contact points of all pairs whose gap is below the limit from `choose` [m]; `None` skips a pair.
+    pub(crate) fn find_contacts(
+        &mut self,
+        objects: &[FreeBody],
+        choose: impl Fn(&Self, usize) -> Option<f64>,
+        contacts: &mut PairContacts,
+    ) {
+        contacts.clear();
         for index in 0..self.pairs.len() {
             let Some(reach) = choose(self, index) else { continue };
-            let rival = self.pairs[index].rival;
-            for touch in self.touch(index, objects, reach) {
-                let standing = rival.and_then(|rival| found.iter().position(|(pair, _)| *pair == rival));
-                match standing {
-                    Some(place) if touch.depth > found[place].1.depth + SAME => found[place] = (index, *touch),
+            let foot_pair = self.pairs[index].foot_pair;
+            for contact in self.pair_contacts(index, objects, reach) {
+                let existing = foot_pair.and_then(|foot_pair| contacts.iter().position(|(pair, _)| *pair == foot_pair));
+                match existing {
+                    Some(at) if contact.depth > contacts[at].1.depth + SAME => contacts[at] = (index, *contact),
                     Some(_) => {}
-                    None => found.push((index, *touch)),
+                    None => contacts.push((index, *contact)),
                 }
             }
         }
     }
 }
 
-impl core::fmt::Debug for Scene {
+impl core::fmt::Debug for CollisionScene {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.debug_struct("Scene").field("names", &self.names).field("pairs", &self.pairs.len()).finish_non_exhaustive()
+        f.debug_struct("CollisionScene").field("names", &self.names).field("pairs", &self.pairs.len()).finish_non_exhaustive()
     }
 }

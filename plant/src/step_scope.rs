@@ -1,25 +1,25 @@
-//! What takes part in a sub-step, and where its constraints come from.
+//! Bodies that take part in a sub-step, and the sources of its constraints.
 
 use crate::contact_point::ContactPoint;
-use crate::scene::Pair;
+use crate::scene::ContactPair;
 use nalgebra::Matrix3;
 
-/// A contact this near, m, is treated as one, besides the way that can be covered in a sub-step.
+/// Gap up to which a pair counts as a contact [m], on top of the travel possible in a sub-step.
 pub(crate) const CLEARANCE: f64 = 1e-4;
 
-/// What takes part in a sub-step.
+/// Bodies that take part in a sub-step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum StepScope {
     /// Leg and objects.
     All,
-    /// The objects; the leg is far away.
+    /// The objects alone; the leg is far away.
     Objects,
-    /// The objects; the leg is held where it is, and may be in their way.
+    /// The objects, with the leg as a fixed obstacle.
     ObjectsAndHeldLeg,
 }
 
 impl StepScope {
-    pub(crate) fn pair(self, pair: &Pair) -> bool {
+    pub(crate) fn pair(self, pair: &ContactPair) -> bool {
         match self {
             Self::All => true,
             Self::Objects => !pair.has_link(),
@@ -28,9 +28,9 @@ impl StepScope {
     }
 }
 
-/// Whose a point is: a pair with its place and directions, or a joint's stop.
+/// Source of a constraint point: a pair with its contact point and directions, or a joint's stop.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum ConstraintSource {
-    Pair { index: usize, touch: ContactPoint, axes: Matrix3<f64> },
+    Pair { index: usize, contact: ContactPoint, axes: Matrix3<f64> },
     Stop,
 }

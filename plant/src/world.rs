@@ -1,65 +1,66 @@
-//! The integrator: advances robot and objects through free flight and contact.
+//! Integrator: advances robot and objects through free flight and contact.
 //!
-//! Time is counted in whole microseconds, so that a tick is always the same sum of sub-steps. Away from everything a sub-step is
-//! one of the classic fourth-order Runge-Kutta method (`flight.rs`); near a contact or a joint's stop it is a short implicit one
-//! (`press.rs`, [`crate::newton`]). A leg in the air keeps its long sub-steps while an object lies on the floor.
+//! Time is counted in whole microseconds, so that a tick is always the same sum of sub-steps. Without contact, a
+//! sub-step is one of the classic fourth-order Runge-Kutta method (`free_step.rs`). Near a contact or a joint's stop it
+//! is a short implicit one (`contact_step.rs`, [`crate::newton`]). A leg in the air keeps its long sub-steps while an
+//! object lies on the floor.
 
-use crate::account::{Account, Advance};
-use crate::newton::{MAX_POINTS, Newton, PointForce};
+use crate::account::{TickResult, TickSums};
+use crate::newton::{ConstraintForce, MAX_POINTS, Newton};
 use crate::object::FreeBody;
-use crate::point::Point;
-use crate::scene::{Contacts, Scene};
+use crate::point::ConstraintPoint;
+use crate::scene::{CollisionScene, PairContacts};
 use crate::step_scope::{ConstraintSource, StepScope};
 use hapfic_robot::{JointVector, Kinematics, MAX_JOINTS};
 use nalgebra::Vector3;
 
-/// What the drive does for a tick.
+/// Action of the drive for a tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Action {
+pub enum DriveAction {
     /// The brakes hold the joints where they are.
     Held,
-    /// A torque on each joint, held for the tick.
+    /// A torque on each joint, constant over the tick [N m], [N] for a prismatic joint.
     Torque(JointVector),
-    /// No torque; damping on each joint, N m s/rad.
+    /// No torque; damping on each joint [N m s/rad].
     Damped(f64),
 }
 
-/// Lengths of the sub-steps, us.
+/// Lengths of the sub-steps [us].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Substeps {
-    /// Away from contact.
+    /// Without contact.
     pub flight_us: u32,
     /// In contact.
     pub contact_us: u32,
 }
 
-/// The world in motion.
+/// State of robot and objects, with the integrator's buffers.
 #[derive(Clone, Debug)]
-pub struct World {
-    pub(crate) scene: Scene,
-    /// q.
+pub struct PhysicsWorld {
+    pub(crate) scene: CollisionScene,
+    /// Joint positions q [rad or m].
     pub q: JointVector,
-    /// q'.
+    /// Joint velocities q' [rad/s or m/s].
     pub qd: JointVector,
     /// The free bodies, in the order of the scenario.
     pub objects: Vec<FreeBody>,
-    /// Gravity, m/s^2.
+    /// Gravity [m/s^2].
     pub gravity: Vector3<f64>,
     damping: JointVector,
     pub(crate) effort: JointVector,
     substeps: Substeps,
     pub(crate) newton: Newton,
-    pub(crate) points: Vec<Point>,
-    pub(crate) forces: Vec<PointForce>,
-    pub(crate) owners: Vec<ConstraintSource>,
-    pub(crate) found: Contacts,
-    pub(crate) account: Account,
+    pub(crate) points: Vec<ConstraintPoint>,
+    pub(crate) forces: Vec<ConstraintForce>,
+    pub(crate) sources: Vec<ConstraintSource>,
+    pub(crate) contacts: PairContacts,
+    pub(crate) tick_sums: TickSums,
     pub(crate) contact_work: f64,
 }
 
-impl World {
+impl PhysicsWorld {
     pub(crate) fn new(
-        scene: Scene,
+        scene: CollisionScene,
         q: JointVector,
         objects: Vec<FreeBody>,
         gravity: Vector3<f64>,
@@ -69,9 +70,9 @@ impl World {
     ) -> Self {
         Self {
             newton: Newton::new(scene.chain.dof()),
-            account: Account::new(scene.pairs.len()),
-            // Room for every point of every pair, so that no sub-step asks for memory.
-            found: Contacts::with_capacity(scene.pairs.len() * crate::contact_point::MAX_TOUCHES),
+            tick_sums: TickSums::new(scene.pairs.len()),
+            // Capacity for every point of every pair, so that no sub-step allocates.
+            contacts: PairContacts::with_capacity(scene.pairs.len() * crate::contact_point::MAX_CONTACT_POINTS),
             scene,
             q,
             qd: [0.0; MAX_JOINTS],
@@ -81,8 +82,8 @@ impl World {
             effort,
             substeps,
             points: Vec::with_capacity(MAX_POINTS),
-            forces: vec![PointForce::zeros(); MAX_POINTS],
-            owners: Vec::with_capacity(MAX_POINTS),
+            forces: vec![ConstraintForce::zeros(); MAX_POINTS],
+            sources: Vec::with_capacity(MAX_POINTS),
             contact_work: 0.0,
         }
     }
@@ -91,9 +92,9 @@ impl World {
         self.scene.chain.dof()
     }
 
-    /// Says where everything is, before it is asked what touches.
-    pub(crate) fn place(&mut self, kin: &Kinematics) {
-        self.scene.place(kin, &self.qd, &self.objects);
+    /// Updates the poses of all colliders before contact queries.
+    pub(crate) fn update_colliders(&mut self, kin: &Kinematics) {
+        self.scene.update_colliders(kin, &self.qd, &self.objects);
     }
 
     /// Forward kinematics at the present position.
@@ -102,7 +103,7 @@ impl World {
         self.scene.chain.kinematics(&self.q)
     }
 
-    /// Kinetic and potential energy of robot and objects, J.
+    /// Kinetic and potential energy of robot and objects [J].
     #[must_use]
     pub fn energy(&self) -> f64 {
         let kin = self.kinematics();
@@ -111,13 +112,13 @@ impl World {
         chain.kinetic_energy(&kin, &self.qd) + chain.potential_energy(&kin, &self.gravity) + objects
     }
 
-    /// Work the contacts have done on the bodies since the start, J.
+    /// Work that the contacts have done on the bodies since the start [J].
     #[must_use]
     pub fn contact_work(&self) -> f64 {
         self.contact_work
     }
 
-    /// Whether position and velocity of everything are numbers.
+    /// Whether all positions and velocities are finite.
     #[must_use]
     pub fn is_finite(&self) -> bool {
         let leg = self.q.iter().chain(&self.qd).all(|v| v.is_finite());
@@ -128,14 +129,14 @@ impl World {
     }
 
     /// Advances by a whole number of microseconds, at least one, under one action.
-    pub fn advance(&mut self, action: Action, duration_us: u32) -> Advance {
-        self.account.clear();
-        // The world has no memory beyond its state, so that it can go on from there.
-        self.newton.forget();
+    pub fn advance(&mut self, action: DriveAction, duration_us: u32) -> TickResult {
+        self.tick_sums.clear();
+        // The state is the world's only memory, so that a successor can resume from it.
+        self.newton.reset_warm_start();
         let (mut torque, extra) = match action {
-            Action::Held => return self.hold(duration_us),
-            Action::Torque(torque) => (torque, 0.0),
-            Action::Damped(damping) => ([0.0; MAX_JOINTS], damping),
+            DriveAction::Held => return self.hold(duration_us),
+            DriveAction::Torque(torque) => (torque, 0.0),
+            DriveAction::Damped(damping) => ([0.0; MAX_JOINTS], damping),
         };
         let n = self.n();
         let mut damping = self.damping;
@@ -147,40 +148,40 @@ impl World {
         let mut left = duration_us;
         while left > 0 {
             let kin = self.kinematics();
-            self.place(&kin);
+            self.update_colliders(&kin);
             let flight = left.min(self.substeps.flight_us);
             if self.leg_is_clear(seconds(flight)) && self.is_explicit_stable(&kin, &damping, seconds(flight)) {
-                self.account.physics.substeps += 1;
+                self.tick_sums.physics.substeps += 1;
                 self.move_objects(StepScope::Objects, &kin, flight);
                 self.free_step(&kin, &torque, &damping, seconds(flight));
                 left -= flight;
             } else {
                 let step = left.min(self.substeps.contact_us);
-                self.press(StepScope::All, &kin, &torque, &damping, seconds(step));
+                self.contact_step(StepScope::All, &kin, &torque, &damping, seconds(step));
                 left -= step;
             }
         }
-        let mut advance = self.account.finish(&self.scene.pairs, seconds(duration_us));
+        let mut advance = self.tick_sums.finish(&self.scene.pairs, seconds(duration_us));
         for i in 0..n {
-            // The integral of the drive's damping torque over the tick is what the joint moved.
+            // The damping torque integrates to the damping times the joint's travel.
             advance.torque[i] = torque[i] - extra * (self.q[i] - before[i]) / seconds(duration_us);
         }
         advance
     }
 
-    /// The brakes hold the leg; the objects move.
-    fn hold(&mut self, duration_us: u32) -> Advance {
+    /// Moves the objects while the brakes hold the leg.
+    fn hold(&mut self, duration_us: u32) -> TickResult {
         self.qd = [0.0; MAX_JOINTS];
         let kin = self.kinematics();
-        self.account.physics.substeps = 1;
+        self.tick_sums.physics.substeps = 1;
         self.move_objects(StepScope::ObjectsAndHeldLeg, &kin, duration_us);
-        self.place(&kin);
+        self.update_colliders(&kin);
         self.read_held_contact(seconds(duration_us));
-        self.account.finish(&self.scene.pairs, seconds(duration_us))
+        self.tick_sums.finish(&self.scene.pairs, seconds(duration_us))
     }
 
-    /// Moves the objects alone.
-    fn move_objects(&mut self, taking: StepScope, kin: &Kinematics, duration_us: u32) {
+    /// Moves the objects; the leg stays out of the equations.
+    fn move_objects(&mut self, scope: StepScope, kin: &Kinematics, duration_us: u32) {
         if self.objects.is_empty() {
             return;
         }
@@ -188,9 +189,9 @@ impl World {
         let mut left = duration_us;
         while left > 0 {
             let flight = left.min(self.substeps.flight_us);
-            self.place(kin);
+            self.update_colliders(kin);
             let clear =
-                self.objects_are_clear(seconds(flight)) && (taking == StepScope::Objects || self.leg_is_clear(seconds(flight)));
+                self.objects_are_clear(seconds(flight)) && (scope == StepScope::Objects || self.leg_is_clear(seconds(flight)));
             if clear {
                 for body in &mut self.objects {
                     body.free_step(&self.gravity, seconds(flight));
@@ -198,7 +199,7 @@ impl World {
                 left -= flight;
             } else {
                 let step = left.min(self.substeps.contact_us);
-                self.press(taking, kin, &none, &none, seconds(step));
+                self.contact_step(scope, kin, &none, &none, seconds(step));
                 left -= step;
             }
         }

@@ -1,13 +1,13 @@
-//! Contacts of free bodies against theory, and against explicit integration of the same law at a microsecond.
+//! Contacts of free bodies against theory, and against explicit integration of the same law at 1 us.
 #![allow(clippy::unwrap_used, clippy::print_stdout)]
 
 use hapfic_config::Settings;
 use hapfic_messages::MAX_JOINTS;
-use hapfic_plant::{Action, ContactLaw, FreeBody, Plant};
+use hapfic_plant::{ContactLaw, DriveAction, FreeBody, Plant};
 use nalgebra::{DVector, Matrix3, UnitQuaternion, Vector3};
 
 const G: f64 = 9.81;
-const FREE: Action = Action::Torque([0.0; MAX_JOINTS]);
+const FREE: DriveAction = DriveAction::Torque([0.0; MAX_JOINTS]);
 
 const RIGID: ContactLaw = ContactLaw {
     stiffness: 1e6,
@@ -19,7 +19,7 @@ const RIGID: ContactLaw = ContactLaw {
 };
 const SOFT: ContactLaw = ContactLaw { stiffness: 1e3, damping: 1e2, ..RIGID };
 
-/// The leg, far up, and an object on a floor with friction.
+/// A leg, and an object on a floor with friction.
 fn world(object: &str, leg: &str) -> Plant {
     let scenario = format!(
         "[robot]\nurdf = \"leg.urdf\"\nbase_link = \"base\"\ntip_link = \"foot\"\n{leg}\n\
@@ -32,7 +32,7 @@ fn world(object: &str, leg: &str) -> Plant {
 const AWAY: &str = "base_position_m = [0, 0, 50]\nstart_position_rad = [0, 0.6, -1.2]";
 const CUBE: &str = "shape = \"box\"\nsize_m = [0.2, 0.2, 0.2]\nmass_kg = 2.0\nposition_m = [1.0, 0, 0.1]";
 
-/// A cube at rest on its floor.
+/// A cube at rest on the floor.
 fn settled_cube() -> Plant {
     let mut plant = world(CUBE, AWAY);
     for _ in 0..300 {
@@ -41,8 +41,8 @@ fn settled_cube() -> Plant {
     plant
 }
 
-/// Advances under a side force of a share of the weight, as a tilted gravity makes it.
-fn pushed(plant: &mut Plant, share: f64, ticks: usize) {
+/// Advances under a side force of `share` times the weight, applied as tilted gravity.
+fn advance_pushed(plant: &mut Plant, share: f64, ticks: usize) {
     plant.world().gravity = Vector3::new(share * G, 0.0, -G);
     for _ in 0..ticks {
         plant.world().advance(FREE, 1000);
@@ -50,7 +50,7 @@ fn pushed(plant: &mut Plant, share: f64, ticks: usize) {
 }
 
 #[test]
-fn a_cube_at_rest_stands_on_four_corners_and_sinks_as_the_law_says() {
+fn cube_at_rest_has_depth_of_law() {
     let mut plant = settled_cube();
     let advance = plant.world().advance(FREE, 1000);
     let contact = advance.contacts[0];
@@ -64,10 +64,10 @@ fn a_cube_at_rest_stands_on_four_corners_and_sinks_as_the_law_says() {
 }
 
 #[test]
-fn a_pushed_cube_creeps_as_the_law_says() {
+fn cube_pushed_creeps_by_law() {
     let mut plant = settled_cube();
     for share in [0.1, 0.25, 0.4, 0.45] {
-        pushed(&mut plant, share, 500);
+        advance_pushed(&mut plant, share, 500);
         // mu_s r (2 - r) = share.
         let theory = RIGID.critical_speed * (1.0 - (1.0 - share / RIGID.friction_static).sqrt());
         let speed = plant.world().objects[0].velocity.x;
@@ -76,34 +76,34 @@ fn a_pushed_cube_creeps_as_the_law_says() {
 }
 
 #[test]
-fn it_breaks_away_at_the_static_friction() {
+fn cube_at_static_friction_breaks_away() {
     let mut plant = settled_cube();
     let mut share = 0.45;
-    // Gently, so that the cube does not rock.
+    // Slowly, so that the cube does not rock.
     for i in 1..=100 {
-        pushed(&mut plant, share * f64::from(i) / 100.0, 10);
+        advance_pushed(&mut plant, share * f64::from(i) / 100.0, 10);
     }
     while plant.world().objects[0].velocity.x < 2.0 * RIGID.critical_speed {
         share += 1e-4;
-        assert!(share < 0.6, "it does not break away");
-        pushed(&mut plant, share, 5);
+        assert!(share < 0.6, "the cube does not break away");
+        advance_pushed(&mut plant, share, 5);
     }
     assert!((share / RIGID.friction_static - 1.0).abs() < 0.01, "broke away at {share}");
 }
 
 #[test]
-fn it_slides_against_the_dynamic_friction() {
+fn cube_sliding_has_dynamic_friction() {
     let mut plant = settled_cube();
-    pushed(&mut plant, 0.7, 100);
+    advance_pushed(&mut plant, 0.7, 100);
     let before = plant.world().objects[0].velocity.x;
-    pushed(&mut plant, 0.7, 400);
+    advance_pushed(&mut plant, 0.7, 400);
     let acceleration = (plant.world().objects[0].velocity.x - before) / 0.4;
     let theory = (0.7 - RIGID.friction_dynamic) * G;
     assert!((acceleration / theory - 1.0).abs() < 0.01, "{acceleration} against {theory}");
 }
 
 #[test]
-fn a_ball_rests_as_deep_as_its_weight_presses_it() {
+fn ball_at_rest_has_depth_of_weight() {
     let ball = "shape = \"ball\"\nradius_m = 0.1\nmass_kg = 0.5\nposition_m = [1.0, 0, 0.1]\n\
                 stiffness_n_per_m = 1e3\ndamping_n_s_per_m = 1e2";
     let mut plant = world(ball, AWAY);
@@ -115,7 +115,7 @@ fn a_ball_rests_as_deep_as_its_weight_presses_it() {
 }
 
 #[test]
-fn a_rolling_ball_keeps_rolling_without_slip() {
+fn ball_rolling_does_not_slip() {
     let ball = "shape = \"ball\"\nradius_m = 0.1\nmass_kg = 0.5\nposition_m = [1.0, 0, 0.0999]";
     let mut plant = world(ball, AWAY);
     plant.world().objects[0].velocity.x = 1.0;
@@ -125,13 +125,13 @@ fn a_rolling_ball_keeps_rolling_without_slip() {
     // Friction turns a sliding start into rolling at 5/7 of the speed.
     let body = &plant.world().objects[0];
     assert!((body.velocity.x - 5.0 / 7.0).abs() < 2e-3, "{:?}", body.velocity);
-    // The contact is midway between the surfaces.
+    // The contact point is midway between the surfaces.
     let slip = body.velocity.x - body.angular_velocity.y * 0.5 * (body.position.z + 0.1);
     assert!(slip.abs() < 1e-4, "slip {slip}");
 }
 
 /// A free rigid body, integrated explicitly.
-struct Reference {
+struct ExplicitBody {
     position: Vector3<f64>,
     rotation: UnitQuaternion<f64>,
     velocity: Vector3<f64>,
@@ -140,8 +140,8 @@ struct Reference {
     inertia: Vector3<f64>,
 }
 
-impl Reference {
-    /// Where a body of the plant is, without its motion.
+impl ExplicitBody {
+    /// Copies a body of the plant, at rest.
     fn at_rest(body: &FreeBody) -> Self {
         Self {
             position: body.position,
@@ -153,20 +153,20 @@ impl Reference {
         }
     }
 
-    fn turning(&self) -> Vector3<f64> {
+    fn angular_velocity(&self) -> Vector3<f64> {
         self.rotation * (self.rotation.inverse() * self.momentum).component_div(&self.inertia)
     }
 
-    /// Symplectic Euler.
+    /// Advances by a step of symplectic Euler.
     fn step(&mut self, force: Vector3<f64>, torque: Vector3<f64>, h: f64) {
         self.velocity += h * (force / self.mass - Vector3::z() * G);
         self.momentum += h * torque;
         self.position += h * self.velocity;
-        self.rotation = UnitQuaternion::from_scaled_axis(h * self.turning()) * self.rotation;
+        self.rotation = UnitQuaternion::from_scaled_axis(h * self.angular_velocity()) * self.rotation;
     }
 }
 
-/// Force of a contact of the law at a point that moves with `velocity` against a body at rest with `normal`.
+/// Contact force of the law at a point with `velocity` against a body at rest with `normal`.
 fn force(law: &ContactLaw, depth: f64, normal: &Vector3<f64>, velocity: &Vector3<f64>) -> Vector3<f64> {
     let along = velocity.dot(normal);
     let push = law.normal(depth, -along).force;
@@ -175,17 +175,17 @@ fn force(law: &ContactLaw, depth: f64, normal: &Vector3<f64>, velocity: &Vector3
 }
 
 #[test]
-fn a_tilted_cube_falls_and_slides_as_its_reference_does() {
+fn cube_tilted_falls_as_reference() {
     let tilt = 0.35_f64;
     let mut plant = world(&format!("{CUBE}\norientation_rpy_rad = [0, {tilt:?}, 0]").replace("0.1]", "0.1284]"), AWAY);
     let start = plant.world().objects[0];
     let lowest = start.position.z - 0.1 * (tilt.cos() + tilt.sin());
     assert!(lowest > 0.0 && lowest < 2e-3, "starts {lowest} m over the floor");
-    let mut reference = Reference::at_rest(&start);
+    let mut reference = ExplicitBody::at_rest(&start);
     let h = 1e-6;
     for _ in 0..800_000 {
         let (mut total, mut torque) = (Vector3::zeros(), Vector3::zeros());
-        let omega = reference.turning();
+        let omega = reference.angular_velocity();
         for corner in 0..8 {
             let sign = |bit: i32| if corner >> bit & 1 == 0 { 0.1 } else { -0.1 };
             let arm = reference.rotation * Vector3::new(sign(0), sign(1), sign(2));
@@ -210,7 +210,7 @@ fn a_tilted_cube_falls_and_slides_as_its_reference_does() {
     assert!(body.velocity.norm() < 1e-6);
 }
 
-/// Nearest point of the shank's axis, from the knee to the tip, to a point; and how far along it is.
+/// Point of the shank's axis, from knee to tip, nearest to another point.
 fn on_axis(from: &Vector3<f64>, to: &Vector3<f64>, point: &Vector3<f64>) -> Vector3<f64> {
     let along = to - from;
     let share = ((point - from).dot(&along) / along.norm_squared()).clamp(0.0, 1.0);
@@ -218,8 +218,8 @@ fn on_axis(from: &Vector3<f64>, to: &Vector3<f64>, point: &Vector3<f64>) -> Vect
 }
 
 #[test]
-fn a_kick_with_the_shank_has_the_impulse_of_its_reference() {
-    // The leg hangs, knee a little bent, and swings its shank into the ball.
+fn ball_kicked_by_shank_has_reference_impulse() {
+    // The leg hangs with a slightly bent knee and swings its shank into the ball.
     let leg = "base_position_m = [0, 0, 0.62]\nstart_position_rad = [0, 0.0, -0.2]";
     let ball = "shape = \"ball\"\nradius_m = 0.1\nmass_kg = 0.5\nposition_m = [0.18, 0.05, 0.0951]\n\
                 stiffness_n_per_m = 1e3\ndamping_n_s_per_m = 1e2";
@@ -229,7 +229,7 @@ fn a_kick_with_the_shank_has_the_impulse_of_its_reference() {
     plant.world().qd[2] = -6.0;
     let (mut q, mut qd) = (plant.world().q, plant.world().qd);
     let start = plant.world().objects[0];
-    let mut reference = Reference::at_rest(&start);
+    let mut reference = ExplicitBody::at_rest(&start);
     let (h, ticks) = (1e-6, 120);
     let (mut impulse, mut peak) = (Vector3::zeros(), 0.0_f64);
     for _ in 0..ticks * 1000 {
@@ -241,7 +241,7 @@ fn a_kick_with_the_shank_has_the_impulse_of_its_reference() {
         let depth = 0.1 + 0.02 - between.norm();
         let mut joint = [0.0; 3];
         let (mut total, mut torque) = (Vector3::zeros(), Vector3::zeros());
-        let omega = reference.turning();
+        let omega = reference.angular_velocity();
         if depth > 0.0 {
             // From the ball to the shank, midway between the surfaces.
             let normal = between.normalize();
@@ -273,32 +273,32 @@ fn a_kick_with_the_shank_has_the_impulse_of_its_reference() {
             q[i] += h * qd[i];
         }
     }
-    let mut felt = Vector3::zeros();
-    let mut shank = 0;
+    let mut measured = Vector3::zeros();
+    let mut contact_ticks = 0;
     for _ in 0..ticks {
         let advance = plant.world().advance(FREE, 1000);
         assert_eq!(advance.sensed_force, Vector3::zeros(), "the foot touched something");
         for contact in &advance.contacts[..advance.contact_count] {
             if plant.body_names()[contact.body as usize] == "shank" {
-                felt += Vector3::from(contact.force) * 1e-3;
-                shank += 1;
+                measured += Vector3::from(contact.force) * 1e-3;
+                contact_ticks += 1;
             }
         }
     }
-    let error = felt.norm() / impulse.norm() - 1.0;
+    let error = measured.norm() / impulse.norm() - 1.0;
     println!(
-        "kick: {shank} ticks, peak {peak:.1} N, impulse {:.5} N s, reference {:.5}, {:.3} %",
-        felt.norm(),
+        "kick: {contact_ticks} ticks, peak {peak:.1} N, impulse {:.5} N s, reference {:.5}, {:.3} %",
+        measured.norm(),
         impulse.norm(),
         100.0 * error
     );
-    assert!(peak > 5.0 && shank > 5, "that was no kick");
-    assert!(error.abs() < 0.005, "impulse {felt:?} against {impulse:?}");
+    assert!(peak > 5.0 && contact_ticks > 5, "the shank missed the ball: {peak} N, {contact_ticks} ticks");
+    assert!(error.abs() < 0.005, "impulse {measured:?} against {impulse:?}");
     assert!((plant.world().objects[0].velocity - reference.velocity).norm() < 0.005 * reference.velocity.norm());
 }
 
 #[test]
-fn an_object_inside_another_is_refused() {
+fn object_start_inside_other_is_rejected() {
     for (object, what) in [
         (CUBE.replace("0.1]", "0.05]"), "it starts 0.0500 m deep in floor"),
         (CUBE.replace("[1.0, 0, 0.1]", "[0, 0, 0.1]"), "deep in it"),
@@ -315,7 +315,7 @@ fn an_object_inside_another_is_refused() {
 }
 
 #[test]
-fn an_object_must_not_have_the_name_of_a_link() {
+fn object_name_of_link_is_rejected() {
     let scenario = format!(
         "[robot]\nurdf = \"leg.urdf\"\nbase_link = \"base\"\ntip_link = \"foot\"\n{AWAY}\n[world.floor]\n[[world.object]]\nname = \"shank\"\n{CUBE}\n"
     );

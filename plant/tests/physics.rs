@@ -1,9 +1,9 @@
-//! The plant against conservation, theory, and references of its own law at far smaller steps.
+//! The plant against conservation laws, theory, and references of the same law at far smaller steps.
 #![allow(clippy::unwrap_used, clippy::print_stdout)]
 
 use hapfic_config::Settings;
 use hapfic_messages::{Command, MAX_JOINTS, Mode};
-use hapfic_plant::{Action, ContactLaw, Plant};
+use hapfic_plant::{ContactLaw, DriveAction, Plant};
 use nalgebra::{DMatrix, DVector, Vector3};
 
 fn floor(overrides: &[&str]) -> Plant {
@@ -21,12 +21,12 @@ const LAW: ContactLaw = ContactLaw {
 };
 
 #[test]
-fn free_flight_keeps_its_energy() {
-    // High above everything, and turning fast enough to pass through its whole workspace.
+fn leg_free_flight_keeps_energy() {
+    // High above the floor, and fast enough to pass through the whole workspace.
     let mut plant = floor(&["robot.base_position_m=[0, 0, 5]", "robot.start_position_rad=[0.3, 0.9, -1.2]"]);
     let world = plant.world();
     world.qd[..3].copy_from_slice(&[1.0, -2.0, 1.5]);
-    // Hanging straight down is the lowest the leg can be; relative to it energy has a meaning.
+    // Zero of the energy: the leg hangs straight down, its lowest posture.
     let lowest = {
         let mut hanging = floor(&["robot.base_position_m=[0, 0, 5]", "robot.start_position_rad=[0, 0, 0]"]);
         hanging.world().q[0] = 0.0;
@@ -36,25 +36,25 @@ fn free_flight_keeps_its_energy() {
     let (mut worst, mut contact) = (0.0_f64, 0);
     for _ in 0..5000 {
         let world = plant.world();
-        let advance = world.advance(Action::Torque([0.0; MAX_JOINTS]), 1000);
+        let advance = world.advance(DriveAction::Torque([0.0; MAX_JOINTS]), 1000);
         contact += advance.physics.newton_iterations;
-        // Joint stops would take energy out: keep to the flight between them.
+        // Joint stops dissipate energy: measure the flight between them alone.
         worst = worst.max(((world.energy() - lowest) / before - 1.0).abs());
         if contact > 0 {
             break;
         }
     }
-    assert_eq!(contact, 0, "the leg met a stop: choose another start");
+    assert_eq!(contact, 0, "the leg reached a stop: choose another start");
     assert!(worst < 1e-9, "energy drifts by {worst:e} of {before} J");
 }
 
 #[test]
-fn joint_damping_only_takes_energy() {
+fn leg_joint_damping_energy_falls() {
     let mut plant = floor(&["robot.base_position_m=[0, 0, 5]", "robot.joint_damping_n_m_s_per_rad=0.5"]);
     plant.world().qd[..3].copy_from_slice(&[1.0, -2.0, 1.5]);
     let mut energy = plant.world().energy();
     for tick in 0..2000 {
-        plant.world().advance(Action::Torque([0.0; MAX_JOINTS]), 1000);
+        plant.world().advance(DriveAction::Torque([0.0; MAX_JOINTS]), 1000);
         let now = plant.world().energy();
         assert!(now < energy, "tick {tick}: {now} after {energy}");
         energy = now;
@@ -62,14 +62,14 @@ fn joint_damping_only_takes_energy() {
 }
 
 #[test]
-fn damping_of_any_strength_is_stable() {
+fn leg_any_joint_damping_is_stable() {
     for damping in ["11.46", "100", "1e4"] {
         let set = format!("robot.joint_damping_n_m_s_per_rad={damping}");
         let mut plant = floor(&["robot.base_position_m=[0, 0, 5]", &set]);
         plant.world().qd[..3].copy_from_slice(&[3.0, -5.0, 4.0]);
         let mut energy = plant.world().energy();
         for tick in 0..300 {
-            plant.world().advance(Action::Torque([0.0; MAX_JOINTS]), 1000);
+            plant.world().advance(DriveAction::Torque([0.0; MAX_JOINTS]), 1000);
             let now = plant.world().energy();
             assert!(now <= energy, "damping {damping}, tick {tick}: {now} after {energy}");
             energy = now;
@@ -96,36 +96,36 @@ fn slider(base_height: f64) -> Plant {
 }
 
 #[test]
-fn a_slider_falls_lands_and_stops_as_it_should() {
+fn slider_fall_landing_and_stop_match_theory() {
     // Free fall.
     let mut plant = slider(5.0);
     for _ in 0..100 {
-        plant.world().advance(Action::Torque([0.0; MAX_JOINTS]), 1000);
+        plant.world().advance(DriveAction::Torque([0.0; MAX_JOINTS]), 1000);
     }
     assert!((plant.world().q[0] + 0.5 * 9.81 * 0.01).abs() < 1e-12);
-    // On its lower stop, pushed with all its effort: within 3 mm.
+    // Pressed onto its lower stop with full effort: depth within 3 mm.
     for _ in 0..2000 {
-        plant.world().advance(Action::Torque([-500.0; MAX_JOINTS]), 1000);
+        plant.world().advance(DriveAction::Torque([-500.0; MAX_JOINTS]), 1000);
     }
     let q = plant.world().q[0];
     assert!(q < -0.2 && q > -0.203 && plant.world().qd[0].abs() < 1e-6, "{q}");
-    // On the floor: its own weight.
+    // At rest on the floor: the sensor measures the weight.
     let mut plant = slider(0.05);
-    let mut advance = hapfic_plant::Advance::default();
+    let mut advance = hapfic_plant::TickResult::default();
     for _ in 0..2000 {
-        advance = plant.world().advance(Action::Torque([0.0; MAX_JOINTS]), 1000);
+        advance = plant.world().advance(DriveAction::Torque([0.0; MAX_JOINTS]), 1000);
     }
     assert!((advance.sensed_force.z - 2.0 * 9.81).abs() < 1e-4, "{:?}", advance.sensed_force);
 }
 
 #[test]
-fn a_start_inside_the_floor_is_refused() {
+fn leg_start_inside_floor_is_rejected() {
     let settings = Settings::load("floor", &["world.floor.height_m=0.3".to_owned()]).unwrap();
     let error = Plant::new(&settings).unwrap_err().to_string();
     assert!(error.contains("deep in floor") && error.contains("0.17"), "{error}");
 }
 
-/// A torque that presses the foot down with a force and carries the leg's weight, computed from the plant's own model.
+/// Torque that presses the foot down with a force and carries the leg's weight, from the plant's own model.
 fn press(plant: &mut Plant, force: f64) -> [f64; MAX_JOINTS] {
     let chain = plant.chain().clone();
     let world = plant.world();
@@ -133,33 +133,33 @@ fn press(plant: &mut Plant, force: f64) -> [f64; MAX_JOINTS] {
     let mut torque = chain.jacobian(&kin).linear_transpose_mul(&Vector3::new(0.0, 0.0, -force));
     let weight = chain.gravity_torque(&kin, &world.gravity);
     for i in 0..3 {
-        // Some damping, since nothing else holds the foot sideways.
+        // Damping: without friction nothing else slows the foot sideways.
         torque[i] += weight[i] - 2.0 * world.qd[i];
     }
     torque
 }
 
 #[test]
-fn pressed_at_fifty_newton_the_foot_feels_fifty_and_sinks_in_as_the_law_says() {
+fn foot_pressed_has_force_and_depth_of_law() {
     // The foot just above the floor.
     let mut plant = floor(&["robot.start_position_rad=[0, 0.6, -1.2]", "robot.base_position_m=[0, 0, 0.4947]"]);
     for force in [50.0, 300.0] {
-        let mut advance = hapfic_plant::Advance::default();
+        let mut advance = hapfic_plant::TickResult::default();
         for _ in 0..3000 {
             let torque = press(&mut plant, force);
-            advance = plant.world().advance(Action::Torque(torque), 1000);
+            advance = plant.world().advance(DriveAction::Torque(torque), 1000);
         }
-        let felt = advance.sensed_force;
-        assert!((felt.z / force - 1.0).abs() < 1e-3, "{force} N pressed, {felt:?} felt");
-        assert!(felt.x.abs() < 1e-9 && felt.y.abs() < 1e-9, "a frictionless floor pushes sideways: {felt:?}");
+        let sensed = advance.sensed_force;
+        assert!((sensed.z / force - 1.0).abs() < 1e-3, "{force} N pressed, {sensed:?} sensed");
+        assert!(sensed.x.abs() < 1e-9 && sensed.y.abs() < 1e-9, "a frictionless floor pushes sideways: {sensed:?}");
         let depth = 0.02 - plant.world().kinematics().tip_position().z;
-        let theory = LAW.depth_at(felt.z);
-        assert!((depth / theory - 1.0).abs() < 1e-3, "depth {depth}, the law says {theory}");
+        let theory = LAW.depth_at(sensed.z);
+        assert!((depth / theory - 1.0).abs() < 1e-3, "depth {depth}, expected {theory}");
         assert_eq!(advance.contact_count, 1);
     }
 }
 
-/// Peak normal force of a fall on the floor by explicit steps of 0.1 us with the same law.
+/// Peak normal force [N] of a fall on the floor, by explicit steps of 0.1 us with the same law.
 fn reference_peak(plant: &mut Plant) -> f64 {
     let chain = plant.chain().clone();
     let (mut q, mut qd) = (plant.world().q, plant.world().qd);
@@ -184,7 +184,7 @@ fn reference_peak(plant: &mut Plant) -> f64 {
     peak
 }
 
-/// Foot 0.5 mm above the floor, coming down at 1 m/s.
+/// A leg whose foot is 0.5 mm above the floor and falls at 1 m/s.
 fn falling(substep_us: u32) -> Plant {
     let substep = format!("plant.contact_substep_us={substep_us}");
     let mut plant = floor(&["robot.start_position_rad=[0, 0.6, -1.2]", "robot.base_position_m=[0, 0, 0.4951]", &substep]);
@@ -200,14 +200,14 @@ fn falling(substep_us: u32) -> Plant {
 }
 
 #[test]
-fn an_impact_of_a_metre_per_second_peaks_as_its_reference_does() {
+fn leg_impact_1_m_per_s_has_reference_peak() {
     let reference = reference_peak(&mut falling(20));
-    assert!(reference > 500.0, "that was no impact: {reference} N");
+    assert!(reference > 500.0, "the reference has no impact: {reference} N");
     for (substep, tolerance) in [(20, 0.01), (10, 0.003), (5, 0.001)] {
         let mut plant = falling(substep);
         let mut peak = 0.0_f64;
         for _ in 0..6 {
-            peak = peak.max(plant.world().advance(Action::Torque([0.0; MAX_JOINTS]), 1000).peak_normal);
+            peak = peak.max(plant.world().advance(DriveAction::Torque([0.0; MAX_JOINTS]), 1000).peak_normal);
         }
         let error = peak / reference - 1.0;
         println!("sub-step {substep} us: peak {peak:.1} N, reference {reference:.1} N, {:.2} %", 100.0 * error);
@@ -216,19 +216,19 @@ fn an_impact_of_a_metre_per_second_peaks_as_its_reference_does() {
 }
 
 #[test]
-fn a_joint_is_stopped_at_its_limit() {
+fn joint_at_limit_stops() {
     let mut plant = floor(&["robot.base_position_m=[0, 0, 5]", "robot.start_position_rad=[0, 0, -2.8]"]);
     let mut lowest = 0.0_f64;
     for _ in 0..1000 {
-        plant.world().advance(Action::Torque([0.0, 0.0, -10.0, 0.0, 0.0, 0.0, 0.0, 0.0]), 1000);
+        plant.world().advance(DriveAction::Torque([0.0, 0.0, -10.0, 0.0, 0.0, 0.0, 0.0, 0.0]), 1000);
         lowest = lowest.min(plant.world().q[2]);
     }
     assert!(lowest > -2.95, "the knee went to {lowest} rad, its limit is -2.9");
-    assert!(plant.world().qd[2].abs() < 0.1, "it still moves at {} rad/s", plant.world().qd[2]);
+    assert!(plant.world().qd[2].abs() < 0.1, "the knee still moves at {} rad/s", plant.world().qd[2]);
 }
 
 #[test]
-fn effort_is_limited_and_brakes_hold_until_the_first_torque() {
+fn drive_first_torque_releases_brakes_and_is_limited() {
     let mut plant = floor(&[]);
     let start = plant.sample();
     for _ in 0..50 {
@@ -242,7 +242,7 @@ fn effort_is_limited_and_brakes_hold_until_the_first_torque() {
 }
 
 #[test]
-fn the_same_commands_give_the_same_bits() {
+fn plant_same_commands_give_same_bits() {
     let run = || {
         let mut plant = falling(20);
         let mut out = Vec::new();

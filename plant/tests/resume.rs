@@ -1,5 +1,6 @@
-//! A plant that goes on from a published state does what its forerunner would have done, to the last bit: what the integrator
-//! remembers from one sub-step to the next, and of pairs of shapes that are apart, never shows.
+//! Resuming from a published state: a successor computes the same bits as its predecessor would have.
+//!
+//! The integrator's caches, the warm start and the pairs known to be apart, thus never change a result.
 #![allow(clippy::unwrap_used)]
 
 use hapfic_config::Settings;
@@ -10,7 +11,7 @@ fn plant(scenario: &str) -> Plant {
     Plant::new(&Settings::load(scenario, &[]).unwrap()).unwrap()
 }
 
-/// Lets the leg fall, and a little torque play on it.
+/// Advances a falling leg by a tick under a small, varying torque.
 fn drive(plant: &mut Plant, tick: i64) -> State {
     let mut torque = [0.0; MAX_JOINTS];
     for (i, torque) in torque.iter_mut().enumerate().take(3) {
@@ -28,17 +29,17 @@ fn bits(state: &State) -> Vec<u64> {
 }
 
 #[test]
-fn a_successor_goes_on_as_its_forerunner_would_have() {
+fn successor_resumed_matches_predecessor_bits() {
     for scenario in ["floor", "box", "ball"] {
         let mut first = plant(scenario);
-        let (mut touched, mut in_the_air) = (0, 0);
+        let (mut contact_ticks, mut free_ticks) = (0, 0);
         for tick in 0..900 {
             let before = first.sample();
             let state = drive(&mut first, tick);
             let mut bodies = state.contacts[..state.contact_count as usize].iter().map(|c| &first.body_names()[c.body as usize]);
             let leg = bodies.any(|name| name != scenario);
-            (touched, in_the_air) = (touched + u32::from(leg), in_the_air + u32::from(!leg));
-            // Not every tick: a successor is built from nothing.
+            (contact_ticks, free_ticks) = (contact_ticks + u32::from(leg), free_ticks + u32::from(!leg));
+            // Not every tick: building a successor is slow.
             if tick % 60 == 7 && tick > 0 {
                 let mut successor = plant(scenario);
                 successor.resume(&before).unwrap();
@@ -50,6 +51,6 @@ fn a_successor_goes_on_as_its_forerunner_would_have() {
                 }
             }
         }
-        assert!(touched > 50, "{scenario}: {touched} ticks with contact, {in_the_air} without");
+        assert!(contact_ticks > 50, "{scenario}: {contact_ticks} ticks with contact, {free_ticks} without");
     }
 }

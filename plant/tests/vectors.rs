@@ -4,7 +4,7 @@
 use hapfic_plant::ContactLaw;
 
 #[test]
-fn contact_law_matches_the_reference() {
+fn contact_law_matches_reference() {
     let text = include_str!("vectors/contact_law.csv");
     let mut rows = 0;
     for line in text.lines().skip(1) {

@@ -2,7 +2,7 @@
 
 use crate::notify::Notify;
 use anyhow::{Context, Result};
-use hapfic_config::{Processes, Settings};
+use hapfic_config::{ExternalProcesses, Settings};
 use hapfic_ipc::{ProcessStart, RunFile};
 use hapfic_messages::Process;
 use rustix::event::{PollFd, PollFlags, poll};
@@ -15,6 +15,8 @@ use std::time::{Duration, Instant};
 
 /// Time a process may take to end after SIGTERM.
 const END_TIMEOUT: Duration = Duration::from_secs(2);
+/// Time a process may take to end after SIGKILL. One that is frozen, or inside an uninterruptible system call, never ends.
+const KILL_TIMEOUT: Duration = Duration::from_millis(200);
 
 /// A process of the stack.
 #[derive(Debug)]
@@ -27,7 +29,7 @@ pub struct Child {
 }
 
 impl Child {
-    /// Starts a process of the stack: this same program, which becomes the scenario's external process if it has one.
+    /// Starts this same program as a process of the stack; it executes the scenario's external command, if any.
     ///
     /// Nothing runs between fork and exec, so the kernel shares this process's memory instead of copying its page
     /// tables. The gate, whose pages are locked, therefore has no page faults afterwards.
@@ -37,8 +39,8 @@ impl Child {
     pub fn start(process: Process, settings: &Settings, run_file: &Path, start: ProcessStart) -> Result<Self> {
         let mut command = this_program()?;
         command.arg("process").arg(process.name());
-        if let Some(words) = external_command(&settings.processes, process) {
-            command.arg("--").args(words);
+        if let Some(external) = external_command(&settings.processes, process) {
+            command.arg("--").args(external);
         }
         command.env(RunFile::VARIABLE, run_file).env(RunFile::GENERATION, start.generation.to_string());
         command.env_remove(RunFile::RESUME);
@@ -62,13 +64,13 @@ impl Child {
         Ok(Self { process, spawned, handle, ended: None })
     }
 
-    /// Process id.
+    /// Returns the process id.
     #[must_use]
     pub fn pid(&self) -> Pid {
         Pid::from_child(&self.spawned)
     }
 
-    /// Exit status, once the process has ended.
+    /// Returns the exit status, once the process has ended.
     ///
     /// # Errors
     /// If the system does not report it.
@@ -79,6 +81,14 @@ impl Child {
         Ok(self.ended)
     }
 
+    /// Describes a process that does not end: its id and its state in `/proc`.
+    #[must_use]
+    pub fn remains(&self) -> String {
+        let status = std::fs::read_to_string(format!("/proc/{}/status", self.pid())).unwrap_or_default();
+        let state = status.lines().find_map(|line| line.strip_prefix("State:")).map_or("unknown", str::trim);
+        format!("process {}, state {state}", self.pid())
+    }
+
     /// Sends a signal to the whole process group: an external process may have started others.
     pub fn signal(&self, signal: Signal) {
         // Fails only if the group has ended.
@@ -86,7 +96,7 @@ impl Child {
     }
 }
 
-/// Command that starts this same program, even if another version has replaced its file since.
+/// Returns a command that starts this same program, even if another version has replaced its file since.
 ///
 /// # Errors
 /// If the system does not report the program's path.
@@ -100,16 +110,16 @@ pub fn this_program() -> Result<Command> {
     Ok(command)
 }
 
-/// The processes of a run, in the order of their start.
+/// Returns the processes of a run, in the order of their start.
 #[must_use]
 pub fn started(settings: &Settings) -> &'static [Process] {
     const ALL: [Process; 4] = [Process::Plant, Process::Planner, Process::Controller, Process::Standby];
     if settings.supervisor.standby { &ALL } else { &ALL[..3] }
 }
 
-/// The scenario's external command for a process, if it has one.
+/// Returns the scenario's external command for a process, if any.
 #[must_use]
-pub fn external_command(processes: &Processes, process: Process) -> Option<&Vec<String>> {
+pub fn external_command(processes: &ExternalProcesses, process: Process) -> Option<&Vec<String>> {
     match process {
         Process::Plant => processes.plant.as_ref(),
         Process::Planner => processes.planner.as_ref(),
@@ -122,9 +132,9 @@ pub fn external_command(processes: &Processes, process: Process) -> Option<&Vec<
 ///
 /// # Errors
 /// If it does not; the error names the setting.
-pub fn find_program(processes: &Processes, process: Process) -> Result<()> {
-    let Some(program) = external_command(processes, process).map(|words| Path::new(&words[0])) else { return Ok(()) };
-    // As execvp(3) searches: a name with a slash is a path, another one lies in a folder of PATH.
+pub fn find_program(processes: &ExternalProcesses, process: Process) -> Result<()> {
+    let Some(program) = external_command(processes, process).map(|command| Path::new(&command[0])) else { return Ok(()) };
+    // The search of execvp(3): a name with a slash is a path, any other name lies in a folder of PATH.
     let found = if program.components().count() > 1 {
         is_executable(program)
     } else {
@@ -132,7 +142,7 @@ pub fn find_program(processes: &Processes, process: Process) -> Result<()> {
     };
     anyhow::ensure!(
         found,
-        "processes.{process}: found no executable program '{}', expected the path of one, or a name in PATH",
+        "processes.{process}: found no executable program '{}', expected a path, or a name in PATH",
         program.display()
     );
     Ok(())
@@ -156,45 +166,67 @@ pub fn describe(status: ExitStatus) -> String {
     }
 }
 
-/// Waits until one of the processes ends, or for `timeout`.
+/// Waits until any process ends, or for `timeout`.
 pub fn watch<'a>(children: impl Iterator<Item = &'a Child>, timeout: Duration) {
     let mut fds: Vec<_> = children.filter(|c| c.ended.is_none()).map(|c| PollFd::new(&c.handle, PollFlags::IN)).collect();
     // An interrupted wait equals a time-out: the caller checks everything anyway.
     let _ = poll(&mut fds, Some(&hapfic_ipc::clock::timespec(timeout.as_nanos() as u64)));
 }
 
-/// Sends SIGTERM to all processes and waits; kills those that do not end in time, and returns them.
+/// Sends SIGTERM to all processes, and SIGKILL to those that do not end in time; takes at most 2.2 s.
 ///
 /// # Errors
 /// If the system does not report how a process ended.
-pub fn end(mut children: Vec<Child>) -> Result<Vec<Process>> {
+pub fn end(mut children: Vec<Child>) -> Result<Killed> {
     for child in &children {
         // A stopped process handles SIGTERM only after SIGCONT.
         child.signal(Signal::TERM);
         child.signal(Signal::CONT);
     }
-    let deadline = Instant::now() + END_TIMEOUT;
-    let mut killed = Vec::new();
-    loop {
-        let mut running = 0;
-        for child in &mut children {
-            running += usize::from(child.ended()?.is_none());
-        }
-        if running == 0 {
-            break;
-        }
-        let left = deadline.saturating_duration_since(Instant::now());
-        if left.is_zero() && killed.is_empty() {
-            for child in children.iter().filter(|c| c.ended.is_none()) {
-                killed.push(child.process);
-                child.signal(Signal::KILL);
-            }
-        }
-        watch(children.iter(), left.max(Duration::from_millis(10)));
-    }
+    wait_until_ended(&mut children, END_TIMEOUT)?;
+    let running = |children: &[Child]| children.iter().filter(|c| c.ended.is_none()).map(|c| c.process).collect();
+    let processes: Vec<Process> = running(&children);
     for child in &children {
-        // Processes that the leader has left in its group.
+        // Also the processes that the leader has left in its group.
         child.signal(Signal::KILL);
     }
-    Ok(killed)
+    wait_until_ended(&mut children, KILL_TIMEOUT)?;
+    children.retain(|child| child.ended.is_none());
+    Ok(Killed { processes, abandoned: children })
+}
+
+/// Kills a process and all others of its group; takes at most 200 ms. Returns the process if it has not ended by then.
+///
+/// # Errors
+/// If the system does not report how it ended.
+pub fn kill(child: Child) -> Result<Option<Child>> {
+    child.signal(Signal::KILL);
+    let mut children = [child];
+    wait_until_ended(&mut children, KILL_TIMEOUT)?;
+    let [child] = children;
+    Ok(child.ended.is_none().then_some(child))
+}
+
+/// Processes that did not end on request.
+#[derive(Debug, Default)]
+pub struct Killed {
+    /// All of them.
+    pub processes: Vec<Process>,
+    /// Those that SIGKILL has not ended either.
+    pub abandoned: Vec<Child>,
+}
+
+fn wait_until_ended(children: &mut [Child], timeout: Duration) -> Result<()> {
+    let deadline = Instant::now() + timeout;
+    loop {
+        let mut running = false;
+        for child in &mut *children {
+            running |= child.ended()?.is_none();
+        }
+        let left = deadline.saturating_duration_since(Instant::now());
+        if !running || left.is_zero() {
+            return Ok(());
+        }
+        watch(children.iter(), left);
+    }
 }

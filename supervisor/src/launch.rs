@@ -1,4 +1,4 @@
-//! One run from start to end: checks, start, watch, end, and removal of its namespace.
+//! A run from start to end: checks, start, watch, end, and removal of its namespace.
 
 use crate::children;
 use crate::notify::Notify;
@@ -7,13 +7,13 @@ use crate::privileges::{self, Cores};
 use crate::recorder::{self, Recorder};
 use crate::registry::RunDirectory;
 use crate::request::RunRequest;
-use crate::summary::{Losses, RecorderSummary, Run, RunFault, Summary};
+use crate::summary::{Losses, RecorderSummary, RunFault, RunSummary, Summary};
 use crate::watch::{self, RunTimes, Watch, WatchStart};
 use anyhow::{Context, Result};
-use hapfic_gate::Limits;
+use hapfic_gate::GateLimits;
 use hapfic_gate::parameter_schedule::ParameterSchedule;
 use hapfic_gate::torque_check::TorqueCheck;
-use hapfic_gate_process::shared_status::SharedStatus;
+use hapfic_gate_process::status::SharedStatus;
 use hapfic_gate_process::{GateNode, GateStart};
 use hapfic_ipc::realtime::{CpuLatencyGuard, Prefault, SchedRequest};
 use hapfic_ipc::{Bus, Domain, IpcError, RunFile, topic};
@@ -28,22 +28,22 @@ use std::time::Duration;
 
 /// An invalid run request; no process was started.
 #[derive(Debug)]
-pub struct Rejected(pub anyhow::Error);
+pub struct InvalidRequest(pub anyhow::Error);
 
 /// Runs a scenario.
 ///
 /// # Errors
-/// `Ok(Err(Rejected))` if the request is invalid; `Err` if the supervisor itself fails.
-pub fn run(request: &RunRequest) -> Result<Result<Summary, Rejected>> {
-    let prepared = match Prepared::new(request) {
+/// `Ok(Err(InvalidRequest))` if the request is invalid; `Err` if the supervisor itself fails.
+pub fn run(request: &RunRequest) -> Result<Result<Summary, InvalidRequest>> {
+    let prepared = match PreparedRun::new(request) {
         Ok(prepared) => prepared,
-        Err(e) => return Ok(Err(Rejected(e))),
+        Err(e) => return Ok(Err(InvalidRequest(e))),
     };
     prepared.run(request).map(Ok)
 }
 
-/// A checked request, with all that an invalid request could make fail.
-struct Prepared {
+/// A checked request, with every resource that an invalid request can make fail.
+struct PreparedRun {
     directory: RunDirectory,
     plant: Plant,
     writer: Writer,
@@ -51,7 +51,7 @@ struct Prepared {
     stop: Arc<AtomicBool>,
 }
 
-impl Prepared {
+impl PreparedRun {
     fn new(request: &RunRequest) -> Result<Self> {
         let settings = &request.settings;
         let plant = Plant::new(settings)?;
@@ -79,7 +79,7 @@ impl Prepared {
     fn run(self, request: &RunRequest) -> Result<Summary> {
         let Self { directory, plant, writer, viewer, stop } = self;
         let settings = &request.settings;
-        hapfic_ipc::service::quiet();
+        hapfic_ipc::service::silence_transport_log();
         let domain = Domain::new(&directory.prefix(), &directory.root())?.with_short_timeouts(request.clock);
         let realtime = request.clock == Clock::Realtime && request.realtime != RealtimeMode::Off;
         let fifo = realtime && hapfic_ipc::realtime::may_fifo(settings.realtime.priority_plant as i32);
@@ -92,7 +92,7 @@ impl Prepared {
             clock: request.clock,
             realtime: request.realtime,
             core: cores.shared,
-            reserve_core: cores.reserve,
+            standby_core: cores.reserve,
             gate_core: cores.gate,
             settings: settings.effective_toml(),
             urdf_name: settings.robot.urdf.name.clone(),
@@ -103,14 +103,14 @@ impl Prepared {
             hapfic_ipc::realtime::lock_memory(Prefault::All);
         }
         // A table that grows during the run delays a tick.
-        let _ = hapfic_ipc::realtime::reserve_fd_table(FILES);
+        let _ = hapfic_ipc::realtime::reserve_fd_table(FD_TABLE_SIZE);
         // The supervisor creates all services and keeps them: a creator that dies midway can make a service unusable.
         let bus = Bus::open(&domain, "supervisor")?;
         directory.close_to_others()?;
         let _services = keep_all_alive(&bus)?;
         let _idle = if realtime { CpuLatencyGuard::take() } else { None };
 
-        let shared = Arc::new(SharedStatus::new());
+        let shared = Arc::new(SharedStatus::new(bus.heartbeats()));
         let recorder = Recorder::start(recorder::RecorderStart {
             domain: domain.clone(),
             clock: request.clock,
@@ -122,7 +122,7 @@ impl Prepared {
             log: request.log.clone(),
             shared: Arc::clone(&shared),
         })?;
-        let here = plant.sample().foot_position;
+        let foot_position = plant.sample().foot_position;
         let (change_client, change_server) = hapfic_gate_process::change_exchange::exchange();
         let (inject, fault_requests) = std::sync::mpsc::channel();
         let notify = Notify::from_env();
@@ -134,8 +134,8 @@ impl Prepared {
             clock: request.clock,
             log: request.log.clone(),
             ticks: settings.duration_ticks as i64,
-            initial: hapfic_config::Parameters {
-                target_position: settings.initial.target_position.or(Some(here)),
+            initial: hapfic_config::ParameterSettings {
+                target_position: settings.initial.target_position.or(Some(foot_position)),
                 ..settings.initial
             },
             change_client,
@@ -146,9 +146,9 @@ impl Prepared {
         let gate = start_gate(GateStart {
             domain,
             clock: request.clock,
-            limits: Limits::new(settings, plant.chain()),
+            limits: GateLimits::new(settings, plant.chain()),
             torque: TorqueCheck::new(plant.chain().clone(), settings.world.gravity_m_per_s2),
-            schedule: ParameterSchedule::new(settings, here),
+            schedule: ParameterSchedule::new(settings, foot_position),
             ticks: settings.duration_ticks as i64,
             deadline: Duration::from_micros(settings.supervisor.deadline_us.into()),
             sched: realtime.then(|| SchedRequest::new(settings.realtime.priority_gate, cores.gate)),
@@ -175,7 +175,7 @@ impl Prepared {
         )?;
         let times = match watch.start_and_follow() {
             Ok(times) => times,
-            // From here on a failure must end all processes too.
+            // Processes may run by now, so a failure must end them.
             Err(e) => {
                 watch.fault("supervisor", format!("{e:#}"), "start");
                 RunTimes::default()
@@ -189,16 +189,16 @@ impl Prepared {
     }
 }
 
-/// Files that a supervisor may have open: some 250 with all processes connected, and more after each restart.
-const FILES: u64 = 1024;
-/// Largest log of a killed run that a start recovers by itself [bytes]: about 1 s of work.
+/// Size of the file table: a supervisor has some 250 files open with all processes connected, and more after restarts.
+const FD_TABLE_SIZE: u64 = 1024;
+/// Largest log of a killed run that a start recovers automatically [bytes]: about 1 s of work.
 const AUTO_RECOVERY_LIMIT: u64 = 64 << 20;
 
 /// Recovers the log of a run whose supervisor was killed, and reports it; a failure does not prevent the start.
 fn recover_orphan(log: &Path) {
     // Reading a pipe would block until a writer opens it.
-    let Some(found) = std::fs::metadata(log).ok().filter(std::fs::Metadata::is_file) else { return };
-    if found.len() > AUTO_RECOVERY_LIMIT {
+    let Some(metadata) = std::fs::metadata(log).ok().filter(std::fs::Metadata::is_file) else { return };
+    if metadata.len() > AUTO_RECOVERY_LIMIT {
         crate::log_line(&format!("hapfic: a run was killed. Hint: `hapfic recover {}` makes its log readable", log.display()));
         return;
     }
@@ -264,7 +264,7 @@ fn summarise(request: &RunRequest, times: RunTimes, mut faults: Vec<RunFault>, l
         faults.push(RunFault { process: "controller".to_owned(), what, detector: "tick", tick: -1 });
     }
     let metrics = recorded.map(|r| r.metrics).unwrap_or_default();
-    let run = Run {
+    let run = RunSummary {
         scenario: request.scenario.clone(),
         clock: request.clock.name(),
         wall_s: times.wall_s,

@@ -1,8 +1,8 @@
 //! Launches the stack, watches its processes, records all messages and answers operators.
 //!
-//! Read [`launch`] first: one run from start to end. [`watch`] starts, watches and restarts the processes ([`children`]);
-//! [`recorder`] drains and writes the messages; [`operator`] answers requests; [`registry`] holds the namespace of a run
-//! and finds running ones; [`summary`] holds the results of a run.
+//! Read [`launch`] first: a run from start to end. [`watch`] starts, watches and restarts the processes ([`children`]);
+//! [`recorder`] drains and writes the messages; [`operator`] answers requests. [`registry`] holds the namespace of a
+//! run and finds running stacks; [`summary`] holds the results of a run.
 
 pub mod children;
 pub mod launch;

@@ -1,6 +1,6 @@
 //! Reports the state of the run to the service manager by the protocol of sd_notify(3): datagrams of `KEY=VALUE` lines.
 //!
-//! The environment names the socket. Without one, nothing is sent.
+//! The environment names the socket. Without a socket the supervisor sends nothing.
 
 use std::env::{var, var_os};
 use std::ffi::OsStr;
@@ -23,13 +23,13 @@ pub struct Notify {
     target: Option<(UnixDatagram, SocketAddr)>,
     /// Interval of the heartbeats; `None`: no watchdog.
     every: Option<Duration>,
-    begun: Instant,
-    /// Time of the last heartbeat after `begun`, plus one [us]; zero: none yet.
-    last: AtomicU64,
+    created: Instant,
+    /// Time of the last heartbeat after `created`, plus one [us]; zero: none yet.
+    last_us: AtomicU64,
 }
 
 impl Notify {
-    /// Variables that name the socket and the watchdog. They hold for this process only, so a caller removes them from
+    /// Variables that name the socket and the watchdog. They apply to this process only, so a caller removes them from
     /// the environment of every process that it starts.
     pub const VARIABLES: [&'static str; 3] = ["NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID"];
 
@@ -58,10 +58,10 @@ impl Notify {
     }
 
     fn to(target: Option<(UnixDatagram, SocketAddr)>, every: Option<Duration>) -> Self {
-        Self { target, every, begun: Instant::now(), last: AtomicU64::new(0) }
+        Self { target, every, created: Instant::now(), last_us: AtomicU64::new(0) }
     }
 
-    /// Reports that all processes are ready. The watchdog starts to count.
+    /// Reports that all processes are ready. The watchdog starts counting.
     pub fn ready(&self) {
         self.send("READY=1");
     }
@@ -71,7 +71,7 @@ impl Notify {
         self.send(&format!("STATUS={}", text.replace(['\n', '\r'], " ")));
     }
 
-    /// Reports that the run ends. The watchdog stops to count.
+    /// Reports that the run ends. The watchdog stops counting.
     pub fn stopping(&self) {
         self.send("STOPPING=1");
     }
@@ -79,14 +79,14 @@ impl Notify {
     /// Sends a heartbeat if one is due. The caller calls this more than three times in `WATCHDOG_USEC`.
     pub fn watchdog(&self) {
         let Some(every) = self.every else { return };
-        let now = micros(self.begun.elapsed()).saturating_add(1);
-        let last = self.last.load(Ordering::Relaxed);
+        let now = micros(self.created.elapsed()).saturating_add(1);
+        let last = self.last_us.load(Ordering::Relaxed);
         if (last == 0 || now.saturating_sub(last) >= micros(every)) && self.send("WATCHDOG=1") {
-            self.last.store(now, Ordering::Relaxed);
+            self.last_us.store(now, Ordering::Relaxed);
         }
     }
 
-    /// Sends a message and returns whether the socket took it; a lost service manager does not end the run.
+    /// Sends a message; returns whether the socket accepted it. A lost service manager does not end the run.
     fn send(&self, message: &str) -> bool {
         self.target.as_ref().is_some_and(|(from, to)| from.send_to_addr(message.as_bytes(), to).is_ok())
     }
@@ -110,12 +110,12 @@ mod tests {
     use std::path::PathBuf;
 
     /// A service manager with a socket in the temporary folder.
-    struct Manager {
+    struct ServiceManager {
         socket: UnixDatagram,
         path: PathBuf,
     }
 
-    impl Manager {
+    impl ServiceManager {
         fn new(name: &str) -> Self {
             let path = std::env::temp_dir().join(format!("hapfic-notify-{}-{name}", std::process::id()));
             let _ = std::fs::remove_file(&path);
@@ -127,7 +127,7 @@ mod tests {
             Self { socket, path }
         }
 
-        /// All messages received; a sent datagram is immediately readable.
+        /// Returns all received messages; a sent datagram is immediately readable.
         fn received(&self) -> Vec<String> {
             let mut messages = Vec::new();
             let mut buffer = [0; 4096];
@@ -138,7 +138,7 @@ mod tests {
         }
     }
 
-    impl Drop for Manager {
+    impl Drop for ServiceManager {
         fn drop(&mut self) {
             let _ = std::fs::remove_file(&self.path);
         }
@@ -146,7 +146,7 @@ mod tests {
 
     #[test]
     fn notify_each_call_sends_protocol_line() {
-        let manager = Manager::new("protocol");
+        let manager = ServiceManager::new("protocol");
         let notify = Notify::new(Some(manager.path.as_os_str()), None).unwrap();
         notify.ready();
         notify.status("tick 5\nREADY=0");
@@ -159,7 +159,7 @@ mod tests {
     fn notify_abstract_socket_receives() {
         let name = format!("hapfic-notify-{}", std::process::id());
         let address = SocketAddr::from_abstract_name(&name).unwrap();
-        let manager = Manager::listening(UnixDatagram::bind_addr(&address).unwrap(), PathBuf::new());
+        let manager = ServiceManager::listening(UnixDatagram::bind_addr(&address).unwrap(), PathBuf::new());
         let notify = Notify::new(Some(OsStr::new(&format!("@{name}"))), None).unwrap();
         notify.ready();
         assert_eq!(manager.received(), ["READY=1"]);
@@ -167,27 +167,27 @@ mod tests {
 
     #[test]
     fn watchdog_before_interval_sends_nothing() {
-        let manager = Manager::new("due");
-        let seldom = Notify::new(Some(manager.path.as_os_str()), interval(Some("3000000000"), None, 7)).unwrap();
+        let manager = ServiceManager::new("due");
+        let rare = Notify::new(Some(manager.path.as_os_str()), interval(Some("3000000000"), None, 7)).unwrap();
         for _ in 0..5 {
-            seldom.watchdog();
+            rare.watchdog();
         }
         assert_eq!(manager.received(), ["WATCHDOG=1"]);
-        let often = Notify::new(Some(manager.path.as_os_str()), interval(Some("1"), Some("7"), 7)).unwrap();
+        let frequent = Notify::new(Some(manager.path.as_os_str()), interval(Some("1"), Some("7"), 7)).unwrap();
         for _ in 0..5 {
-            often.watchdog();
+            frequent.watchdog();
         }
         assert_eq!(manager.received().len(), 5);
     }
 
     #[test]
     fn watchdog_failed_send_retries() {
-        let manager = Manager::new("again");
+        let manager = ServiceManager::new("again");
         let notify = Notify::new(Some(manager.path.as_os_str()), interval(Some("3000000000"), None, 7)).unwrap();
         let path = manager.path.clone();
         drop(manager);
         notify.watchdog();
-        let manager = Manager::listening(UnixDatagram::bind(&path).unwrap(), path);
+        let manager = ServiceManager::listening(UnixDatagram::bind(&path).unwrap(), path);
         notify.watchdog();
         assert_eq!(manager.received(), ["WATCHDOG=1"]);
     }

@@ -1,13 +1,13 @@
 //! The real-time privileges that a run has and lacks, and the cores of its threads.
 
 use anyhow::{Result, bail};
-use hapfic_config::{Placement, Realtime, Settings};
-use hapfic_gate_process::shared_status::SharedStatus;
-use hapfic_ipc::realtime::{Privilege, SchedGrants, privileges, reserve_core, shared_core};
+use hapfic_config::{Placement, RealtimeSettings, Settings};
+use hapfic_gate_process::status::SharedStatus;
+use hapfic_ipc::realtime::{Privilege, SchedGrants, privileges, shared_core, standby_core};
 use hapfic_messages::{Clock, Process, RealtimeMode};
 use std::fmt::Write;
 
-/// Rejects the run if `mode` requires all privileges and one is not available.
+/// Rejects the run if `mode` requires all privileges and any is unavailable.
 ///
 /// # Errors
 /// The table of available and missing privileges.
@@ -34,9 +34,9 @@ pub struct Cores {
     pub reserve: Option<u32>,
     /// Core of the gate.
     pub gate: Option<u32>,
-    /// Whether the gate may busy-poll for requests: plant and controller have other cores.
+    /// Whether the gate may busy-poll for requests, because plant and controller have other cores.
     pub gate_busy_polls: bool,
-    /// Core of the spare gate thread if the gate busy-polls: that of the controller, which notifies it.
+    /// Core of the spare gate thread if the gate busy-polls: the core of the controller, which notifies it.
     pub spare: Option<u32>,
 }
 
@@ -47,27 +47,27 @@ impl Cores {
     /// So the first runs have two cores each. The gate of a further run sleeps on the shared real-time core, where its
     /// wake-up is fastest.
     #[must_use]
-    pub fn new(wanted: &Realtime, others: usize, fifo: bool) -> Self {
+    pub fn new(realtime: &RealtimeSettings, others: usize, fifo: bool) -> Self {
         let (first, paired) = first_core(others, hapfic_ipc::realtime::usable_cores().len());
-        let (shared, reserve) = match wanted.placement {
-            Placement::OneCore => (shared_core(first), reserve_core(first)),
+        let (shared, reserve) = match realtime.placement {
+            Placement::OneCore => (shared_core(first), standby_core(first)),
             Placement::Free => (None, None),
         };
-        let upstream_cores = [wanted.core_plant, wanted.core_controller].map(|core| core.or(shared));
-        let apart = |gate: Option<u32>| gate.is_some() && upstream_cores.iter().all(|core| core.is_some() && *core != gate);
-        let may = fifo && wanted.busy_poll_lead_us > 0;
-        let polls_on_reserve = may && paired && apart(reserve);
-        let gate = wanted.core_gate.or(if polls_on_reserve { reserve } else { shared });
-        let gate_busy_polls = may && paired && apart(gate);
-        let spare = wanted.core_controller.or(shared).filter(|_| gate_busy_polls);
+        let upstream_cores = [realtime.core_plant, realtime.core_controller].map(|core| core.or(shared));
+        let separate = |gate: Option<u32>| gate.is_some() && upstream_cores.iter().all(|core| core.is_some() && *core != gate);
+        let may_poll = fifo && realtime.busy_poll_lead_us > 0;
+        let polls_on_reserve = may_poll && paired && separate(reserve);
+        let gate = realtime.core_gate.or(if polls_on_reserve { reserve } else { shared });
+        let gate_busy_polls = may_poll && paired && separate(gate);
+        let spare = realtime.core_controller.or(shared).filter(|_| gate_busy_polls);
         Self { shared, reserve, gate, gate_busy_polls, spare }
     }
 }
 
 /// Returns the first core of the `others + 1`-th run, counted from the last core down, and whether it has the next too.
 ///
-/// Each run has two cores as long as two are free. Later runs get a left-over core, then those of gates, which need
-/// little time, then those of plants.
+/// Each run has two cores as long as two are free. Later runs get a left-over core, then the cores of gates, which
+/// need little time, then the cores of plants.
 fn first_core(others: usize, cores: usize) -> (usize, bool) {
     let pairs = cores / 2;
     if others < pairs {
@@ -80,15 +80,15 @@ fn first_core(others: usize, cores: usize) -> (usize, bool) {
     (all.get((others - pairs) % cores.max(1)).copied().unwrap_or(others), false)
 }
 
-/// A real-time thread, and the privileges it requests.
-struct PrivilegeRow {
+/// A real-time thread, and its requested privileges.
+struct ThreadPrivileges {
     name: &'static str,
     process: Process,
     priority: u32,
     core: Option<u32>,
 }
 
-fn rows(settings: &Settings, cores: Cores) -> Vec<PrivilegeRow> {
+fn thread_privileges(settings: &Settings, cores: Cores) -> Vec<ThreadPrivileges> {
     let rt = &settings.realtime;
     [
         ("plant", Process::Plant, rt.priority_plant, rt.core_plant),
@@ -99,7 +99,7 @@ fn rows(settings: &Settings, cores: Cores) -> Vec<PrivilegeRow> {
     ]
     .into_iter()
     .filter(|(_, process, ..)| *process != Process::Standby || settings.supervisor.standby)
-    .map(|(name, process, priority, core)| PrivilegeRow { name, process, priority, core: core.or(cores.shared) })
+    .map(|(name, process, priority, core)| ThreadPrivileges { name, process, priority, core: core.or(cores.shared) })
     .collect()
 }
 
@@ -107,8 +107,8 @@ fn rows(settings: &Settings, cores: Cores) -> Vec<PrivilegeRow> {
 #[must_use]
 pub fn missing(settings: &Settings, cores: Cores, shared: &SharedStatus) -> Vec<(&'static str, String)> {
     let mut missing = Vec::new();
-    for row in rows(settings, cores) {
-        let granted = SchedGrants(shared.heartbeat(row.process).realtime());
+    for row in thread_privileges(settings, cores) {
+        let granted = SchedGrants(shared.heartbeats.read(row.process).realtime);
         if !granted.has(SchedGrants::FIFO) {
             missing.push((row.name, format!("SCHED_FIFO at priority {}", row.priority)));
         }
@@ -138,8 +138,8 @@ pub fn report(settings: &Settings, mode: RealtimeMode, cores: Cores, shared: &Sh
         out.push_str(" off, no privileges requested");
     } else {
         let _ = write!(out, "\n{}", table(&privileges(settings.realtime.priority_plant as i32)));
-        for PrivilegeRow { name, process, priority, core } in rows(settings, cores) {
-            let granted = SchedGrants(shared.heartbeat(process).realtime());
+        for ThreadPrivileges { name, process, priority, core } in thread_privileges(settings, cores) {
+            let granted = SchedGrants(shared.heartbeats.read(process).realtime);
             let fifo = if granted.has(SchedGrants::FIFO) { format!("FIFO {priority}") } else { "not FIFO".to_owned() };
             let memory = if granted.has(SchedGrants::LOCKED) { "memory locked" } else { "memory not locked" };
             let core = match core {
@@ -159,31 +159,34 @@ mod tests {
 
     #[test]
     fn first_core_free_pair_left_gives_two_cores() {
-        let places = |cores| (0..6).map(|others| first_core(others, cores)).collect::<Vec<_>>();
-        assert_eq!(places(1), [(0, false); 6]);
-        assert_eq!(places(2), [(0, true), (1, false), (0, false), (1, false), (0, false), (1, false)]);
-        assert_eq!(places(3), [(0, true), (2, false), (1, false), (0, false), (2, false), (1, false)]);
-        assert_eq!(places(4), [(0, true), (2, true), (1, false), (3, false), (0, false), (2, false)]);
+        let first_cores = |cores| (0..6).map(|others| first_core(others, cores)).collect::<Vec<_>>();
+        assert_eq!(first_cores(1), [(0, false); 6]);
+        assert_eq!(first_cores(2), [(0, true), (1, false), (0, false), (1, false), (0, false), (1, false)]);
+        assert_eq!(first_cores(3), [(0, true), (2, false), (1, false), (0, false), (2, false), (1, false)]);
+        assert_eq!(first_cores(4), [(0, true), (2, true), (1, false), (3, false), (0, false), (2, false)]);
         assert_eq!(first_core(3, 0), (3, false), "number of cores unknown");
     }
 
     #[test]
     fn cores_gate_without_own_core_uses_shared_core() {
-        let wanted = Settings::load("floor", &[]).map(|settings| settings.realtime);
-        let Ok(wanted) = wanted else { panic!("no scenario floor") };
-        let sleeping = Cores::new(&Realtime { busy_poll_lead_us: 0, ..wanted }, 0, true);
+        let realtime = Settings::load("floor", &[]).map(|settings| settings.realtime);
+        let Ok(realtime) = realtime else { panic!("no scenario floor") };
+        let sleeping = Cores::new(&RealtimeSettings { busy_poll_lead_us: 0, ..realtime }, 0, true);
         assert_eq!((sleeping.gate, sleeping.gate_busy_polls), (sleeping.shared, false));
-        assert_eq!(Cores::new(&wanted, 0, false).gate, sleeping.shared, "without privileges");
-        let there = Cores::new(&Realtime { core_controller: sleeping.reserve, ..wanted }, 0, true);
-        assert_eq!((there.gate, there.gate_busy_polls, there.spare), (sleeping.shared, false, None));
-        let default = Cores::new(&wanted, 0, true);
+        assert_eq!(Cores::new(&realtime, 0, false).gate, sleeping.shared, "without privileges");
+        let controller_on_reserve = Cores::new(&RealtimeSettings { core_controller: sleeping.reserve, ..realtime }, 0, true);
+        assert_eq!(
+            (controller_on_reserve.gate, controller_on_reserve.gate_busy_polls, controller_on_reserve.spare),
+            (sleeping.shared, false, None)
+        );
+        let default = Cores::new(&realtime, 0, true);
         assert_eq!(default.gate_busy_polls, default.reserve != default.shared);
         assert_eq!(default.gate, if default.gate_busy_polls { default.reserve } else { default.shared });
         assert_eq!(default.spare, default.shared.filter(|_| default.gate_busy_polls));
-        let swapped = Realtime { core_plant: default.reserve, core_controller: default.reserve, ..wanted };
-        let swapped = Cores::new(&Realtime { core_gate: default.shared, ..swapped }, 0, true);
+        let swapped = RealtimeSettings { core_plant: default.reserve, core_controller: default.reserve, ..realtime };
+        let swapped = Cores::new(&RealtimeSettings { core_gate: default.shared, ..swapped }, 0, true);
         assert!(!swapped.gate_busy_polls || swapped.spare == default.reserve, "the spare is on the core of the controller");
-        let free = Cores::new(&Realtime { placement: Placement::Free, ..wanted }, 0, true);
+        let free = Cores::new(&RealtimeSettings { placement: Placement::Free, ..realtime }, 0, true);
         assert_eq!(free, Cores::default());
     }
 }

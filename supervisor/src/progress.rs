@@ -1,34 +1,35 @@
 //! The progress line of a run, on a terminal only.
 
-use hapfic_gate_process::shared_status::StatusSnapshot;
+use hapfic_gate_process::status::StatusSnapshot;
 use std::io::{IsTerminal, Write};
 use std::time::{Duration, Instant};
 
-/// Interval between two drawings of the line.
-const DRAW_INTERVAL: Duration = Duration::from_millis(100);
+/// Interval between two updates of the line.
+const UPDATE_INTERVAL: Duration = Duration::from_millis(100);
 
-/// A line on standard error that replaces itself.
+/// Progress line on standard error, rewritten in place.
 #[derive(Debug)]
 pub struct Progress {
     duration_s: f64,
     terminal: bool,
-    drawn: Option<Instant>,
+    updated: Option<Instant>,
 }
 
 impl Progress {
-    /// Makes a line that is not drawn yet, for a run of `duration_s` [s].
+    /// Creates a hidden line for a run of `duration_s` [s].
     #[must_use]
     pub fn new(duration_s: f64) -> Self {
-        Self { duration_s, terminal: std::io::stderr().is_terminal(), drawn: None }
+        Self { duration_s, terminal: std::io::stderr().is_terminal(), updated: None }
     }
 
-    /// Draws the line if standard error is a terminal and the drawing interval has passed.
+    /// Updates the line if standard error is a terminal and the update interval has passed.
     pub fn show(&mut self, snapshot: &StatusSnapshot) {
-        // The default snapshot: no tick is done.
-        if !self.terminal || *snapshot == StatusSnapshot::default() || self.drawn.is_some_and(|t| t.elapsed() < DRAW_INTERVAL) {
+        // The default snapshot precedes the first tick.
+        if !self.terminal || *snapshot == StatusSnapshot::default() || self.updated.is_some_and(|t| t.elapsed() < UPDATE_INTERVAL)
+        {
             return;
         }
-        self.drawn = Some(Instant::now());
+        self.updated = Some(Instant::now());
         let width = 24;
         let done = ((snapshot.time_s / self.duration_s).clamp(0.0, 1.0) * f64::from(width)) as usize;
         let [x, y, z] = snapshot.foot_position.map(|v| v * 1e3);
@@ -49,7 +50,7 @@ impl Progress {
 
     /// Removes the line.
     pub fn clear(&self) {
-        if self.drawn.is_some() {
+        if self.updated.is_some() {
             let _ = write!(std::io::stderr(), "\r\x1b[2K");
         }
     }

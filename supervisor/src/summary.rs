@@ -22,7 +22,7 @@ pub struct Summary {
     pub duration_s: f64,
     /// Wall-clock time from the first to the last tick [s].
     pub wall_s: f64,
-    /// Simulated time per wall-clock time.
+    /// Ratio of simulated time to wall-clock time.
     pub speed: f64,
     /// Time from the start of the program to the first tick [s].
     pub launch_s: f64,
@@ -39,7 +39,7 @@ pub struct Summary {
     /// Effort of the plant's integrator.
     pub integration: IntegrationSummary,
     /// Wall-clock times.
-    pub timing: Timing,
+    pub timing: RunTiming,
     /// Size of the log, and lost ticks.
     pub recorder: RecorderSummary,
     /// Ticks that the metrics cover.
@@ -56,7 +56,7 @@ pub struct Summary {
 
 /// Wall-clock times of a run.
 #[derive(Clone, Debug, Serialize)]
-pub struct Timing {
+pub struct RunTiming {
     /// Latency from a published state to the published command [us]; none in lockstep.
     pub latency_us: Option<Quantiles>,
     /// Periods by which the plant's timer was late.
@@ -90,14 +90,14 @@ pub struct RecorderSummary {
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Losses {
     /// Processes that were lost at least once.
-    pub processes: Vec<Loss>,
+    pub processes: Vec<ProcessLoss>,
     /// Number of injected faults.
     pub injected: u64,
 }
 
 /// Losses of one process.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Loss {
+pub struct ProcessLoss {
     /// Name of the process.
     pub process: &'static str,
     /// Number of losses.
@@ -107,10 +107,10 @@ pub struct Loss {
 }
 
 impl Losses {
-    /// Makes the summary from the number of losses and the longest outage of each process.
+    /// Creates the summary from the number of losses and the longest outage of each process.
     pub fn new(all: impl Iterator<Item = (Process, u32, Duration)>, injected: u64) -> Self {
         let lost = all.filter(|(_, times, _)| *times > 0);
-        let processes = lost.map(|(process, times, longest)| Loss {
+        let processes = lost.map(|(process, times, longest)| ProcessLoss {
             process: process.name(),
             times,
             longest_ms: longest.as_secs_f64() * 1e3,
@@ -124,7 +124,7 @@ impl Losses {
 pub struct RunFault {
     /// Name of the process.
     pub process: String,
-    /// Description, without the name of the process.
+    /// Description without the name of the process.
     pub what: String,
     /// Detector that found it: `exit`, `heartbeat`, `tick`, `signal`, `operator`, `recorder`, `start`.
     pub detector: &'static str,
@@ -133,9 +133,9 @@ pub struct RunFault {
 }
 
 impl Summary {
-    /// Combines the data of the supervisor, the metrics and those of the recorder.
+    /// Combines the data of the supervisor, the metrics and the data of the recorder.
     #[must_use]
-    pub fn new(run: Run, metrics: &MetricsSummary, recorder: RecorderSummary) -> Self {
+    pub fn new(run: RunSummary, metrics: &MetricsSummary, recorder: RecorderSummary) -> Self {
         let realtime = run.clock == "realtime";
         let duration_s = metrics.ticks.last.map_or(0.0, |last| (last + 1) as f64 * hapfic_config::PERIOD_S);
         Self {
@@ -151,7 +151,7 @@ impl Summary {
             force_command: metrics.force_command,
             moments: metrics.moments,
             integration: metrics.integration,
-            timing: Timing {
+            timing: RunTiming {
                 latency_us: metrics.timing.latency_us.filter(|_| realtime),
                 late_ticks: metrics.timing.late_ticks,
                 missed_ticks: metrics.timing.missed_ticks,
@@ -182,7 +182,7 @@ impl Summary {
     fn write(&self, out: &mut String) -> std::fmt::Result {
         let end = if self.completed { "completed" } else { "NOT COMPLETED" };
         if self.ticks.last.is_none() {
-            writeln!(out, "{} ({}): {end}, not a single tick was run; log: {}", self.scenario, self.clock, self.log.display())?;
+            writeln!(out, "{} ({}): {end}, no tick was done; log: {}", self.scenario, self.clock, self.log.display())?;
             return self.write_faults(out);
         }
         writeln!(
@@ -287,7 +287,7 @@ impl Summary {
         }
         for loss in &losses.processes {
             let times = if loss.times == 1 { "once".to_owned() } else { format!("{} times", loss.times) };
-            writeln!(out, "  lost               {} {times}, back within {:.1} ms", loss.process, loss.longest_ms)?;
+            writeln!(out, "  lost               {} {times}, recovered within {:.1} ms", loss.process, loss.longest_ms)?;
         }
         if let Some(incidents) = &self.incidents {
             writeln!(out, "  brakes and stops   {}, described in {}", incidents.count, incidents.file.display())?;
@@ -298,7 +298,7 @@ impl Summary {
         for fault in &self.faults {
             writeln!(
                 out,
-                "  FAULT              {} {} (tick {}, seen by: {})",
+                "  FAULT              {} {} (tick {}, detected by: {})",
                 fault.process, fault.what, fault.tick, fault.detector
             )?;
         }
@@ -306,9 +306,9 @@ impl Summary {
     }
 }
 
-/// Data of a run that only the supervisor has.
+/// Part of a run's summary that only the supervisor has.
 #[derive(Clone, Debug)]
-pub struct Run {
+pub struct RunSummary {
     /// Name of the scenario.
     pub scenario: String,
     /// Name of the clock.
@@ -333,11 +333,8 @@ pub struct Run {
     pub log: PathBuf,
 }
 
-/// Steal time of all processors since boot [ms]; zero if the system does not report it.
+/// Returns the steal time of all processors since boot [ms]; zero if the system does not report it.
 #[must_use]
 pub fn steal_ms() -> u64 {
-    let Ok(text) = std::fs::read_to_string("/proc/stat") else { return 0 };
-    let ticks: Option<u64> = text.lines().next().and_then(|l| l.split_whitespace().nth(8)).and_then(|v| v.parse().ok());
-    // USER_HZ is 100 on every Linux.
-    ticks.unwrap_or(0) * 10
+    hapfic_ipc::clock::steal_ms(&std::fs::read_to_string("/proc/stat").unwrap_or_default(), "cpu").unwrap_or(0)
 }

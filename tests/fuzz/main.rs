@@ -1,26 +1,28 @@
-//! A short campaign for every target, the same each time, with every file of the corpus: an old finding does not
-//! return.
+//! Short campaign for every target, the same each time, with every file of the corpus, so no old finding returns.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use hapfic_tests::fuzz::{ALL, Budget, CampaignResult, FOLDER, FuzzOutcome, Options, Target, campaign, load, named};
+use hapfic_tests::fuzz::{
+    ALL_TARGETS, CORPUS_FOLDER, CampaignBudget, CampaignOptions, CampaignResult, FuzzOutcome, FuzzTarget, campaign, load,
+    target_named,
+};
 use std::path::Path;
 
 /// Mutated inputs for each target.
 const EXECUTIONS: u64 = 300;
 const SEED: u64 = 20_240_601;
 
-fn options(scratch: &Path, corpus: &Path) -> Options {
-    Options {
-        budget: Budget::Executions(EXECUTIONS),
+fn options(scratch: &Path, corpus: &Path) -> CampaignOptions {
+    CampaignOptions {
+        budget: CampaignBudget::Executions(EXECUTIONS),
         seed: SEED,
         corpus: corpus.to_owned(),
         scratch: scratch.to_owned(),
         findings: Path::new(env!("CARGO_TARGET_TMPDIR")).join("fuzz-findings"),
-        notebook: None,
+        input_file: None,
     }
 }
 
-fn run(target: &'static Target, corpus: &Path) -> CampaignResult {
+fn run(target: &'static FuzzTarget, corpus: &Path) -> CampaignResult {
     let memory = Path::new("/dev/shm");
     let folder = if memory.is_dir() { memory.to_owned() } else { std::env::temp_dir() };
     let scratch = tempfile::Builder::new().prefix("fuzz-").tempdir_in(folder).unwrap();
@@ -29,11 +31,11 @@ fn run(target: &'static Target, corpus: &Path) -> CampaignResult {
 
 /// Asserts that a campaign has no findings, and is not idle: it accepts inputs, and rejects others for several reasons.
 fn expect_no_findings(name: &str) {
-    let target = named(name).unwrap();
-    let result = run(target, Path::new(FOLDER));
+    let target = target_named(name).unwrap();
+    let result = run(target, Path::new(CORPUS_FOLDER));
     let findings: Vec<_> = result.findings.iter().map(|f| format!("{}: {}", f.file.display(), f.what)).collect();
     assert!(findings.is_empty(), "{}", findings.join("\n"));
-    let from_files = load(Path::new(FOLDER), name).unwrap().len() as u64;
+    let from_files = load(Path::new(CORPUS_FOLDER), name).unwrap().len() as u64;
     assert_eq!(result.executions, (target.seeds)().len() as u64 + from_files + EXECUTIONS);
     assert!(from_files > 0, "the corpus has nothing for {name}");
     assert!(result.accepted > 0, "no input is accepted");
@@ -72,14 +74,14 @@ fn runfile_mutations_no_findings() {
 
 #[test]
 fn corpus_folders_match_targets_and_stay_small() {
-    for target in &ALL {
-        let files = load(Path::new(FOLDER), target.name).unwrap();
+    for target in &ALL_TARGETS {
+        let files = load(Path::new(CORPUS_FOLDER), target.name).unwrap();
         let bytes: usize = files.iter().map(|(_, input)| input.len()).sum();
         assert!(bytes < 60_000, "{} has {bytes} bytes", target.name);
     }
-    for entry in std::fs::read_dir(FOLDER).unwrap() {
+    for entry in std::fs::read_dir(CORPUS_FOLDER).unwrap() {
         let name = entry.unwrap().file_name().into_string().unwrap();
-        assert!(named(&name).is_some(), "found the folder {name}, expected the name of a target");
+        assert!(target_named(&name).is_some(), "found the folder {name}, expected the name of a target");
     }
 }
 
@@ -93,12 +95,12 @@ fn fragile(input: &[u8], _: &Path) -> FuzzOutcome {
     }
 }
 
-static FRAGILE: Target = Target {
+static FRAGILE: FuzzTarget = FuzzTarget {
     name: "fragile",
     seeds: || vec![b"a sound start".to_vec(), b"short".to_vec()],
     dictionary: &["!", "?"],
     text: true,
-    longest: 64,
+    max_bytes: 64,
     execute: fragile,
 };
 
@@ -121,7 +123,7 @@ fn campaign_panics_saved_by_kind() {
 fn campaign_same_seed_same_result() {
     let empty = tempfile::tempdir().unwrap();
     let result = || {
-        let result = run(named("change").unwrap(), empty.path());
+        let result = run(target_named("change").unwrap(), empty.path());
         (result.executions, result.accepted, result.shapes, result.findings)
     };
     assert_eq!(result(), result());

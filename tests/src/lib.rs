@@ -9,4 +9,4 @@ mod leftovers;
 mod stack;
 
 pub use leftovers::{children_of, is_running, remains_of};
-pub use stack::{Finished, Stack, Started, hapfic};
+pub use stack::{FinishedProgram, StackSandbox, StartedProgram, hapfic};

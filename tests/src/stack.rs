@@ -31,17 +31,17 @@ pub fn hapfic() -> PathBuf {
 
 /// Sandbox of the stack: a temporary folder for logs, which is the run-time directory too.
 #[derive(Debug)]
-pub struct Stack {
+pub struct StackSandbox {
     folder: TempDir,
 }
 
-impl Default for Stack {
+impl Default for StackSandbox {
     fn default() -> Self {
         Self::new()
     }
 }
 
-impl Stack {
+impl StackSandbox {
     /// Makes an empty sandbox.
     #[must_use]
     pub fn new() -> Self {
@@ -70,13 +70,13 @@ impl Stack {
 
     /// Starts the program.
     #[must_use]
-    pub fn start(&self, arguments: &[&str]) -> Started {
-        Started { child: Some(self.command(arguments).spawn().expect("the binary starts")) }
+    pub fn start(&self, arguments: &[&str]) -> StartedProgram {
+        StartedProgram { child: Some(self.command(arguments).spawn().expect("the binary starts")) }
     }
 
     /// Runs the program to its end.
     #[must_use]
-    pub fn run(&self, arguments: &[&str]) -> Finished {
+    pub fn run(&self, arguments: &[&str]) -> FinishedProgram {
         self.start(arguments).finish()
     }
 
@@ -89,12 +89,12 @@ impl Stack {
 
 /// Running program.
 #[derive(Debug)]
-pub struct Started {
+pub struct StartedProgram {
     /// `None` after the wait for its end.
     child: Option<Child>,
 }
 
-impl Drop for Started {
+impl Drop for StartedProgram {
     /// Ends the program of a failed test with SIGINT, and after 5 s with SIGKILL.
     fn drop(&mut self) {
         let Some(mut child) = self.child.take() else { return };
@@ -111,13 +111,13 @@ impl Drop for Started {
     }
 }
 
-impl Started {
+impl StartedProgram {
     fn child(&self) -> &Child {
-        self.child.as_ref().expect("it has not ended")
+        self.child.as_ref().expect("a running program")
     }
 
     fn child_mut(&mut self) -> &mut Child {
-        self.child.as_mut().expect("it has not ended")
+        self.child.as_mut().expect("a running program")
     }
 
     /// Process id.
@@ -141,7 +141,7 @@ impl Started {
             if names.iter().all(|n| children.iter().any(|(c, _)| c == n)) {
                 return children;
             }
-            assert!(self.child_mut().try_wait().expect("a status").is_none(), "it has ended before it started {names:?}");
+            assert!(self.child_mut().try_wait().expect("a status").is_none(), "the program ended before it started {names:?}");
             assert!(start.elapsed() < TIMEOUT, "{names:?} did not all start: {children:?}");
             std::thread::yield_now();
         }
@@ -151,7 +151,10 @@ impl Started {
     pub fn wait_for(&mut self, file: &std::path::Path, bytes: u64) {
         let start = Instant::now();
         while std::fs::metadata(file).map_or(0, |m| m.len()) < bytes {
-            assert!(self.child_mut().try_wait().expect("a status").is_none(), "it has ended before {file:?} had {bytes} bytes");
+            assert!(
+                self.child_mut().try_wait().expect("a status").is_none(),
+                "the program ended before {file:?} had {bytes} bytes"
+            );
             assert!(start.elapsed() < TIMEOUT, "{file:?} does not grow to {bytes} bytes");
             std::thread::yield_now();
         }
@@ -159,20 +162,20 @@ impl Started {
 
     /// Kills the program and waits for its end. Discards the output, since orphans may still hold it open.
     #[must_use]
-    pub fn kill(mut self) -> Finished {
+    pub fn kill(mut self) -> FinishedProgram {
         let supervisor = self.pid();
-        let mut child = self.child.take().expect("it has not ended");
+        let mut child = self.child.take().expect("a running program");
         child.kill().expect("the program still runs");
         let status = child.wait().expect("a status");
-        Finished { supervisor, code: status.code(), out: String::new(), err: String::new() }
+        FinishedProgram { supervisor, code: status.code(), out: String::new(), err: String::new() }
     }
 
     /// Waits for the end of the program.
     #[must_use]
-    pub fn finish(mut self) -> Finished {
+    pub fn finish(mut self) -> FinishedProgram {
         let supervisor = self.pid();
-        let output = self.child.take().expect("it has not ended").wait_with_output().expect("the program's output");
-        Finished {
+        let output = self.child.take().expect("a running program").wait_with_output().expect("the program's output");
+        FinishedProgram {
             supervisor,
             code: output.status.code(),
             out: String::from_utf8_lossy(&output.stdout).into_owned(),
@@ -183,7 +186,7 @@ impl Started {
 
 /// Result of a program that has ended.
 #[derive(Debug)]
-pub struct Finished {
+pub struct FinishedProgram {
     /// Process id.
     pub supervisor: u32,
     /// Exit code; `None` if a signal ended the program.
@@ -194,7 +197,7 @@ pub struct Finished {
     pub err: String,
 }
 
-impl Finished {
+impl FinishedProgram {
     /// Asserts the exit code, and that no remains of the run are left.
     pub fn expect(&self, code: i32) -> &Self {
         assert_eq!(self.code, Some(code), "stdout:\n{}\nstderr:\n{}", self.out, self.err);

@@ -1,8 +1,8 @@
 //! Bad input: one clear error, exit code 2, no process started, no remains.
 
-use hapfic_tests::{Finished, Stack};
+use hapfic_tests::{FinishedProgram, StackSandbox};
 
-fn rejected(stack: &Stack, arguments: &[&str], words: &[&str]) -> Finished {
+fn rejected(stack: &StackSandbox, arguments: &[&str], words: &[&str]) -> FinishedProgram {
     let end = stack.run(arguments);
     end.expect(2);
     for word in words {
@@ -13,7 +13,7 @@ fn rejected(stack: &Stack, arguments: &[&str], words: &[&str]) -> Finished {
 }
 
 /// Writes a variant of the embedded scenario `floor`, with one text replaced.
-fn variant(stack: &Stack, from: &str, to: &str) -> String {
+fn variant(stack: &StackSandbox, from: &str, to: &str) -> String {
     let floor = stack.run(&["scenarios", "floor"]).expect(0).out.clone();
     assert!(floor.contains(from), "found no '{from}' in floor.toml");
     std::fs::write(stack.path("mine.toml"), floor.replacen(from, to, 1)).unwrap();
@@ -22,7 +22,7 @@ fn variant(stack: &Stack, from: &str, to: &str) -> String {
 
 #[test]
 fn run_bad_scenario_rejected() {
-    let stack = Stack::new();
+    let stack = StackSandbox::new();
     rejected(&stack, &["run", "flor"], &["flor", "floor"]);
     rejected(&stack, &["run", "missing.toml"], &["missing.toml"]);
     for (from, to, words) in [
@@ -44,7 +44,7 @@ fn run_bad_scenario_rejected() {
 
 #[test]
 fn run_bad_urdf_rejected() {
-    let stack = Stack::new();
+    let stack = StackSandbox::new();
     let file = variant(&stack, "urdf = \"leg.urdf\"", "urdf = \"mine.urdf\"");
     let leg = include_str!("../../config/robots/leg.urdf");
     for (from, to, words) in [
@@ -62,7 +62,7 @@ fn run_bad_urdf_rejected() {
 
 #[test]
 fn command_line_bad_words_rejected() {
-    let stack = Stack::new();
+    let stack = StackSandbox::new();
     rejected(&stack, &["run", "--set", "controller.tapr=0.1"], &["--set", "tapr", "taper"]);
     rejected(&stack, &["run", "--set", "controller.taper=much"], &["--set", "taper", "much"]);
     rejected(&stack, &["run", "--duration", "-1"], &["duration"]);
@@ -74,7 +74,7 @@ fn command_line_bad_words_rejected() {
 
 #[test]
 fn run_unwritable_output_rejected() {
-    let stack = Stack::new();
+    let stack = StackSandbox::new();
     std::fs::write(stack.path("file"), "").unwrap();
     rejected(&stack, &["run", "--log", "file/run.mcap"], &["file"]);
     rejected(&stack, &["run", "--log", "/dev/full"], &["/dev/full"]);
@@ -87,7 +87,7 @@ fn run_unwritable_output_rejected() {
 
 #[test]
 fn run_log_of_another_run_rejected() {
-    let stack = Stack::new();
+    let stack = StackSandbox::new();
     let long = ["run", "floor", "--clock", "lockstep", "--duration", "3600", "--log", "run.mcap"];
     let mut first = stack.start(&long);
     first.wait_for(&stack.path("run.mcap"), 50_000);
@@ -102,13 +102,13 @@ fn run_log_of_another_run_rejected() {
 
 #[test]
 fn run_lockstep_with_realtime_rejected() {
-    let stack = Stack::new();
+    let stack = StackSandbox::new();
     rejected(&stack, &["run", "--clock", "lockstep", "--realtime", "require"], &["require", "lockstep"]);
 }
 
 #[test]
 fn run_process_start_failure_reported() {
-    let stack = Stack::new();
+    let stack = StackSandbox::new();
     let run = ["run", "floor", "--clock", "lockstep", "--log", "run.mcap", "--set"];
     for process in ["plant", "planner", "controller"] {
         let set = format!("processes.{process}=[\"/nonexistent/program\"]");

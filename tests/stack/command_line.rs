@@ -1,11 +1,11 @@
 //! Output of `scenarios`, `check` and `schema`, and the summary of a run.
 
-use hapfic_tests::Stack;
+use hapfic_tests::StackSandbox;
 use serde_json::Value;
 
 #[test]
 fn scenarios_printed_text_passes_check() {
-    let stack = Stack::new();
+    let stack = StackSandbox::new();
     assert!(stack.run(&["scenarios"]).expect(0).out.contains("floor"));
     assert!(stack.run(&["check", "floor"]).expect(0).out.contains("valid"));
     let schema: Value = serde_json::from_str(&stack.run(&["schema"]).expect(0).out).unwrap();
@@ -18,7 +18,7 @@ fn scenarios_printed_text_passes_check() {
 
 #[test]
 fn summary_json_fields_present() {
-    let stack = Stack::new();
+    let stack = StackSandbox::new();
     let end = stack.run(&["run", "floor", "--clock", "lockstep", "--log", "run.mcap", "--summary-json", "summary.json"]);
     end.expect(0);
     assert!(end.err.is_empty(), "found messages of a run without a terminal, expected none: {}", end.err);

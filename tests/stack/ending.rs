@@ -1,12 +1,12 @@
 //! Every end of a run leaves a whole log, and no remains.
 
 use crate::log_file::expect_complete;
-use hapfic_tests::{Stack, is_running, remains_of};
+use hapfic_tests::{StackSandbox, is_running, remains_of};
 use rustix::process::{Pid, Signal, kill_process};
 use std::io::Read;
 use std::time::{Duration, Instant};
 
-/// A lockstep run of an hour.
+/// Lockstep run of an hour.
 const LONG: [&str; 8] = ["run", "floor", "--clock", "lockstep", "--duration", "3600", "--log", "run.mcap"];
 const PROCESSES: [&str; 4] = ["plant", "planner", "controller", "standby"];
 /// Size of the log of a run with some hundred ticks [bytes].
@@ -24,7 +24,7 @@ fn expect_ended(children: &[(String, u32)]) {
 #[test]
 fn run_signal_ends_in_order() {
     for signal in [Signal::INT, Signal::TERM] {
-        let stack = Stack::new();
+        let stack = StackSandbox::new();
         let mut run = stack.start(&LONG);
         run.wait_for(&stack.path("run.mcap"), RUNNING_LOG_BYTES);
         run.signal(signal);
@@ -37,8 +37,8 @@ fn run_signal_ends_in_order() {
 }
 
 #[test]
-fn plant_lost_ends_run_with_report() {
-    let stack = Stack::new();
+fn plant_kill_ends_run_with_report() {
+    let stack = StackSandbox::new();
     let mut run = stack.start(&LONG);
     let children = run.children(&PROCESSES);
     run.wait_for(&stack.path("run.mcap"), RUNNING_LOG_BYTES);
@@ -52,7 +52,7 @@ fn plant_lost_ends_run_with_report() {
 
 #[test]
 fn supervisor_kill_next_start_cleans_up() {
-    let stack = Stack::new();
+    let stack = StackSandbox::new();
     let mut run = stack.start(&LONG);
     let children = run.children(&PROCESSES);
     run.wait_for(&stack.path("run.mcap"), RUNNING_LOG_BYTES);
@@ -71,27 +71,45 @@ fn supervisor_kill_next_start_cleans_up() {
     assert_eq!(stack.registrations(), 0);
 }
 
-#[test]
-fn supervisor_kill_during_start_no_remains() {
-    let stack = Stack::new();
-    for delay_us in (0..40_000).step_by(4_000) {
-        let run = stack.start(&LONG);
-        let begun = Instant::now();
-        while begun.elapsed() < Duration::from_micros(delay_us) {
-            std::hint::spin_loop();
-        }
-        let children = hapfic_tests::children_of(run.pid());
-        let end = run.kill();
-        expect_ended(&children);
-        stack.run(&["run", "floor", "--clock", "lockstep", "--duration", "0.05", "--log", "next.mcap"]).expect(0);
-        end.expect_nothing_left();
+/// Phases of a start, in their order, as they show on the machine.
+const START_PHASES: [&str; 6] = ["registered", "segments", "log", "first process", "all processes", "ticks"];
+
+/// Whether a starting run has reached a phase.
+fn has_reached(phase: &str, stack: &StackSandbox, supervisor: u32) -> bool {
+    let log_bytes = || std::fs::metadata(stack.path("run.mcap")).map_or(0, |log| log.len());
+    match phase {
+        "registered" => stack.registrations() > 0,
+        "segments" => remains_of(supervisor).iter().any(|name| name.starts_with("/dev/shm")),
+        "log" => stack.path("run.mcap").exists(),
+        "first process" => !hapfic_tests::children_of(supervisor).is_empty(),
+        "all processes" => hapfic_tests::children_of(supervisor).len() >= PROCESSES.len(),
+        _ => log_bytes() > RUNNING_LOG_BYTES,
     }
-    assert_eq!(stack.registrations(), 0);
 }
 
 #[test]
-fn external_process_and_children_end_with_run() {
-    let stack = Stack::new();
+fn supervisor_kill_in_each_start_phase_no_remains() {
+    let stack = StackSandbox::new();
+    for phase in START_PHASES {
+        let _ = std::fs::remove_file(stack.path("run.mcap"));
+        let run = stack.start(&LONG);
+        let begun = Instant::now();
+        while !has_reached(phase, &stack, run.pid()) {
+            assert!(begun.elapsed() < Duration::from_secs(60), "the start does not reach the phase '{phase}'");
+        }
+        let children = hapfic_tests::children_of(run.pid());
+        let end = run.kill();
+        assert_eq!(end.code, None, "phase '{phase}': the run had ended before");
+        expect_ended(&children);
+        stack.run(&["run", "floor", "--clock", "lockstep", "--duration", "0.05", "--log", "next.mcap"]).expect(0);
+        end.expect_nothing_left();
+        assert_eq!(stack.registrations(), 0, "phase '{phase}'");
+    }
+}
+
+#[test]
+fn external_process_run_end_children_end() {
+    let stack = StackSandbox::new();
     let external = "processes.planner=[\"sh\", \"-c\", \"sleep 1000 & sleep 1000\"]";
     // The supervisor ends it. If the supervisor is killed, the death signal or the next start ends it.
     for signal in [Signal::INT, Signal::KILL] {
@@ -120,7 +138,7 @@ fn external_process_and_children_end_with_run() {
 
 #[test]
 fn log_write_failure_ends_run() {
-    let stack = Stack::new();
+    let stack = StackSandbox::new();
     let pipe = stack.path("pipe");
     rustix::fs::mkfifoat(rustix::fs::CWD, &pipe, rustix::fs::Mode::RUSR | rustix::fs::Mode::WUSR).unwrap();
     let run = stack.start(&["run", "floor", "--clock", "lockstep", "--duration", "3600", "--log", "pipe"]);

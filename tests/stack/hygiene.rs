@@ -2,11 +2,11 @@
 
 mod calls;
 
-use crate::realtime::alone;
+use crate::realtime::realtime_lock;
 use crate::running;
-use calls::{Call, Calls};
+use calls::{SystemCall, SystemCalls};
 use hapfic_log::{Reader, Record};
-use hapfic_tests::Stack;
+use hapfic_tests::StackSandbox;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -54,14 +54,14 @@ fn accounts(log: &Path) -> BTreeMap<String, ProcessAccount> {
 
 /// Needs no locked memory: a used page stays as long as the machine has enough memory.
 #[test]
-fn realtime_threads_no_allocations_or_faults() {
-    let _alone = alone();
-    let stack = Stack::new();
+fn realtime_threads_warm_no_allocations_or_faults() {
+    let _lock = realtime_lock();
+    let stack = StackSandbox::new();
     stack.run(&["run", "floor", "--duration", "5", "--log", "run.mcap"]).expect(0);
     let accounts = accounts(&stack.path("run.mcap"));
     for process in PROCESSES {
         let account = &accounts[process];
-        assert!(account.ticks > 4000, "{process} has accounted for {} of 4999 ticks", account.ticks);
+        assert!(account.ticks > 4000, "found {} ticks of {process}, expected more than 4000 of 4999", account.ticks);
         assert_eq!(account.allocations, 0, "{process} allocated between receiving and sending");
         let (warm, end) = (account.warm.unwrap(), account.end.unwrap());
         assert_eq!(end - warm, 0, "page faults of {process} after {WARM} ticks; {warm} before");
@@ -71,13 +71,13 @@ fn realtime_threads_no_allocations_or_faults() {
 /// Deadline timer of the gate; exists only if the gate sleeps until a request comes.
 const GATE_DEADLINE_TIMER: &str = "hapfic-deadline";
 
-/// Most system calls of each thread in a tick: wakes, waits, sleeps until a time; docs/performance.md has their
-/// reasons.
+/// Largest numbers of system calls of each thread in a tick: wakes, waits, sleeps until a time. docs/performance.md has
+/// their reasons.
 ///
 /// A late thread makes fewer waits and sleeps, since its doorbell has changed or its time has passed. It makes more
 /// wakes if the others sleep already. Tracing makes a thread late.
-fn expected(gate_busy_polls: bool) -> Vec<(&'static str, [(Call, f64); 3])> {
-    let calls = |wake, wait, sleep| [(Call::Wake, wake), (Call::Wait, wait), (Call::Sleep, sleep)];
+fn expected(gate_busy_polls: bool) -> Vec<(&'static str, [(SystemCall, f64); 3])> {
+    let calls = |wake, wait, sleep| [(SystemCall::Wake, wake), (SystemCall::Wait, wait), (SystemCall::Sleep, sleep)];
     let mut expected = vec![
         ("hapfic-plant", calls(1.0, 1.0, 1.0)),
         ("hapfic-controll", calls(2.0, 1.0, 1.0)),
@@ -95,17 +95,17 @@ fn expected(gate_busy_polls: bool) -> Vec<(&'static str, [(Call, f64); 3])> {
 /// Tolerance of the average: less than one call in four ticks.
 const TOLERANCE: f64 = 0.25;
 
-fn as_expected(calls: &Calls, expected: &[(Call, f64)]) -> bool {
+fn as_expected(calls: &SystemCalls, expected: &[(SystemCall, f64)]) -> bool {
     let at_most = expected.iter().all(|(call, times)| calls.per_tick(*call) < times + TOLERANCE);
     let any = expected.iter().map(|(call, _)| calls.per_tick(*call)).sum::<f64>() > 0.5;
     at_most && any
 }
 
 /// Duration of a trace.
-const TRACE_DURATION: Duration = Duration::from_millis(500);
-/// Most traces of a thread. Tracing makes each call several times as long, and a machine may be busy, so only a
-/// repeated finding counts.
-const ATTEMPTS: u32 = 8;
+const TRACE_DURATION: Duration = Duration::from_millis(300);
+/// Traces of a thread, most of which must be as expected. Tracing makes each call several times as long, and a machine may
+/// be busy, so a single trace proves nothing.
+const TRACES: usize = 5;
 
 /// Threads of a process by name.
 fn threads(pid: u32) -> Vec<(String, String)> {
@@ -118,7 +118,7 @@ fn threads(pid: u32) -> Vec<(String, String)> {
 }
 
 /// System calls of a thread; `None` if it cannot be traced here.
-fn traced(tid: &str, trace: &Path) -> Option<Calls> {
+fn traced(tid: &str, trace: &Path) -> Option<SystemCalls> {
     let mut strace = Command::new("strace");
     strace.args(["-qq", "-ttt", "-p", tid, "-o"]).arg(trace).stderr(Stdio::null());
     let mut strace = strace.spawn().ok()?;
@@ -126,18 +126,18 @@ fn traced(tid: &str, trace: &Path) -> Option<Calls> {
     // By SIGINT strace detaches from the thread.
     let _ = rustix::process::kill_process(rustix::process::Pid::from_child(&strace), rustix::process::Signal::INT);
     strace.wait().unwrap();
-    let calls = Calls::read(&std::fs::read_to_string(trace).ok()?);
+    let calls = SystemCalls::read(&std::fs::read_to_string(trace).ok()?);
     (calls.ticks > 0.5 * TRACE_DURATION.as_secs_f64() * 1e3).then_some(calls)
 }
 
 #[test]
-fn tick_system_calls_only_wakes_and_waits() {
+fn realtime_threads_tick_only_wakes_and_waits() {
     let skip = || {
         assert!(std::env::var_os("HAPFIC_NEEDS_STRACE").is_none(), "strace is missing, or may not trace threads");
         std::io::Write::write_all(&mut std::io::stderr(), b"skipped: strace is missing, or may not trace threads\n").unwrap();
     };
-    let _alone = alone();
-    let stack = Stack::new();
+    let _lock = realtime_lock();
+    let stack = StackSandbox::new();
     let mut run = running::start(&stack, "steady", "realtime");
     let children = run.children(&["plant", "controller", "standby", "planner"]);
     // By then all processes are connected, and their caches are warm.
@@ -145,15 +145,18 @@ fn tick_system_calls_only_wakes_and_waits() {
     let pids = children.iter().map(|(_, pid)| *pid).chain([run.pid()]);
     let threads: BTreeMap<String, String> = pids.flat_map(threads).collect();
     for (name, expected) in expected(!threads.contains_key(GATE_DEADLINE_TIMER)) {
-        for attempt in 1.. {
+        let mut traces = Vec::new();
+        for _ in 0..TRACES {
             let Some(calls) = traced(&threads[name], &stack.path("calls.txt")) else { return skip() };
             // No other call in any tick.
             assert_eq!(calls.others(), "", "{name}");
-            if as_expected(&calls, &expected) {
-                break;
-            }
-            assert!(attempt < ATTEMPTS, "{name}: found {calls:?}, expected in a tick at most {expected:?}");
+            traces.push(calls);
         }
+        let good = traces.iter().filter(|calls| as_expected(calls, &expected)).count();
+        assert!(
+            2 * good > TRACES,
+            "{name}: {good} of {TRACES} traces as expected: {traces:?}, expected in a tick at most {expected:?}"
+        );
     }
     run.signal(rustix::process::Signal::INT);
     run.finish().expect_nothing_left();

@@ -4,7 +4,7 @@ use crate::log_file::{Streams, expect_complete, streams};
 use hapfic_config::Settings;
 use hapfic_log::{Names, Reader, Record, convert, proto};
 use hapfic_simulation::Simulation;
-use hapfic_tests::Stack;
+use hapfic_tests::StackSandbox;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -12,7 +12,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 const DETERMINISTIC: [&str; 10] =
     ["/state", "/reference", "/request", "/request/standby", "/command", "/operator", "/event", "/tf", "/scene", "/log"];
 
-fn run(stack: &Stack, name: &str, arguments: &[&str]) -> Streams {
+fn run(stack: &StackSandbox, name: &str, arguments: &[&str]) -> Streams {
     let log = format!("{name}.mcap");
     let mut all = vec!["run", "floor", "--clock", "lockstep", "--log", &log];
     all.extend(arguments);
@@ -35,7 +35,7 @@ fn expect_same(a: &Streams, b: &Streams) {
 
 #[test]
 fn lockstep_loaded_machine_same_bytes() {
-    let stack = Stack::new();
+    let stack = StackSandbox::new();
     let quiet = run(&stack, "quiet", &["--duration", "5"]);
     assert_eq!(quiet["/state"].len(), 5000);
     // More busy threads than cores, so the kernel preempts every process of the stack again and again.
@@ -58,7 +58,7 @@ fn lockstep_loaded_machine_same_bytes() {
 
 #[test]
 fn lockstep_other_law_other_bytes() {
-    let stack = Stack::new();
+    let stack = StackSandbox::new();
     let ours = run(&stack, "ours", &["--duration", "4"]);
     let paper = run(&stack, "paper", &["--duration", "4", "--set", "controller.fidelity=paper"]);
     assert_ne!(ours["/state"], paper["/state"]);
@@ -66,7 +66,7 @@ fn lockstep_other_law_other_bytes() {
 
 #[test]
 fn lockstep_parallel_runs_isolated() {
-    let stack = Stack::new();
+    let stack = StackSandbox::new();
     let logs = ["a.mcap", "b.mcap", "c.mcap"];
     let started: Vec<_> =
         logs.iter().map(|log| stack.start(&["run", "floor", "--clock", "lockstep", "--duration", "2", "--log", log])).collect();
@@ -82,7 +82,7 @@ fn lockstep_parallel_runs_isolated() {
 
 /// Logged messages that the simulation in one process makes as well.
 #[derive(Default)]
-struct Logged {
+struct LoggedMessages {
     names: Names,
     states: Vec<proto::State>,
     references: Vec<proto::Reference>,
@@ -90,7 +90,7 @@ struct Logged {
     sets: Vec<proto::Operator>,
 }
 
-impl Logged {
+impl LoggedMessages {
     fn read(log: &Path) -> Self {
         let reader = Reader::open(log).unwrap();
         let mut logged = Self { names: reader.names(), ..Self::default() };
@@ -116,10 +116,10 @@ fn expect_same_bytes<M: prost::Message + PartialEq + std::fmt::Debug>(logged: &M
 #[test]
 fn simulation_one_process_same_bits() {
     for (scenario, seconds) in [("box", "4"), ("floor", "2")] {
-        let stack = Stack::new();
+        let stack = StackSandbox::new();
         stack.run(&["run", scenario, "--clock", "lockstep", "--duration", seconds, "--log", "run.mcap"]).expect(0);
         let ticks = expect_complete(&stack.path("run.mcap"));
-        let logged = Logged::read(&stack.path("run.mcap"));
+        let logged = LoggedMessages::read(&stack.path("run.mcap"));
         assert_eq!(ticks, 1000 * seconds.parse::<usize>().unwrap());
         assert_eq!((logged.commands.len(), logged.references.len()), (ticks, ticks), "{scenario}");
 

@@ -12,6 +12,7 @@ mod hygiene;
 mod lockstep;
 mod log_file;
 mod online;
+mod python_page;
 mod readme;
 mod realtime;
 mod recover;

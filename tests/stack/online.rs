@@ -3,13 +3,13 @@
 use crate::log_file::{expect_complete, streams};
 use crate::running::{TIMEOUT, start, status_at, unscripted};
 use hapfic_log::{Reader, Record};
-use hapfic_tests::{Finished, Stack, Started};
+use hapfic_tests::{FinishedProgram, StackSandbox, StartedProgram};
 use serde_json::Value;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
 /// Runs a command without the harness's check for remains, since the run still uses its files.
-fn ask(stack: &Stack, arguments: &[&str], code: i32) -> Finished {
+fn run_command(stack: &StackSandbox, arguments: &[&str], code: i32) -> FinishedProgram {
     let end = stack.run(arguments);
     assert_eq!(end.code, Some(code), "{arguments:?}\nstdout:\n{}\nstderr:\n{}", end.out, end.err);
     end
@@ -17,14 +17,14 @@ fn ask(stack: &Stack, arguments: &[&str], code: i32) -> Finished {
 
 /// Reads the reply of `hapfic set`: version, effective tick, tick due at the request, tick due at the gate's
 /// acceptance.
-fn reply_numbers(end: &Finished) -> [i64; 4] {
+fn reply_numbers(end: &FinishedProgram) -> [i64; 4] {
     let first = end.out.lines().next().unwrap();
     let numbers: Vec<i64> = first.split(|c: char| !c.is_ascii_digit()).filter_map(|n| n.parse().ok()).collect();
     numbers.try_into().unwrap_or_else(|n| panic!("expected four numbers, found {n:?} in: {first}"))
 }
 
-fn stop(stack: &Stack, run: Started) {
-    let end = ask(stack, &["stop"], 0);
+fn stop(stack: &StackSandbox, run: StartedProgram) {
+    let end = run_command(stack, &["stop"], 0);
     assert!(end.out.contains("has ended") && end.out.contains(".mcap"), "{}", end.out);
     let run = run.finish();
     run.expect(3);
@@ -54,8 +54,8 @@ fn expect_in_force(log: &Path, version: u64, effective: i64, force: f64) {
 
 #[test]
 fn set_change_effective_at_one_tick() {
-    let _alone = crate::realtime::alone();
-    let stack = Stack::new();
+    let _lock = crate::realtime::realtime_lock();
+    let stack = StackSandbox::new();
     let run = start(&stack, "run", "realtime");
     let status = status_at(&stack, 100);
     assert_eq!(status["clock"], "realtime");
@@ -65,7 +65,7 @@ fn set_change_effective_at_one_tick() {
         assert_eq!(status[field].as_array().map(Vec::len), Some(3), "{field}");
     }
 
-    let set = ask(&stack, &["set", "desired_force.z=80", "taper=0.1"], 0);
+    let set = run_command(&stack, &["set", "desired_force.z=80", "taper=0.1"], 0);
     let [version, effective, requested, accepted] = reply_numbers(&set);
     assert_eq!(version, 2);
     assert!(effective >= accepted + 5 && effective <= accepted + 10, "{}", set.out);
@@ -77,7 +77,7 @@ fn set_change_effective_at_one_tick() {
             break;
         }
         let [_, effective, requested, _] =
-            reply_numbers(&ask(&stack, &["set", &format!("taper={}", 0.11 + 0.001 * f64::from(attempt))], 0));
+            reply_numbers(&run_command(&stack, &["set", &format!("taper={}", 0.11 + 0.001 * f64::from(attempt))], 0));
         quickest = quickest.min(effective - requested);
     }
     assert!(quickest <= 10, "found {quickest} ticks from request to effect at best, expected 10 at most");
@@ -94,7 +94,7 @@ fn set_change_effective_at_one_tick() {
         (vec!["controller.taper=0.1"], vec!["controller"]),
         (vec!["taper"], vec!["KEY=VALUE"]),
     ] {
-        let rejected = ask(&stack, &[&["set"][..], &pairs[..]].concat(), 2);
+        let rejected = run_command(&stack, &[&["set"][..], &pairs[..]].concat(), 2);
         for word in words {
             assert!(rejected.err.contains(word), "{pairs:?}: '{word}' is not in\n{}", rejected.err);
         }
@@ -105,7 +105,7 @@ fn set_change_effective_at_one_tick() {
     while status_at(&stack, 0)["desired_force_n"][2] != 80.0 {
         assert!(begun.elapsed() < TIMEOUT, "the status does not show the change");
     }
-    assert!(ask(&stack, &["status", "--once"], 0).out.contains("|x - x_d|"));
+    assert!(run_command(&stack, &["status", "--once"], 0).out.contains("|x - x_d|"));
 
     stop(&stack, run);
     let log = stack.path("run.mcap");
@@ -115,14 +115,14 @@ fn set_change_effective_at_one_tick() {
 
 #[test]
 fn timeline_online_changes_replayed() {
-    let stack = Stack::new();
+    let stack = StackSandbox::new();
     let run = start(&stack, "first", "lockstep");
     status_at(&stack, 50);
-    ask(&stack, &["set", "target_position=[-0.10, 0.05, 0.06]"], 0);
-    ask(&stack, &["set", "target_position.z=0.012", "mean_speed=0.1"], 0);
+    run_command(&stack, &["set", "target_position=[-0.10, 0.05, 0.06]"], 0);
+    run_command(&stack, &["set", "target_position.z=0.012", "mean_speed=0.1"], 0);
     // A change of nothing makes a version too.
-    ask(&stack, &["set", "mean_speed=0.1"], 0);
-    let [version, effective, ..] = reply_numbers(&ask(&stack, &["set", "desired_force.z=30", "search=sign"], 0));
+    run_command(&stack, &["set", "mean_speed=0.1"], 0);
+    let [version, effective, ..] = reply_numbers(&run_command(&stack, &["set", "desired_force.z=30", "search=sign"], 0));
     assert_eq!(version, 5);
     status_at(&stack, effective + 500);
     stop(&stack, run);
@@ -132,7 +132,7 @@ fn timeline_online_changes_replayed() {
     let first = streams(&log);
     let ticks = first["/command"].len();
 
-    let timeline = ask(&stack, &["timeline", "first.mcap"], 0).out;
+    let timeline = run_command(&stack, &["timeline", "first.mcap"], 0).out;
     std::fs::write(stack.path("again.toml"), format!("{}\n{timeline}", unscripted(&stack))).unwrap();
     let duration = format!("{:?}", ticks as f64 / 1000.0);
     stack.run(&["run", "again.toml", "--clock", "lockstep", "--duration", &duration, "--log", "again.mcap"]).expect(0);
@@ -143,19 +143,19 @@ fn timeline_online_changes_replayed() {
     }
     assert_eq!(first["/operator"], again["/operator"]);
     assert_eq!(first["/operator"].len(), 5);
-    let timeline_again = ask(&stack, &["timeline", "again.mcap"], 0).out;
+    let timeline_again = run_command(&stack, &["timeline", "again.mcap"], 0).out;
     let entries = |text: &str| text.lines().filter(|l| !l.starts_with('#')).map(str::to_owned).collect::<Vec<_>>();
     assert_eq!(entries(&timeline), entries(&timeline_again));
 }
 
 #[test]
 fn commands_several_runs_name_required() {
-    let stack = Stack::new();
+    let stack = StackSandbox::new();
     let mut runs = [start(&stack, "a", "lockstep"), start(&stack, "b", "lockstep")];
     for (run, log) in runs.iter_mut().zip(["a.mcap", "b.mcap"]) {
         run.wait_for(&stack.path(log), 50_000);
     }
-    let rejected = ask(&stack, &["set", "taper=0.1"], 2);
+    let rejected = run_command(&stack, &["set", "taper=0.1"], 2);
     for word in ["2 stacks", "--run", "a.toml", "b.toml", "a.mcap", "b.mcap"] {
         assert!(rejected.err.contains(word), "'{word}' is not in\n{}", rejected.err);
     }
@@ -164,35 +164,35 @@ fn commands_several_runs_name_required() {
         line.split_whitespace().next().unwrap().to_owned()
     };
     let (a, b) = (name_of("a.toml"), name_of("b.toml"));
-    ask(&stack, &["set", "--run", &a, "taper=0.1"], 0);
+    run_command(&stack, &["set", "--run", &a, "taper=0.1"], 0);
     for (name, scenario, version) in [(&a, "a.toml", 2), (&b, "b.toml", 1)] {
-        let status: Value = serde_json::from_str(&ask(&stack, &["status", "--json", "--run", name], 0).out).unwrap();
+        let status: Value = serde_json::from_str(&run_command(&stack, &["status", "--json", "--run", name], 0).out).unwrap();
         assert_eq!(status["scenario"], scenario);
         if version == 1 {
             assert_eq!(status["announced_version"], 1, "the other run has changed");
         }
     }
-    assert!(ask(&stack, &["stop", "--run", "hfnone"], 2).err.contains("hfnone"));
+    assert!(run_command(&stack, &["stop", "--run", "hfnone"], 2).err.contains("hfnone"));
     let [first, second] = runs;
-    ask(&stack, &["stop", "--run", &b], 0);
+    run_command(&stack, &["stop", "--run", &b], 0);
     second.finish().expect(3);
     stop(&stack, first);
 }
 
 #[test]
 fn commands_no_run_rejected() {
-    let stack = Stack::new();
+    let stack = StackSandbox::new();
     for arguments in [&["set", "taper=0.1"][..], &["status"], &["status", "--json"], &["stop"]] {
-        let end = ask(&stack, arguments, 2);
+        let end = run_command(&stack, arguments, 2);
         assert!(end.err.contains("no stack is running") && end.err.contains("hapfic run"), "{}", end.err);
     }
     assert_eq!(stack.registrations(), 0);
-    assert!(ask(&stack, &["timeline", "nothing.mcap"], 2).err.contains("nothing.mcap"));
+    assert!(run_command(&stack, &["timeline", "nothing.mcap"], 2).err.contains("nothing.mcap"));
 }
 
 #[test]
 fn commands_killed_callers_harmless() {
-    let stack = Stack::new();
+    let stack = StackSandbox::new();
     let run = start(&stack, "run", "lockstep");
     status_at(&stack, 10);
     for delay_us in (0..60_000).step_by(2_000) {
@@ -202,6 +202,6 @@ fn commands_killed_callers_harmless() {
         let _ = caller.kill();
     }
     status_at(&stack, 20);
-    ask(&stack, &["set", "taper=0.15"], 0);
+    run_command(&stack, &["set", "taper=0.15"], 0);
     stop(&stack, run);
 }

@@ -1,13 +1,13 @@
 //! Commands of README.
 
-use hapfic_tests::Stack;
+use hapfic_tests::StackSandbox;
 
 #[test]
 fn readme_commands_succeed() {
     let readme = include_str!("../../README.md");
     // One command is a realtime run.
-    let _alone = crate::realtime::alone();
-    let stack = Stack::new();
+    let _lock = crate::realtime::realtime_lock();
+    let stack = StackSandbox::new();
     let mut ran = 0;
     for line in readme.lines().filter_map(|l| l.strip_prefix("hapfic ")) {
         // Words as a shell would split them; README quotes with single quotes only.

@@ -1,11 +1,11 @@
 //! `hapfic recover` on the log of a real run.
 
 use crate::log_file::streams;
-use hapfic_tests::Stack;
+use hapfic_tests::StackSandbox;
 
 #[test]
 fn recover_truncated_log_recovered() {
-    let stack = Stack::new();
+    let stack = StackSandbox::new();
     stack.run(&["run", "floor", "--clock", "lockstep", "--duration", "1", "--log", "run.mcap"]).expect(0);
     let end = stack.run(&["recover", "run.mcap"]);
     assert!(end.expect(0).out.contains("whole"), "{}", end.out);
@@ -34,7 +34,7 @@ fn recover_truncated_log_recovered() {
 
 #[test]
 fn recover_other_file_rejected() {
-    let stack = Stack::new();
+    let stack = StackSandbox::new();
     std::fs::write(stack.path("notes.mcap"), "not a log at all").unwrap();
     let end = stack.run(&["recover", "notes.mcap"]);
     assert!(end.expect(2).err.contains("not a log"), "{}", end.err);

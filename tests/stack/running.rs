@@ -1,6 +1,6 @@
 //! Runs that last until a test ends them.
 
-use hapfic_tests::{Stack, Started};
+use hapfic_tests::{StackSandbox, StartedProgram};
 use serde_json::Value;
 use std::time::{Duration, Instant};
 
@@ -8,14 +8,14 @@ use std::time::{Duration, Instant};
 pub const TIMEOUT: Duration = Duration::from_secs(60);
 
 /// Returns the embedded scenario `floor` without its script, so only the test changes parameters.
-pub fn unscripted(stack: &Stack) -> String {
+pub fn unscripted(stack: &StackSandbox) -> String {
     let floor = stack.run(&["scenarios", "floor"]).expect(0).out.clone();
     let (body, _) = floor.split_once("[[operator]]").expect("a script");
     body.to_owned()
 }
 
 /// Starts a run of an hour, with a scenario file and a log of its own.
-pub fn start(stack: &Stack, name: &str, clock: &str) -> Started {
+pub fn start(stack: &StackSandbox, name: &str, clock: &str) -> StartedProgram {
     let scenario = format!("{name}.toml");
     std::fs::write(stack.path(&scenario), unscripted(stack)).unwrap();
     let log = format!("{name}.mcap");
@@ -23,7 +23,7 @@ pub fn start(stack: &Stack, name: &str, clock: &str) -> Started {
 }
 
 /// Waits until the only run has reached a tick, and returns its status.
-pub fn status_at(stack: &Stack, tick: i64) -> Value {
+pub fn status_at(stack: &StackSandbox, tick: i64) -> Value {
     let begun = Instant::now();
     loop {
         let end = stack.run(&["status", "--json"]);

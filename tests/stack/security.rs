@@ -1,7 +1,7 @@
 //! Access to a run: its files on the machine, the rights of another user, and those of the same user.
 
 use crate::running::{start, status_at};
-use hapfic_tests::{Stack, Started, hapfic, is_running};
+use hapfic_tests::{StackSandbox, StartedProgram, hapfic, is_running};
 use rustix::process::{Gid, Pid, Signal, Uid, geteuid, kill_process};
 use rustix::thread::{set_thread_gid, set_thread_groups, set_thread_uid};
 use std::fs::{self, File, OpenOptions, Permissions};
@@ -18,12 +18,12 @@ const OTHER_USER: u32 = 65_534;
 /// Processes that a run starts.
 const PROCESSES: [&str; 4] = ["plant", "planner", "controller", "standby"];
 
-fn set(stack: &Stack, change: &str) {
+fn set(stack: &StackSandbox, change: &str) {
     let end = stack.run(&["set", change]);
     assert_eq!(end.code, Some(0), "{}\n{}", end.out, end.err);
 }
 
-fn stop(stack: &Stack, run: Started) {
+fn stop(stack: &StackSandbox, run: StartedProgram) {
     let end = stack.run(&["stop"]);
     assert_eq!(end.code, Some(0), "{}\n{}", end.out, end.err);
     let run = run.finish();
@@ -33,7 +33,7 @@ fn stop(stack: &Stack, run: Started) {
 }
 
 /// Registration and name of the only run of a sandbox.
-fn registered(stack: &Stack) -> (PathBuf, String) {
+fn registered(stack: &StackSandbox) -> (PathBuf, String) {
     let mut all = fs::read_dir(stack.path("hapfic")).unwrap().map(|entry| entry.unwrap().path());
     let file = all.next().expect("a registration");
     assert_eq!(all.next(), None, "one run");
@@ -96,7 +96,7 @@ fn umask() -> u32 {
 
 #[test]
 fn run_files_owner_only() {
-    let stack = Stack::new();
+    let stack = StackSandbox::new();
     let mut run = start(&stack, "run", "lockstep");
     let _ = run.children(&PROCESSES);
     status_at(&stack, 10);
@@ -150,7 +150,7 @@ fn breaches(path: &Path) -> Vec<String> {
 
 #[test]
 fn other_user_open_remove_kill_denied() {
-    let stack = Stack::new();
+    let stack = StackSandbox::new();
     let mut run = start(&stack, "run", "lockstep");
     let children = run.children(&PROCESSES);
     status_at(&stack, 10);
@@ -189,19 +189,19 @@ fn other_user_open_remove_kill_denied() {
 
 #[test]
 fn other_user_commands_rejected() {
-    let stack = Stack::new();
+    let stack = StackSandbox::new();
     let run = start(&stack, "run", "lockstep");
     let before = status_at(&stack, 10);
     let (_, name) = registered(&stack);
     // A program and a folder that the other user may access.
-    let place = TempDir::new().unwrap();
-    fs::set_permissions(place.path(), Permissions::from_mode(0o755)).unwrap();
-    let program = place.path().join("hapfic");
+    let shared = TempDir::new().unwrap();
+    fs::set_permissions(shared.path(), Permissions::from_mode(0o755)).unwrap();
+    let program = shared.path().join("hapfic");
     // Copied by another process: children of parallel tests could inherit a file that this process has open for
     // writing, and the kernel does not execute such a file.
     assert!(Command::new("cp").arg(hapfic()).arg(&program).status().unwrap().success());
     fs::set_permissions(&program, Permissions::from_mode(0o755)).unwrap();
-    let own = place.path().join("own");
+    let own = shared.path().join("own");
     fs::create_dir(&own).unwrap();
     let owners = stack.path("");
     let rejected = |arguments: &[&str], runtime: Option<&Path>, run_file: Option<&str>| -> Option<String> {
@@ -250,7 +250,7 @@ fn other_user_commands_rejected() {
 
 #[test]
 fn same_user_stray_files_harmless() {
-    let stack = Stack::new();
+    let stack = StackSandbox::new();
     let run = start(&stack, "run", "lockstep");
     status_at(&stack, 10);
     let (_, name) = registered(&stack);
@@ -298,7 +298,7 @@ fn same_user_stray_files_harmless() {
 #[test]
 fn same_user_truncated_segments_end_run_only() {
     for kind in ["data", "connection", "dynamic"] {
-        let stack = Stack::new();
+        let stack = StackSandbox::new();
         let mut run = start(&stack, "run", "lockstep");
         let children = run.children(&PROCESSES);
         run.wait_for(&stack.path("run.mcap"), 200_000);

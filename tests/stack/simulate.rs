@@ -1,7 +1,7 @@
 //! `hapfic simulate`: the same results as the processes, and the same study on any number of threads.
 
 use crate::log_file::{expect_complete, streams};
-use hapfic_tests::Stack;
+use hapfic_tests::StackSandbox;
 use rustix::process::Signal;
 use serde_json::Value;
 
@@ -10,7 +10,7 @@ const SIMULATED: [&str; 7] = ["/state", "/reference", "/request", "/command", "/
 
 #[test]
 fn simulate_log_same_as_lockstep() {
-    let stack = Stack::new();
+    let stack = StackSandbox::new();
     // The second run ends between the announcement of a change and its effective tick.
     for (scenario, duration) in [("floor", "1"), ("floor", "0.197"), ("box", "2")] {
         stack.run(&["run", scenario, "--clock", "lockstep", "--duration", duration, "--log", "processes.mcap"]).expect(0);
@@ -31,7 +31,7 @@ fn simulate_log_same_as_lockstep() {
 
 #[test]
 fn simulate_summary_same_as_lockstep() {
-    let stack = Stack::new();
+    let stack = StackSandbox::new();
     let run = ["run", "floor", "--clock", "lockstep", "--duration", "4", "--log", "p.mcap", "--summary-json", "p.json"];
     stack.run(&run).expect(0);
     let processes: Value = serde_json::from_str(&std::fs::read_to_string(stack.path("p.json")).unwrap()).unwrap();
@@ -53,7 +53,7 @@ fn simulate_summary_same_as_lockstep() {
 
 #[test]
 fn study_number_of_jobs_same_result() {
-    let stack = Stack::new();
+    let stack = StackSandbox::new();
     let study = |jobs: &str, csv: &str| {
         let sweeps = ["--sweep", "operator.2.desired_force=[0, 0, 20],[0, 0, 80]", "--sweep", "controller.taper=0.1:0.2:3"];
         let mut all = vec!["simulate", "floor", "--duration", "3.8", "--jobs", jobs, "--csv", csv];
@@ -77,7 +77,7 @@ fn study_number_of_jobs_same_result() {
 
 #[test]
 fn study_bad_arguments_rejected_before_run() {
-    let stack = Stack::new();
+    let stack = StackSandbox::new();
     std::fs::write(stack.path("kept.csv"), "kept\n").unwrap();
     let rejected = |arguments: &[&str]| {
         let mut all = vec!["simulate", "floor", "--csv", "kept.csv"];
@@ -109,7 +109,7 @@ fn study_bad_arguments_rejected_before_run() {
 
 #[test]
 fn study_signal_leaves_complete_lines() {
-    let stack = Stack::new();
+    let stack = StackSandbox::new();
     let sweep = ["simulate", "floor", "--duration", "0.5", "--sweep", "seed=1:5000:5000", "--csv", "cut.csv", "--jobs", "2"];
     let mut study = stack.start(&sweep);
     // Some runs have ended by then.
@@ -123,7 +123,7 @@ fn study_signal_leaves_complete_lines() {
     let cells = |line: &str| line.split(',').count();
     let rows: Vec<&str> = csv.lines().skip(1).collect();
     assert!((2..5000).contains(&rows.len()), "{}", rows.len());
-    for (place, row) in rows.iter().enumerate() {
-        assert!(row.starts_with(&format!("{},true,", place + 1)) && cells(row) == cells(csv.lines().next().unwrap()), "{row}");
+    for (index, row) in rows.iter().enumerate() {
+        assert!(row.starts_with(&format!("{},true,", index + 1)) && cells(row) == cells(csv.lines().next().unwrap()), "{row}");
     }
 }

@@ -1,10 +1,11 @@
-//! The controller's whole tick, from what it knows to the torque, beside that of the QP controller: the same thousand moments
-//! of the floor scenario, in the air and in contact, in turn.
+//! The whole tick of the controller, from its inputs to the torque, beside the tick of the QP controller.
+//!
+//! Both cycle through the same thousand recorded ticks of the floor scenario, in the air and in contact.
 
 use anyhow::{Context, Result};
 use criterion::Criterion;
 use hapfic_bench_control::{Gains, OperationalSpace, Task};
-use hapfic_bench_recorded::{Moment, moments};
+use hapfic_bench_recorded::{RecordedTick, recorded_ticks};
 use hapfic_config::Settings;
 use hapfic_controller::control_step::{ControlInputs, control_step};
 use hapfic_messages::Process;
@@ -13,7 +14,7 @@ use nalgebra::Vector3;
 use std::hint::black_box;
 use std::io::Write;
 
-fn known(m: &Moment) -> ControlInputs<'_> {
+fn control_inputs(m: &RecordedTick) -> ControlInputs<'_> {
     ControlInputs {
         state: &m.state,
         reference_position: m.reference.position,
@@ -23,7 +24,7 @@ fn known(m: &Moment) -> ControlInputs<'_> {
     }
 }
 
-fn task(m: &Moment) -> Task<'_> {
+fn task(m: &RecordedTick) -> Task<'_> {
     Task {
         position: m.reference.position,
         velocity: m.reference.velocity,
@@ -36,38 +37,38 @@ fn main() -> Result<()> {
     let settings = Settings::load("floor", &[])?;
     let chain = Chain::from_settings(&settings.robot)?;
     let gravity = settings.world.gravity_m_per_s2;
-    let moments = moments("floor", 1000)?;
-    let usual = moments.iter().find(|m| m.in_contact()).context("the floor scenario never touches the floor")?;
-    let mut qp = OperationalSpace::new(chain.clone(), gravity, Gains::default(), &usual.state, &task(usual))?;
+    let ticks = recorded_ticks("floor", 1000)?;
+    let typical = ticks.iter().find(|m| m.in_contact()).context("the floor scenario never touches the floor")?;
+    let mut qp = OperationalSpace::new(chain.clone(), gravity, Gains::default(), &typical.state, &task(typical))?;
 
-    // Each is checked on every moment before any is timed.
+    // Both controllers are checked on every tick before either is timed.
     let mut iterations = 0;
-    for m in &moments {
+    for m in &ticks {
         anyhow::ensure!(
-            control_step(&chain, &gravity.into(), &known(m), Process::Controller).is_some(),
-            "tick {}: the controller has no answer, expected one",
+            control_step(&chain, &gravity.into(), &control_inputs(m), Process::Controller).is_some(),
+            "tick {}: found no request of the controller, expected one",
             m.state.tick
         );
         qp.step(&m.state, &task(m))?;
         iterations += qp.iterations();
     }
-    let mean = f64::from(iterations) / moments.len() as f64;
-    let _ = writeln!(std::io::stdout(), "QP: {mean:.1} iterations a tick on average over {} moments", moments.len());
+    let mean = f64::from(iterations) / ticks.len() as f64;
+    let _ = writeln!(std::io::stdout(), "QP: {mean:.1} iterations a tick on average over {} recorded ticks", ticks.len());
 
     let mut criterion = Criterion::default().configure_from_args();
     let mut group = criterion.benchmark_group("control tick");
     group.bench_function("hapfic", |b| {
         let gravity = Vector3::from(gravity);
-        let mut turn = moments.iter().cycle();
-        b.iter(|| turn.next().map(|m| control_step(&chain, &gravity, black_box(&known(m)), Process::Controller)));
+        let mut next_tick = ticks.iter().cycle();
+        b.iter(|| next_tick.next().map(|m| control_step(&chain, &gravity, black_box(&control_inputs(m)), Process::Controller)));
     });
     group.bench_function("qp", |b| {
-        let mut turn = moments.iter().cycle();
-        b.iter(|| turn.next().map(|m| qp.step(black_box(&m.state), &task(m)).is_ok()));
+        let mut next_tick = ticks.iter().cycle();
+        b.iter(|| next_tick.next().map(|m| qp.step(black_box(&m.state), &task(m)).is_ok()));
     });
     group.bench_function("qp, all but the solver", |b| {
-        let mut turn = moments.iter().cycle();
-        b.iter(|| turn.next().map(|m| qp.problem(black_box(&m.state), &task(m)).is_ok()));
+        let mut next_tick = ticks.iter().cycle();
+        b.iter(|| next_tick.next().map(|m| qp.problem(black_box(&m.state), &task(m)).is_ok()));
     });
     group.finish();
     criterion.final_summary();

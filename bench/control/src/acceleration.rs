@@ -1,9 +1,9 @@
-//! The part of the tip's acceleration that no joint's acceleration makes.
+//! The velocity-dependent part of the tip's acceleration.
 
 use hapfic_robot::{Chain, JointKind, Kinematics};
 use nalgebra::Vector3;
 
-/// J' q', m/s^2: the acceleration of the tip, world frame, at joint velocities `qd`, rad/s or m/s, while no joint accelerates.
+/// J' q': acceleration of the tip at constant joint velocities `qd` [rad/s or m/s], world frame [m/s^2].
 ///
 /// Panics if `qd` is shorter than [`Chain::dof`].
 #[must_use]
@@ -14,7 +14,7 @@ pub fn tip_bias_acceleration(chain: &Chain, kin: &Kinematics, qd: &[f64]) -> Vec
     let mut previous = kin.body_origin(0);
     for (i, (joint, &rate)) in chain.joints().iter().zip(&qd[..chain.dof()]).enumerate() {
         let (axis, origin) = (kin.joint_axis(i), kin.body_origin(i));
-        acceleration += previous_state(&angular_velocity, &angular_acceleration, &(origin - previous));
+        acceleration += rotating_frame_acceleration(&angular_velocity, &angular_acceleration, &(origin - previous));
         previous = origin;
         if joint.kind == JointKind::Prismatic {
             acceleration += angular_velocity.cross(&axis) * (2.0 * rate);
@@ -23,11 +23,15 @@ pub fn tip_bias_acceleration(chain: &Chain, kin: &Kinematics, qd: &[f64]) -> Vec
             angular_velocity += axis * rate;
         }
     }
-    acceleration + previous_state(&angular_velocity, &angular_acceleration, &(kin.tip_position() - previous))
+    acceleration + rotating_frame_acceleration(&angular_velocity, &angular_acceleration, &(kin.tip_position() - previous))
 }
 
-/// Acceleration of a point at `arm` from the origin of a turning body.
-fn previous_state(angular_velocity: &Vector3<f64>, angular_acceleration: &Vector3<f64>, arm: &Vector3<f64>) -> Vector3<f64> {
+/// Acceleration of a point at `arm` from the origin of a rotating body.
+fn rotating_frame_acceleration(
+    angular_velocity: &Vector3<f64>,
+    angular_acceleration: &Vector3<f64>,
+    arm: &Vector3<f64>,
+) -> Vector3<f64> {
     angular_acceleration.cross(arm) + angular_velocity.cross(&angular_velocity.cross(arm))
 }
 
@@ -38,7 +42,7 @@ mod tests {
     use hapfic_config::Settings;
 
     #[test]
-    fn it_is_the_change_of_the_tips_velocity_at_constant_joint_velocities() {
+    fn tip_bias_acceleration_constant_joint_velocities_equals_velocity_change() {
         let chain = Chain::from_settings(&Settings::load("floor", &[]).unwrap().robot).unwrap();
         let (q, qd) = ([0.2, 0.9, -1.8], [1.5, -2.0, 3.0]);
         let velocity = |t: f64| {
@@ -48,6 +52,6 @@ mod tests {
         let h = 1e-5;
         let expected = (velocity(h) - velocity(-h)) / (2.0 * h);
         let found = tip_bias_acceleration(&chain, &chain.kinematics(&q), &qd);
-        assert!((found - expected).norm() < 1e-6 * expected.norm(), "{found} instead of {expected}");
+        assert!((found - expected).norm() < 1e-6 * expected.norm(), "found {found}, expected {expected}");
     }
 }

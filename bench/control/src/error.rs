@@ -1,9 +1,9 @@
-//! What can go wrong.
+//! Errors of the QP controller.
 
-/// Why there is no torque.
+/// Error of a tick without a torque.
 #[derive(Debug, thiserror::Error)]
 pub enum QpError {
-    /// The state is another robot's.
+    /// The state has another number of joints than the robot.
     #[error("the state has {found} joints, expected {expected}")]
     Joints {
         /// Joints of the state.
@@ -11,18 +11,18 @@ pub enum QpError {
         /// Joints of the robot.
         expected: usize,
     },
-    /// The solver refuses the problem.
-    #[error("the solver refuses the problem: {cause}")]
-    Refused {
-        /// What it says.
+    /// The solver rejects the problem.
+    #[error("the solver rejects the problem: {cause}")]
+    Rejected {
+        /// Error of the solver.
         cause: String,
     },
-    /// The solver has found no optimum.
+    /// The solver found no optimum.
     #[error("tick {tick}: the solver ended with {status}, expected Solved or AlmostSolved")]
     NotSolved {
-        /// The state's tick.
+        /// Tick of the state.
         tick: i64,
-        /// How it ended.
+        /// Final status of the solver.
         status: String,
     },
 }

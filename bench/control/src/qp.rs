@@ -1,4 +1,4 @@
-//! The quadratic programme and its solver, built once and fed anew in each tick.
+//! The quadratic programme and its solver, built once; each tick overwrites the entries.
 //!
 //! With n joints the variables are q'' (n), tau (n) and the normal force f:
 //!
@@ -9,51 +9,51 @@
 //!             0 <= f <= f_max                       a contact cannot pull
 //! ```
 //!
-//! # What is kept from tick to tick, and what cannot be
-//! Kept: all memory, the sparsity patterns, the order of elimination and the symbolic factorisation, and the scaling of rows
-//! and columns, which the solver works out from the first problem only (so build it from a usual posture). The entries are
-//! overwritten in place. Not kept, since an interior-point solver has no use for it: the last optimum as a start, and with
-//! it the set of active limits; each tick starts from the solver's own initial point, and factorises in each iteration.
+//! # State between ticks
+//! Kept: all memory, the sparsity patterns, the order of elimination, the symbolic factorisation, and the scaling of
+//! rows and columns. The solver computes the scaling from the first problem only, so that problem must have a typical
+//! posture. Not kept: the last optimum as a start, and with it the set of active limits. An interior-point solver
+//! cannot use them: each tick starts from the solver's own initial point, and factorises in each iteration.
 
 use crate::error::QpError;
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, NonnegativeConeT, SolverStatus, ZeroConeT};
 use hapfic_robot::{JointVector, MassMatrix};
 
-/// Accuracy the solver is asked for: absolute and relative gap, and feasibility.
+/// Tolerance of the solver: absolute and relative gap, and feasibility.
 const TOLERANCE: f64 = 1e-6;
 
 /// The entries of one tick's problem.
 #[derive(Clone, Debug)]
-pub struct Problem {
-    /// H: the upper left n x n counts, of which the upper triangle is read.
+pub struct QpProblem {
+    /// H: the upper triangle of the upper left n x n block is read.
     pub hessian: MassMatrix,
     /// g.
     pub gradient: JointVector,
     /// M.
     pub mass: MassMatrix,
-    /// h: Coriolis, centrifugal and gravity terms, and damping, N m.
+    /// h: Coriolis, centrifugal and gravity terms, and damping [N m].
     pub bias: JointVector,
-    /// s J_z^T: what a newton of normal force does to the joints, N m/N.
+    /// s J_z^T: joint torques per normal force [N m/N].
     pub normal: JointVector,
-    /// f_d, N.
+    /// f_d [N].
     pub desired_force: f64,
 }
 
-/// What does not change from tick to tick.
+/// Limits and weights, the same in each tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Limits {
-    /// tau_max, N m.
+pub struct QpLimits {
+    /// tau_max [N m].
     pub torque: JointVector,
-    /// f_max, N.
+    /// f_max [N].
     pub force: f64,
-    /// w_tau, 1/(N m)^2: raise it to save torque at the cost of tracking.
+    /// w_tau [1/(N m)^2]: a larger weight saves torque at the cost of tracking.
     pub torque_weight: f64,
-    /// w_f, 1/N^2.
+    /// w_f [1/N^2].
     pub force_weight: f64,
 }
 
-/// A solver that is ready for the next problem of the same shape.
+/// A solver for problems of one shape.
 pub struct Qp {
     n: usize,
     force_weight: f64,
@@ -71,15 +71,15 @@ impl core::fmt::Debug for Qp {
 }
 
 impl Qp {
-    /// Allocates everything for `n` joints, from a first problem.
+    /// Allocates all memory for `n` joints, from a first problem.
     ///
     /// # Errors
-    /// [`QpError::Refused`] if the solver has no use for it.
-    pub fn new(n: usize, limits: &Limits, first: &Problem) -> Result<Self, QpError> {
+    /// [`QpError::Rejected`] if the solver rejects the problem.
+    pub fn new(n: usize, limits: &QpLimits, first: &QpProblem) -> Result<Self, QpError> {
         let (variables, rows) = (2 * n + 1, 3 * n + 2);
         let mut hessian = CscMatrix { m: variables, n: variables, colptr: vec![0], rowval: Vec::new(), nzval: Vec::new() };
         for column in 0..variables {
-            // Upper triangle, column by column: joint accelerations are coupled, all else stands alone.
+            // Upper triangle, column by column: only joint accelerations are coupled.
             let first_row = if column < n { 0 } else { column };
             hessian.rowval.extend(first_row..=column);
             hessian.colptr.push(hessian.rowval.len());
@@ -113,33 +113,33 @@ impl Qp {
 
         let mut gradient = vec![0.0; variables];
         let force_weight = limits.force_weight;
-        fill(n, force_weight, first, &mut hessian.nzval, &mut gradient, &mut constraints.nzval, &mut bounds);
+        write_entries(n, force_weight, first, &mut hessian.nzval, &mut gradient, &mut constraints.nzval, &mut bounds);
         let settings = DefaultSettings {
             verbose: false,
             max_threads: 1,
             tol_gap_abs: TOLERANCE,
             tol_gap_rel: TOLERANCE,
             tol_feas: TOLERANCE,
-            // Either would change the shape of the problem, which then could not be fed anew.
+            // Both would change the shape of the problem, and forbid new entries in place.
             presolve_enable: false,
             input_sparse_dropzeros: false,
             ..DefaultSettings::default()
         };
         let cones = [ZeroConeT(n), NonnegativeConeT(2 * n + 2)];
         let solver = DefaultSolver::new(&hessian, &gradient, &constraints, &bounds, &cones, settings)
-            .map_err(|e| QpError::Refused { cause: e.to_string() })?;
+            .map_err(|e| QpError::Rejected { cause: e.to_string() })?;
         let (hessian, constraints) = (hessian.nzval, constraints.nzval);
         Ok(Self { n, force_weight, solver, hessian, gradient, constraints, bounds })
     }
 
-    /// Solves the next problem: q'', tau and f, one after the other.
+    /// Solves the next problem. Returns q'', tau and f in this order.
     ///
     /// # Errors
-    /// [`QpError::NotSolved`] if there is no optimum, or the solver does not find it; `tick` is for that message.
-    pub fn solve(&mut self, problem: &Problem, tick: i64) -> Result<&[f64], QpError> {
+    /// [`QpError::NotSolved`] if the solver finds no optimum; the message names `tick`.
+    pub fn solve(&mut self, problem: &QpProblem, tick: i64) -> Result<&[f64], QpError> {
         let Self { n, force_weight, hessian, gradient, constraints, bounds, solver } = self;
-        fill(*n, *force_weight, problem, hessian, gradient, constraints, bounds);
-        solver.update_data(hessian, gradient, constraints, bounds).map_err(|e| QpError::Refused { cause: e.to_string() })?;
+        write_entries(*n, *force_weight, problem, hessian, gradient, constraints, bounds);
+        solver.update_data(hessian, gradient, constraints, bounds).map_err(|e| QpError::Rejected { cause: e.to_string() })?;
         solver.solve();
         match solver.solution.status {
             SolverStatus::Solved | SolverStatus::AlmostSolved => Ok(&solver.solution.x),
@@ -147,28 +147,28 @@ impl Qp {
         }
     }
 
-    /// Iterations of the last solution.
+    /// Returns the iterations of the last solution.
     #[must_use]
     pub fn iterations(&self) -> u32 {
         self.solver.solution.iterations
     }
 }
 
-/// Writes a problem's entries into the places of the patterns.
-fn fill(
+/// Writes the entries of a problem into the sparsity patterns.
+fn write_entries(
     n: usize,
     force_weight: f64,
-    problem: &Problem,
+    problem: &QpProblem,
     hessian: &mut [f64],
     gradient: &mut [f64],
     constraints: &mut [f64],
     bounds: &mut [f64],
 ) {
-    let mut place = 0;
+    let mut entry = 0;
     for column in 0..n {
         for row in 0..=column {
-            hessian[place] = problem.hessian[(row, column)];
-            place += 1;
+            hessian[entry] = problem.hessian[(row, column)];
+            entry += 1;
         }
         for row in 0..n {
             constraints[column * n + row] = problem.mass[(row, column)];
@@ -185,21 +185,21 @@ fn fill(
 mod tests {
     use super::*;
 
-    const LIMITS: Limits = Limits { torque: [10.0; 8], force: 100.0, torque_weight: 1e-6, force_weight: 1.0 };
+    const LIMITS: QpLimits = QpLimits { torque: [10.0; 8], force: 100.0, torque_weight: 1e-6, force_weight: 1.0 };
 
-    /// One joint: inertia 2, desired acceleration 3, lifted by a contact with an arm of 0.5 m.
-    fn problem(acceleration: f64, desired_force: f64) -> Problem {
+    /// Returns a problem of one joint with inertia 2, lifted by a contact with an arm of 0.5 m.
+    fn problem(acceleration: f64, desired_force: f64) -> QpProblem {
         let mut mass = MassMatrix::zeros();
         mass[(0, 0)] = 2.0;
         let mut hessian = MassMatrix::zeros();
         hessian[(0, 0)] = 1.0;
         let (mut gradient, mut bias, mut normal) = ([0.0; 8], [0.0; 8], [0.0; 8]);
         (gradient[0], bias[0], normal[0]) = (-acceleration, 1.0, 0.5);
-        Problem { hessian, gradient, mass, bias, normal, desired_force }
+        QpProblem { hessian, gradient, mass, bias, normal, desired_force }
     }
 
     #[test]
-    fn within_its_limits_it_does_what_is_wished() {
+    fn solve_inactive_limits_reaches_desired_values() {
         let first = problem(3.0, 4.0);
         let mut qp = Qp::new(1, &LIMITS, &first).unwrap();
         let x = qp.solve(&first, 0).unwrap();
@@ -208,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn limits_hold_a_contact_cannot_pull_and_the_next_problem_is_solved_anew() {
+    fn solve_active_limits_hold_and_next_problem_is_independent() {
         let mut qp = Qp::new(1, &LIMITS, &problem(3.0, 4.0)).unwrap();
         let x = qp.solve(&problem(50.0, 0.0), 0).unwrap();
         assert!((x[1] - 10.0).abs() < 1e-3, "{x:?}");
@@ -220,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn a_problem_without_numbers_is_told_of() {
+    fn solve_nan_reports_tick() {
         let mut qp = Qp::new(1, &LIMITS, &problem(3.0, 4.0)).unwrap();
         let error = qp.solve(&problem(f64::NAN, 0.0), 7).unwrap_err().to_string();
         assert!(error.starts_with("tick 7"), "{error}");

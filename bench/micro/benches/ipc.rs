@@ -1,9 +1,11 @@
-//! A message through shared memory, in one thread: published, and received and copied out; then with the wake-up that goes with
-//! it (a system call on each side, and no switch of processes). What a switch adds is `hapfic bench latency`'s business.
+//! A message through shared memory in one thread: published, received and copied; then with its wake-up.
+//!
+//! The wake-up is a system call on each side, without a switch of processes. `hapfic bench latency` measures the
+//! switch.
 
 use anyhow::{Context, Result};
 use criterion::{Criterion, Throughput};
-use hapfic_bench_micro::corner::Corner;
+use hapfic_bench_micro::corner::BenchNamespace;
 use hapfic_ipc::topic::{self, Topic};
 use hapfic_ipc::{Bus, Wait, wait};
 use hapfic_messages::{Command, Request, State};
@@ -18,7 +20,7 @@ where
     let mut input = bus.input(topic, Wait::No)?;
     output.preloan();
     output.send(&message)?;
-    input.newest()?.context("the first message does not arrive")?;
+    input.newest()?.context("the first message did not arrive")?;
 
     let mut group = criterion.benchmark_group("message");
     group.throughput(Throughput::Bytes(size_of::<T>() as u64));
@@ -54,10 +56,10 @@ where
 }
 
 fn main() -> Result<()> {
-    let corner = Corner::open()?;
+    let namespace = BenchNamespace::open()?;
     let mut criterion = Criterion::default().configure_from_args();
     {
-        let bus = Bus::open(corner.domain(), "bench")?;
+        let bus = Bus::open(namespace.domain(), "bench")?;
         measure(&mut criterion, &bus, &topic::STATE, State::default())?;
         measure(&mut criterion, &bus, &topic::REQUEST, Request::default())?;
         measure(&mut criterion, &bus, &topic::COMMAND, Command::default())?;

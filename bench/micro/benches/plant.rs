@@ -1,18 +1,19 @@
-//! The plant: time per sub-step in contact, and per tick, in each scene, as its own integrator takes them.
+//! The plant: time per sub-step in contact, and per tick, in each scene.
 //!
-//! A stretch of the scenario is lived through again from a copy of the plant, under the commands it had. `sub-step`: the 200 ticks
-//! in a row with the most Newton iterations; shown is their whole time over the number of their sub-steps in contact (a leg that
-//! flies meanwhile adds longer sub-steps of its own to the time, not to the number). `tick`: the whole scenario, over its ticks.
+//! Each benchmark replays recorded commands on a copy of the plant. `sub-step` replays the 200 consecutive ticks with
+//! the most Newton iterations, and divides their time by the number of their sub-steps in contact. (A leg in the air
+//! adds longer sub-steps to the time, not to the number.) `tick` replays the whole scenario, and divides its time by
+//! its ticks.
 
 use anyhow::Result;
 use criterion::Criterion;
-use hapfic_bench_recorded::{Replay, costliest, whole};
+use hapfic_bench_recorded::{Replay, costliest_stretch, whole_scenario};
 use std::io::Write;
 use std::time::{Duration, Instant};
 
-/// Length of the costliest stretch, ticks.
+/// Length of the costliest stretch [ticks].
 const STRETCH: usize = 200;
-/// Samples of each: a whole scenario takes a second.
+/// Samples of each benchmark: a whole scenario takes a second.
 const SAMPLES: usize = 20;
 
 fn measure(criterion: &mut Criterion, group: &str, scenario: &str, replay: &Replay, over: u64) {
@@ -30,9 +31,9 @@ fn measure(criterion: &mut Criterion, group: &str, scenario: &str, replay: &Repl
             for _ in 0..times {
                 let mut plant = replay.plant.clone();
                 let start = Instant::now();
-                let done = replay.run(&mut plant);
+                let result = replay.run(&mut plant);
                 spent += start.elapsed();
-                assert!(done.is_ok(), "{scenario}: {done:?}");
+                assert!(result.is_ok(), "{scenario}: {result:?}");
             }
             Duration::from_secs_f64(spent.as_secs_f64() / over as f64)
         });
@@ -43,9 +44,9 @@ fn measure(criterion: &mut Criterion, group: &str, scenario: &str, replay: &Repl
 fn main() -> Result<()> {
     let mut criterion = Criterion::default().configure_from_args();
     for scenario in ["floor", "box", "ball"] {
-        let stretch = costliest(scenario, STRETCH)?;
+        let stretch = costliest_stretch(scenario, STRETCH)?;
         measure(&mut criterion, "plant sub-step", scenario, &stretch, stretch.contact_substeps);
-        let all = whole(scenario)?;
+        let all = whole_scenario(scenario)?;
         measure(&mut criterion, "plant tick", scenario, &all, all.commands.len() as u64);
     }
     criterion.final_summary();

@@ -1,4 +1,4 @@
-//! A corner of shared memory for a benchmark alone, which is gone afterwards.
+//! Namespace of a benchmark in shared memory.
 
 use anyhow::{Context, Result};
 use hapfic_ipc::Domain;
@@ -6,61 +6,61 @@ use std::fs;
 use std::path::Path;
 use std::sync::atomic::{AtomicU32, Ordering};
 
-/// Where shared memory is.
+/// Folder of shared memory.
 const SHM: &str = "/dev/shm";
-/// What the names of all corners begin with; the numbers of the process and of the corner follow.
+/// Prefix of all namespaces; process id and namespace number follow.
 const NAME: &str = "hapficbench";
 
-/// Corners that this process has had.
-static MADE: AtomicU32 = AtomicU32::new(0);
+/// Namespaces that this process has opened.
+static OPENED: AtomicU32 = AtomicU32::new(0);
 
-/// A domain of its own.
+/// A [`Domain`] of one benchmark; dropping it removes its files.
 #[derive(Debug)]
-pub struct Corner {
+pub struct BenchNamespace {
     domain: Domain,
     name: String,
 }
 
-impl Corner {
-    /// Makes one, and removes those of processes that have not lived to do it themselves.
+impl BenchNamespace {
+    /// Opens a namespace, and removes the namespaces of processes that no longer exist.
     ///
     /// # Errors
-    /// If there is no shared memory to be had.
+    /// If shared memory is not available.
     pub fn open() -> Result<Self> {
-        remove(|name| maker_of(name).is_some_and(|pid| !Path::new(&format!("/proc/{pid}")).exists()));
-        let name = format!("{NAME}{}x{}", std::process::id(), MADE.fetch_add(1, Ordering::Relaxed));
+        remove(|name| owner_of(name).is_some_and(|pid| !Path::new(&format!("/proc/{pid}")).exists()));
+        let name = format!("{NAME}{}x{}", std::process::id(), OPENED.fetch_add(1, Ordering::Relaxed));
         let root = Path::new(SHM).join(&name);
-        fs::create_dir_all(&root).with_context(|| format!("cannot make {}", root.display()))?;
+        fs::create_dir_all(&root).with_context(|| format!("cannot create {}", root.display()))?;
         let domain = Domain::new(&format!("{name}_"), &root.to_string_lossy())?;
         Ok(Self { domain, name })
     }
 
-    /// The domain.
+    /// Returns the domain.
     #[must_use]
     pub fn domain(&self) -> &Domain {
         &self.domain
     }
 }
 
-impl Drop for Corner {
+impl Drop for BenchNamespace {
     fn drop(&mut self) {
         remove(|name| name.strip_prefix(&self.name).is_some_and(|rest| rest.is_empty() || rest.starts_with('_')));
     }
 }
 
-/// Removes what is in shared memory by some names.
-fn remove(which: impl Fn(&str) -> bool) {
+/// Removes the entries of shared memory whose name matches.
+fn remove(matches: impl Fn(&str) -> bool) {
     let Ok(entries) = fs::read_dir(SHM) else { return };
     for entry in entries.flatten() {
-        if entry.file_name().to_str().is_some_and(&which) {
-            // Files and folders; one that somebody else has removed meanwhile is no loss.
+        if entry.file_name().to_str().is_some_and(&matches) {
+            // Files and folders; another process may have removed the entry.
             let _ = fs::remove_file(entry.path()).or_else(|_| fs::remove_dir_all(entry.path()));
         }
     }
 }
 
-/// The process that has made what has a name, if it is part of a corner.
-fn maker_of(name: &str) -> Option<u32> {
+/// Returns the process that opened the namespace of an entry, if any.
+fn owner_of(name: &str) -> Option<u32> {
     name.strip_prefix(NAME)?.split_once('x')?.0.parse().ok()
 }
 
@@ -72,11 +72,11 @@ mod tests {
     use hapfic_messages::State;
 
     #[test]
-    fn what_is_sent_arrives_and_nothing_is_left() {
-        let corner = Corner::open().unwrap();
-        let (name, root) = (corner.name.clone(), Path::new(SHM).join(&corner.name));
+    fn namespace_dropped_after_messages_leaves_nothing() {
+        let namespace = BenchNamespace::open().unwrap();
+        let (name, root) = (namespace.name.clone(), Path::new(SHM).join(&namespace.name));
         {
-            let bus = Bus::open(corner.domain(), "test").unwrap();
+            let bus = Bus::open(namespace.domain(), "test").unwrap();
             let mut output = bus.output(&topic::STATE).unwrap();
             let mut input = bus.input(&topic::STATE, Wait::No).unwrap();
             output.preloan();
@@ -84,21 +84,22 @@ mod tests {
             assert_eq!(input.next().unwrap().unwrap().tick, 7);
         }
         assert!(root.exists());
-        drop(corner);
-        let left = fs::read_dir(SHM).unwrap().flatten().filter(|e| e.file_name().to_string_lossy().starts_with(&name)).count();
-        assert_eq!(left, 0);
+        drop(namespace);
+        let remaining =
+            fs::read_dir(SHM).unwrap().flatten().filter(|e| e.file_name().to_string_lossy().starts_with(&name)).count();
+        assert_eq!(remaining, 0);
     }
 
     #[test]
-    fn what_the_dead_have_left_goes_with_the_next_corner() {
+    fn open_remains_of_dead_processes_are_removed() {
         let dead = Path::new(SHM).join(format!("{NAME}4194305x0_left"));
         fs::write(&dead, "").unwrap();
-        let first = Corner::open().unwrap();
-        let second = Corner::open().unwrap();
+        let first = BenchNamespace::open().unwrap();
+        let second = BenchNamespace::open().unwrap();
         assert!(!dead.exists());
         drop(second);
-        assert!(Path::new(SHM).join(&first.name).exists(), "a corner takes another's away");
-        assert_eq!(maker_of("hapficbench17x3_a.data"), Some(17));
-        assert_eq!(maker_of("hapficbench17"), None);
+        assert!(Path::new(SHM).join(&first.name).exists(), "dropping a namespace removed another one");
+        assert_eq!(owner_of("hapficbench17x3_a.data"), Some(17));
+        assert_eq!(owner_of("hapficbench17"), None);
     }
 }

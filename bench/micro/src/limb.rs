@@ -1,27 +1,24 @@
-//! Robots with any number of joints.
+//! Generated robots with 1 to [`MAX_JOINTS`] joints.
 
 use hapfic_robot::{Chain, MAX_JOINTS, RobotError};
 use std::fmt::Write;
 
-/// Most joints there can be.
-pub const MOST: usize = MAX_JOINTS;
-
-/// A serial arm of `joints` revolute joints about x, y, z, y, z, ... in turn, 0.25 m and 1 kg between two of them.
+/// Returns a serial arm of revolute joints about x, y, z, y, z, ..., with links of 0.25 m and 1 kg.
 ///
 /// # Errors
-/// [`RobotError`] if there are none or more than [`MOST`].
+/// [`RobotError`] if `joints` is 0 or above [`MAX_JOINTS`].
 pub fn arm(joints: usize) -> Result<Chain, RobotError> {
     Chain::from_urdf(&urdf(joints), "generated.urdf", "link0", "tip")
 }
 
-/// Its description.
+/// Returns the URDF of [`arm`].
 #[must_use]
 pub fn urdf(joints: usize) -> String {
     let mut text = String::from("<robot name=\"arm\"><link name=\"link0\"/>");
     for joint in 0..joints {
         let axis = ["1 0 0", "0 1 0", "0 0 1"][if joint == 0 { 0 } else { 2 - joint % 2 }];
         let above = if joint == 0 { 0.0 } else { -0.25 };
-        // A String takes everything.
+        // Writing to a String never fails.
         let _ = write!(
             text,
             "<joint name=\"joint{joint}\" type=\"revolute\"><parent link=\"link{joint}\"/><child link=\"link{child}\"/>\
@@ -39,12 +36,12 @@ pub fn urdf(joints: usize) -> String {
     text
 }
 
-/// A posture away from any singularity, and velocities, rad/s.
+/// Returns joint positions away from any singularity [rad], and joint velocities [rad/s].
 #[must_use]
-pub fn posture(joints: usize, turn: usize) -> ([f64; MOST], [f64; MOST]) {
-    let (mut q, mut qd) = ([0.0; MOST], [0.0; MOST]);
-    for i in 0..joints.min(MOST) {
-        let phase = 0.7 * i as f64 + 0.1 * turn as f64;
+pub fn posture(joints: usize, index: usize) -> ([f64; MAX_JOINTS], [f64; MAX_JOINTS]) {
+    let (mut q, mut qd) = ([0.0; MAX_JOINTS], [0.0; MAX_JOINTS]);
+    for i in 0..joints.min(MAX_JOINTS) {
+        let phase = 0.7 * i as f64 + 0.1 * index as f64;
         (q[i], qd[i]) = (0.4 + phase.sin(), 2.0 * phase.cos());
     }
     (q, qd)
@@ -56,18 +53,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn arms_have_as_many_joints_as_asked_for_and_reach_as_far() {
-        for joints in 1..=MOST {
+    fn arm_joint_count_sets_dof_and_reach() {
+        for joints in 1..=MAX_JOINTS {
             let chain = arm(joints).unwrap();
             assert_eq!(chain.dof(), joints);
-            let straight = chain.kinematics(&[0.0; MOST]).tip_position();
+            let straight = chain.kinematics(&[0.0; MAX_JOINTS]).tip_position();
             assert!((straight.z + 0.25 * joints as f64).abs() < 1e-12, "{straight}");
         }
-        assert!(arm(MOST + 1).is_err());
+        assert!(arm(MAX_JOINTS + 1).is_err());
     }
 
     #[test]
-    fn their_mass_matrix_is_regular() {
+    fn arm_mass_matrix_is_regular() {
         let chain = arm(6).unwrap();
         let (q, _) = posture(6, 3);
         let mass = chain.mass_matrix(&chain.kinematics(&q));

@@ -1,43 +1,44 @@
-//! What the recorder does with the messages of a tick: encodes, sums up and writes them, and a picture for viewers now and then.
+//! The recorder's work on the messages of a tick: encoding, metrics, writing, and viewer frames at a lower rate.
 
-use hapfic_bench_recorded::Moment;
+use hapfic_bench_recorded::RecordedTick;
 use hapfic_config::Settings;
-use hapfic_log::viewer::{Scene, SceneBody, SceneShape, Shape};
+use hapfic_log::viewer::{SceneBody, SceneShape, ViewerScene, ViewerShape};
 use hapfic_log::{LogError, Metrics, Names, Viewer, Writer, proto};
 use hapfic_messages::{Command, Phase, Process, Reference, Request, State, Timing};
 use hapfic_robot::Chain;
 use std::io::Write;
 
-/// Who accounts for each tick.
-pub const ACCOUNTING: [Process; 5] =
+/// Processes that publish timing each tick.
+pub const TIMED_PROCESSES: [Process; 5] =
     [Process::Plant, Process::Planner, Process::Controller, Process::Standby, Process::Supervisor];
-/// Messages of a tick: state, reference, two requests, command, and five accounts.
-pub const MESSAGES: usize = 5 + ACCOUNTING.len();
+/// Messages of a tick: state, reference, two requests, command, and five of timing.
+pub const MESSAGES: usize = 5 + TIMED_PROCESSES.len();
 
-/// A message on its way to the file.
-#[allow(clippy::large_enum_variant)] // As the recorder itself has it.
+/// A message between port and file.
+#[allow(clippy::large_enum_variant)] // The recorder's own enum has the same sizes.
 #[derive(Clone, Copy, Debug)]
-pub enum Message {
+pub enum RecordedMessage {
     /// state(k).
     State(State),
     /// reference(k).
     Reference(Reference),
-    /// A controller's request(k).
+    /// request(k) of a controller.
     Request(Request),
     /// command(k).
     Command(Command),
-    /// Somebody's account of tick k.
+    /// Timing of a process at tick k.
     Timing(Timing),
 }
 
-/// The messages of a tick, both controllers answering and all accounting for it: those of a moment, as if it had been at another
-/// tick.
+/// Returns the messages of a recorded tick, moved to another tick.
+///
+/// Both controllers send a request, and all processes publish their timing.
 #[must_use]
-pub fn messages(moment: &Moment, tick: i64) -> [Message; MESSAGES] {
+pub fn messages(recorded: &RecordedTick, tick: i64) -> [RecordedMessage; MESSAGES] {
     let stamp_ns = 1_000_000_000_000 + tick as u64 * 1_000_000;
-    let made = Request { stamp_ns, tick, state_tick: tick, ..moment.command.request };
-    let account = |process: Process| {
-        Message::Timing(Timing {
+    let request = Request { stamp_ns, tick, state_tick: tick, ..recorded.command.request };
+    let timing = |process: Process| {
+        RecordedMessage::Timing(Timing {
             process: process.code(),
             phase: Phase::Running.code(),
             tick,
@@ -48,13 +49,13 @@ pub fn messages(moment: &Moment, tick: i64) -> [Message; MESSAGES] {
             ..Timing::default()
         })
     };
-    let [plant, planner, controller, standby, gate] = ACCOUNTING.map(account);
+    let [plant, planner, controller, standby, gate] = TIMED_PROCESSES.map(timing);
     [
-        Message::State(State { stamp_ns, tick, time_ns: tick as u64 * 1_000_000, ..moment.state }),
-        Message::Reference(Reference { stamp_ns, tick, ..moment.reference }),
-        Message::Request(Request { controller: Process::Controller.code(), ..made }),
-        Message::Request(Request { controller: Process::Standby.code(), ..made }),
-        Message::Command(Command { stamp_ns, tick, request: made, ..moment.command }),
+        RecordedMessage::State(State { stamp_ns, tick, time_ns: tick as u64 * 1_000_000, ..recorded.state }),
+        RecordedMessage::Reference(Reference { stamp_ns, tick, ..recorded.reference }),
+        RecordedMessage::Request(Request { controller: Process::Controller.code(), ..request }),
+        RecordedMessage::Request(Request { controller: Process::Standby.code(), ..request }),
+        RecordedMessage::Command(Command { stamp_ns, tick, request, ..recorded.command }),
         plant,
         planner,
         controller,
@@ -63,7 +64,7 @@ pub fn messages(moment: &Moment, tick: i64) -> [Message; MESSAGES] {
     ]
 }
 
-/// The names that a scenario's log is written with.
+/// Returns the names in the log of a scenario.
 #[must_use]
 pub fn names(settings: &Settings, chain: &Chain) -> Names {
     Names {
@@ -73,26 +74,26 @@ pub fn names(settings: &Settings, chain: &Chain) -> Names {
     }
 }
 
-/// The writing half of a recorder.
-pub struct Recorder<W: Write> {
+/// The writer of a recorder.
+pub struct RecorderWriter<W: Write> {
     writer: Writer<W>,
     metrics: Metrics,
     viewer: Viewer,
     chain: Chain,
-    /// The last state and reference: what a picture shows.
+    /// Last state and reference, for the viewer frame.
     state: State,
     contacts: Vec<proto::Contact>,
     reference: [f64; 3],
 }
 
-impl<W: Write> core::fmt::Debug for Recorder<W> {
+impl<W: Write> core::fmt::Debug for RecorderWriter<W> {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.debug_struct("Recorder").field("bytes", &self.writer.message_bytes()).finish_non_exhaustive()
+        f.debug_struct("RecorderWriter").field("bytes", &self.writer.message_bytes()).finish_non_exhaustive()
     }
 }
 
-impl<W: Write> Recorder<W> {
-    /// Into an open log of a scenario.
+impl<W: Write> RecorderWriter<W> {
+    /// Creates the writer into an open log of a scenario.
     #[must_use]
     pub fn new(writer: Writer<W>, settings: &Settings, chain: &Chain) -> Self {
         let bodies = chain.joints().iter().map(|joint| SceneBody {
@@ -101,11 +102,11 @@ impl<W: Write> Recorder<W> {
             shapes: vec![SceneShape {
                 position: [0.0; 3],
                 orientation: [0.0, 0.0, 0.0, 1.0],
-                shape: Shape::Cylinder { radius: 0.02, length: 0.3 },
+                shape: ViewerShape::Cylinder { radius: 0.02, length: 0.3 },
                 color: [0.5, 0.5, 0.5, 1.0],
             }],
         });
-        let viewer = Viewer::new(Scene { bodies: bodies.collect() }, settings.recorder.viewer_rate_hz.round() as u32, 0);
+        let viewer = Viewer::new(ViewerScene { bodies: bodies.collect() }, settings.recorder.viewer_rate_hz.round() as u32, 0);
         Self {
             writer,
             metrics: Metrics::new(),
@@ -117,13 +118,13 @@ impl<W: Write> Recorder<W> {
         }
     }
 
-    /// Takes a message in.
+    /// Writes a message, and adds it to the metrics.
     ///
     /// # Errors
-    /// [`LogError`] if it cannot be written.
-    pub fn record(&mut self, message: &Message) -> Result<(), LogError> {
+    /// [`LogError`] if the message cannot be written.
+    pub fn record(&mut self, message: &RecordedMessage) -> Result<(), LogError> {
         match message {
-            Message::State(m) => {
+            RecordedMessage::State(m) => {
                 let state = self.writer.state(m)?;
                 self.metrics.push_state(&state);
                 if self.viewer.due(m.tick) {
@@ -131,28 +132,28 @@ impl<W: Write> Recorder<W> {
                     self.contacts = state.contacts;
                 }
             }
-            Message::Reference(m) => {
+            RecordedMessage::Reference(m) => {
                 self.metrics.push_reference(&self.writer.reference(m)?);
                 self.reference = m.position;
             }
-            Message::Request(m) => {
+            RecordedMessage::Request(m) => {
                 self.writer.request(m)?;
             }
-            Message::Command(m) => {
+            RecordedMessage::Command(m) => {
                 self.metrics.push_command(&self.writer.command(m)?);
                 if self.viewer.due(m.tick) {
-                    self.show(m.tick)?;
+                    self.write_viewer_frame(m.tick)?;
                 }
             }
-            Message::Timing(m) => {
-                let at = self.writer.time_of(m.tick);
-                self.metrics.push_timing(&self.writer.timing(m, at)?);
+            RecordedMessage::Timing(m) => {
+                let log_time_ns = self.writer.time_of(m.tick);
+                self.metrics.push_timing(&self.writer.timing(m, log_time_ns)?);
             }
         }
         Ok(())
     }
 
-    fn show(&mut self, tick: i64) -> Result<(), LogError> {
+    fn write_viewer_frame(&mut self, tick: i64) -> Result<(), LogError> {
         let n = self.chain.dof();
         let kin = self.chain.kinematics(&self.state.joint_position[..n]);
         let poses: Vec<_> = (0..n)
@@ -167,15 +168,15 @@ impl<W: Write> Recorder<W> {
         self.writer.scene(tick, &update)
     }
 
-    /// The log that it writes.
+    /// Returns the log's writer.
     pub fn writer(&mut self) -> &mut Writer<W> {
         &mut self.writer
     }
 
-    /// Ends the log; returns its size, bytes, and how many ticks are missing in it.
+    /// Ends the log. Returns its size [bytes], and the number of missing ticks.
     ///
     /// # Errors
-    /// [`LogError`] if it cannot be written.
+    /// [`LogError`] if the log cannot be written.
     pub fn finish(self) -> Result<(u64, u64), LogError> {
         let lost = self.metrics.summary().ticks.lost;
         Ok((self.writer.finish()?.file_bytes, lost))
@@ -186,27 +187,27 @@ impl<W: Write> Recorder<W> {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-    use hapfic_bench_recorded::moments;
+    use hapfic_bench_recorded::recorded_ticks;
     use hapfic_log::{Reader, Topic, WriterOptions};
 
     #[test]
-    fn the_log_holds_every_message_and_says_which_tick_is_missing() {
+    fn recorder_writer_missing_tick_is_reported() {
         let settings = Settings::load("floor", &[]).unwrap();
         let chain = Chain::from_settings(&settings.robot).unwrap();
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("test.mcap");
         let writer = Writer::create(&path, &names(&settings, &chain), &[], &[], &WriterOptions::default()).unwrap();
-        let mut recorder = Recorder::new(writer, &settings, &chain);
-        for (tick, moment) in (0..).zip(moments("floor", 100).unwrap()) {
+        let mut recorder = RecorderWriter::new(writer, &settings, &chain);
+        for (tick, recorded) in (0..).zip(recorded_ticks("floor", 100).unwrap()) {
             if tick != 50 {
-                messages(&moment, tick).iter().for_each(|m| recorder.record(m).unwrap());
+                messages(&recorded, tick).iter().for_each(|m| recorder.record(m).unwrap());
             }
         }
         assert_eq!(recorder.writer().messages(Topic::Timing), 99 * 5);
         let (bytes, lost) = recorder.finish().unwrap();
         assert_eq!(bytes, std::fs::metadata(&path).unwrap().len());
-        assert!(lost > 0, "a missing tick is not noticed");
+        assert!(lost > 0, "the missing tick is not reported");
         let found = Reader::open(&path).unwrap().filter(|entry| entry.is_ok()).count();
-        assert!(found >= 99 * MESSAGES, "{found}");
+        assert!(found >= 99 * MESSAGES, "found {found} messages");
     }
 }

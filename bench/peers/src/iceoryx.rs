@@ -1,4 +1,4 @@
-//! iceoryx2 as it comes: publish-subscribe for the message, its own event service for the wake-up; without what HapFIC adds.
+//! iceoryx2 with default settings: publish-subscribe for messages, its own event service for wake-ups.
 
 use crate::place;
 use hapfic_diagnostics::{Kind, Link, Seat};
@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 
 type Service = ipc::Service;
 
-/// The kind of chain.
+/// Chain over iceoryx2.
 pub struct IceoryxEvent;
 
 impl Kind for IceoryxEvent {
@@ -26,35 +26,35 @@ impl Kind for IceoryxEvent {
     fn join(&self, seat: Seat) -> io::Result<Box<dyn Link>> {
         set_log_level(LogLevel::Error);
         let mut config = Config::default();
-        config.global.prefix = FileName::new(format!("{}_", seat.chain).as_bytes()).map_err(failed)?;
+        config.global.prefix = FileName::new(format!("{}_", seat.chain).as_bytes()).map_err(to_io_error)?;
         let root = place::folder(&seat.chain)?;
-        config.global.set_root_path(&iceoryx2::prelude::Path::new(root.to_string_lossy().as_bytes()).map_err(failed)?);
-        let node = NodeBuilder::new().config(&config).create::<Service>().map_err(failed)?;
+        config.global.set_root_path(&iceoryx2::prelude::Path::new(root.to_string_lossy().as_bytes()).map_err(to_io_error)?);
+        let node = NodeBuilder::new().config(&config).create::<Service>().map_err(to_io_error)?;
 
-        let to = service(seat.place)?;
-        let messages = node.service_builder(&to).publish_subscribe::<[u8]>().open_or_create().map_err(failed)?;
-        let publisher = messages.publisher_builder().initial_max_slice_len(seat.longest()).create().map_err(failed)?;
-        let events = node.service_builder(&to).event().open_or_create().map_err(failed)?;
-        let notifier = events.notifier_builder().create().map_err(failed)?;
+        let to = service(seat.stage)?;
+        let messages = node.service_builder(&to).publish_subscribe::<[u8]>().open_or_create().map_err(to_io_error)?;
+        let publisher = messages.publisher_builder().initial_max_slice_len(seat.longest()).create().map_err(to_io_error)?;
+        let events = node.service_builder(&to).event().open_or_create().map_err(to_io_error)?;
+        let notifier = events.notifier_builder().create().map_err(to_io_error)?;
 
         let from = service(seat.before())?;
-        let messages = node.service_builder(&from).publish_subscribe::<[u8]>().open_or_create().map_err(failed)?;
-        let subscriber = messages.subscriber_builder().create().map_err(failed)?;
-        let events = node.service_builder(&from).event().open_or_create().map_err(failed)?;
-        let listener = events.listener_builder().create().map_err(failed)?;
-        Ok(Box::new(Joined { publisher, notifier, subscriber, listener, _node: node }))
+        let messages = node.service_builder(&from).publish_subscribe::<[u8]>().open_or_create().map_err(to_io_error)?;
+        let subscriber = messages.subscriber_builder().create().map_err(to_io_error)?;
+        let events = node.service_builder(&from).event().open_or_create().map_err(to_io_error)?;
+        let listener = events.listener_builder().create().map_err(to_io_error)?;
+        Ok(Box::new(IceoryxLink { publisher, notifier, subscriber, listener, _node: node }))
     }
 }
 
-fn service(place: usize) -> io::Result<ServiceName> {
-    format!("from-{place}").as_str().try_into().map_err(failed)
+fn service(stage: usize) -> io::Result<ServiceName> {
+    format!("from-{stage}").as_str().try_into().map_err(to_io_error)
 }
 
-fn failed(cause: impl Debug) -> io::Error {
+fn to_io_error(cause: impl Debug) -> io::Error {
     io::Error::other(format!("iceoryx2: {cause:?}"))
 }
 
-struct Joined {
+struct IceoryxLink {
     publisher: Publisher<Service, [u8], ()>,
     notifier: Notifier<Service>,
     subscriber: Subscriber<Service, [u8], ()>,
@@ -62,27 +62,28 @@ struct Joined {
     _node: Node<Service>,
 }
 
-impl Link for Joined {
+impl Link for IceoryxLink {
     fn send(&mut self, message: &[u8]) -> io::Result<()> {
-        let sample = self.publisher.loan_slice_uninit(message.len()).map_err(failed)?;
-        sample.write_from_slice(message).send().map_err(failed)?;
-        self.notifier.notify().map_err(failed)?;
+        let sample = self.publisher.loan_slice_uninit(message.len()).map_err(to_io_error)?;
+        sample.write_from_slice(message).send().map_err(to_io_error)?;
+        self.notifier.notify().map_err(to_io_error)?;
         Ok(())
     }
 
     fn receive(&mut self, into: &mut [u8], timeout: Option<Duration>) -> io::Result<usize> {
         let deadline = timeout.map(|timeout| Instant::now() + timeout);
         loop {
-            if let Some(sample) = self.subscriber.receive().map_err(failed)? {
+            if let Some(sample) = self.subscriber.receive().map_err(to_io_error)? {
                 let length = sample.len();
-                let place = into.get_mut(..length).ok_or_else(|| failed("a message longer than all that are sent"))?;
-                place.copy_from_slice(&sample);
+                let buffer =
+                    into.get_mut(..length).ok_or_else(|| to_io_error("found a message longer than the longest of the chain"))?;
+                buffer.copy_from_slice(&sample);
                 return Ok(length);
             }
             match deadline.map(|deadline| deadline.saturating_duration_since(Instant::now())) {
                 Some(Duration::ZERO) => return Ok(0),
-                Some(left) => self.listener.timed_wait(|_| {}, left).map_err(failed)?,
-                None => self.listener.blocking_wait(|_| {}).map_err(failed)?,
+                Some(remaining) => self.listener.timed_wait(|_| {}, remaining).map_err(to_io_error)?,
+                None => self.listener.blocking_wait(|_| {}).map_err(to_io_error)?,
             };
         }
     }

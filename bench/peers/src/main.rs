@@ -1,8 +1,8 @@
-//! `hapfic-peers`: chains of three hops over what users would otherwise pick. `hapfic bench latency --peers hapfic-peers` measures
-//! them beside the stack's own chain.
+//! `hapfic-peers`: chains of three hops over other transports.
 //!
-//! Each is set up as its manual tells who wants short latencies, waits without spinning, and does nothing else. Whatever threads it
-//! starts have the priority and the core that it was given.
+//! `hapfic bench latency --peers hapfic-peers` measures them beside the stack's own chain. Each transport has the
+//! settings that its manual recommends for short latencies, waits without spinning, and does no other work. Its threads
+//! inherit priority and core.
 
 mod iceoryx;
 mod place;
@@ -24,7 +24,7 @@ fn main() -> ExitCode {
         &zmq_chain::LibZmq,
     ];
     let code = hapfic_diagnostics::main(kinds);
-    // The relays, which could not do it themselves, have ended by now.
+    // The relays cannot remove their files; all of them have ended here.
     place::clean_up();
     if std::env::args().any(|word| word == zenoh_chain::WITH_MEMORY) {
         zenoh::shm::cleanup_orphaned_shm_segments();

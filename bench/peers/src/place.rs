@@ -1,45 +1,45 @@
-//! Where a chain's sockets and shared memory are: a folder of its own in `/dev/shm`, named after the chain.
+//! Files of a chain: its sockets and shared memory in a folder in `/dev/shm`, named after the chain.
 
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// The parent of all such folders.
+/// Parent of all folders.
 const SHM: &str = "/dev/shm";
-/// What the names of chains begin with; the number of the driver's process and another number follow.
+/// Prefix of all chains' names; process id of the driver and another number follow.
 const CHAIN: &str = "hapfic-chain-";
 
-/// Makes a chain's folder, if it is not there yet.
+/// Creates the folder of a chain unless it exists.
 ///
 /// # Errors
-/// If it cannot be made.
+/// If the folder cannot be created.
 pub fn folder(chain: &str) -> io::Result<PathBuf> {
     let folder = Path::new(SHM).join(chain);
     fs::create_dir_all(&folder)?;
     Ok(folder)
 }
 
-/// The path of a socket at a place of a chain.
+/// Returns the path of the socket of a stage.
 ///
 /// # Errors
-/// If its folder cannot be made.
-pub fn socket(chain: &str, place: usize) -> io::Result<PathBuf> {
-    Ok(folder(chain)?.join(format!("{place}.sock")))
+/// If the folder cannot be created.
+pub fn socket(chain: &str, stage: usize) -> io::Result<PathBuf> {
+    Ok(folder(chain)?.join(format!("{stage}.sock")))
 }
 
-/// Removes what this process's chains and those of processes that have ended have left.
+/// Removes the files of this process's chains, and those of ended processes.
 pub fn clean_up() {
     let Ok(entries) = fs::read_dir(SHM) else { return };
     for entry in entries.flatten() {
         let name = entry.file_name();
         if name.to_str().and_then(driver_of).is_some_and(|pid| pid == std::process::id() || !is_alive(pid)) {
-            // Somebody else may have removed it meanwhile.
+            // Another process may have removed the entry.
             let _ = fs::remove_file(entry.path()).or_else(|_| fs::remove_dir_all(entry.path()));
         }
     }
 }
 
-/// The process of a chain's driver, if it is the name of something a chain has made.
+/// Returns the process id of the driver whose chain made an entry, if any.
 fn driver_of(name: &str) -> Option<u32> {
     name.strip_prefix(CHAIN)?.split('-').next()?.parse().ok()
 }
@@ -54,7 +54,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_left_of_the_dead_and_of_this_process_goes_and_the_rest_stays() {
+    fn clean_up_removes_own_and_dead_chains_only() {
         let own = format!("{CHAIN}{}-7", std::process::id());
         let other = format!("{CHAIN}1-7");
         let dead = format!("{CHAIN}4194305-7");

@@ -1,6 +1,6 @@
-//! ZeroMQ's PUSH and PULL over Unix sockets, in its implementation in Rust.
+//! ZeroMQ's PUSH and PULL over Unix sockets, by the implementation in Rust.
 //!
-//! The crate `zeromq` is asynchronous; its tasks run on the one thread that sends and receives, so that no message changes threads.
+//! The crate `zeromq` is asynchronous. Its tasks run on the thread that sends and receives: no message changes threads.
 
 use crate::place;
 use futures_util::StreamExt;
@@ -11,12 +11,12 @@ use std::time::{Duration, Instant};
 use tokio::runtime::{Builder, Runtime};
 use zeromq::{PullSocket, PushSocket, Socket, SocketEvent, SocketRecv, SocketSend, ZmqMessage};
 
-/// How long the others may take to join.
-const TIMEOUT: Duration = Duration::from_secs(10);
-/// How long until the next one is looked for again.
-const AGAIN: Duration = Duration::from_millis(10);
+/// Timeout for the other stages to connect.
+const CONNECT_TIMEOUT: Duration = Duration::from_secs(10);
+/// Interval of attempts to connect.
+const RETRY_INTERVAL: Duration = Duration::from_millis(10);
 
-/// The kind of chain.
+/// Chain over the crate `zeromq`.
 pub struct ZeroMq;
 
 impl Kind for ZeroMq {
@@ -25,23 +25,23 @@ impl Kind for ZeroMq {
     }
 
     fn join(&self, seat: Seat) -> io::Result<Box<dyn Link>> {
-        let endpoint = |place| place::socket(&seat.chain, place).map(|path| format!("ipc://{}", path.display()));
-        let (own, next) = (endpoint(seat.place)?, endpoint(seat.next())?);
+        let endpoint = |stage| place::socket(&seat.chain, stage).map(|path| format!("ipc://{}", path.display()));
+        let (own, next) = (endpoint(seat.stage)?, endpoint(seat.next())?);
         let runtime = Builder::new_current_thread().enable_all().build()?;
         let (pull, push) = runtime.block_on(async {
             let mut pull = PullSocket::new();
             let mut events = pull.monitor();
-            pull.bind(&own).await.map_err(failed)?;
+            pull.bind(&own).await.map_err(to_io_error)?;
             let mut push = PushSocket::new();
-            let begun = Instant::now();
+            let start = Instant::now();
             while let Err(cause) = push.connect(&next).await {
-                if begun.elapsed() > TIMEOUT {
-                    return Err(failed(cause));
+                if start.elapsed() > CONNECT_TIMEOUT {
+                    return Err(to_io_error(cause));
                 }
-                tokio::time::sleep(AGAIN).await;
+                tokio::time::sleep(RETRY_INTERVAL).await;
             }
-            // Its tasks run only while this thread waits in here: stay until the one before has been let in.
-            let let_in = async {
+            // The tasks run only while this thread waits here: wait until the previous stage is accepted.
+            let accepted = async {
                 while let Some(event) = events.next().await {
                     if matches!(event, SocketEvent::Accepted(..)) {
                         return true;
@@ -49,28 +49,31 @@ impl Kind for ZeroMq {
                 }
                 false
             };
-            match tokio::time::timeout(TIMEOUT, let_in).await {
+            match tokio::time::timeout(CONNECT_TIMEOUT, accepted).await {
                 Ok(true) => Ok((pull, push)),
-                _ => Err(failed("the place before has not connected")),
+                _ => Err(to_io_error(format!(
+                    "the previous stage has not connected, expected a connection within {} s",
+                    CONNECT_TIMEOUT.as_secs()
+                ))),
             }
         })?;
-        Ok(Box::new(Joined { pull, push, runtime }))
+        Ok(Box::new(ZeroMqLink { pull, push, runtime }))
     }
 }
 
-fn failed(cause: impl Display) -> io::Error {
+fn to_io_error(cause: impl Display) -> io::Error {
     io::Error::other(format!("ZeroMQ: {cause}"))
 }
 
-struct Joined {
+struct ZeroMqLink {
     pull: PullSocket,
     push: PushSocket,
     runtime: Runtime,
 }
 
-impl Link for Joined {
+impl Link for ZeroMqLink {
     fn send(&mut self, message: &[u8]) -> io::Result<()> {
-        self.runtime.block_on(self.push.send(ZmqMessage::from(message.to_vec()))).map_err(failed)
+        self.runtime.block_on(self.push.send(ZmqMessage::from(message.to_vec()))).map_err(to_io_error)
     }
 
     fn receive(&mut self, into: &mut [u8], timeout: Option<Duration>) -> io::Result<usize> {
@@ -82,10 +85,11 @@ impl Link for Joined {
             }
         });
         let Some(message) = received else { return Ok(0) };
-        let message = message.map_err(failed)?;
-        let bytes = message.get(0).ok_or_else(|| failed("a message without a frame"))?;
-        let place = into.get_mut(..bytes.len()).ok_or_else(|| failed("a message longer than all that are sent"))?;
-        place.copy_from_slice(bytes);
+        let message = message.map_err(to_io_error)?;
+        let bytes = message.get(0).ok_or_else(|| to_io_error("found a message without a frame"))?;
+        let buffer =
+            into.get_mut(..bytes.len()).ok_or_else(|| to_io_error("found a message longer than the longest of the chain"))?;
+        buffer.copy_from_slice(bytes);
         Ok(bytes.len())
     }
 }

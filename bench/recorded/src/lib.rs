@@ -1,18 +1,18 @@
-//! What went through the stack in a scenario, kept for benchmarks: computed once in one process, then cycled through.
+//! Recorded inputs of benchmarks: the messages of a scenario, simulated once in one process.
 //!
-//! [`moments`] gives what each part of the stack knew at a tick and what it made of it; [`costliest`] a plant and the
-//! commands it lived through, to be lived through again.
+//! [`recorded_ticks`] returns inputs and outputs of planner, controller and gate at single ticks. [`costliest_stretch`]
+//! and [`whole_scenario`] return a plant and the commands to replay on it.
 
 mod moment;
 mod replay;
 
-pub use moment::{Moment, moments};
-pub use replay::{Replay, costliest, whole};
+pub use moment::{RecordedTick, recorded_ticks};
+pub use replay::{Replay, costliest_stretch, whole_scenario};
 
 use hapfic_config::ConfigError;
 use hapfic_simulation::SimulationError;
 
-/// Why there is nothing to measure.
+/// Error of recording a scenario.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordError {
     /// The scenario cannot be loaded.
@@ -21,17 +21,17 @@ pub enum RecordError {
     /// The scenario cannot be simulated.
     #[error(transparent)]
     Simulation(#[from] SimulationError),
-    /// The plant cannot be built, or left the finite numbers.
+    /// The plant cannot be built, or its state is not finite.
     #[error(transparent)]
     Plant(#[from] hapfic_plant::PlantError),
-    /// The scenario is shorter than the part that was asked for.
+    /// The scenario is shorter than the requested part.
     #[error("scenario '{scenario}' has {found} ticks, expected at least {expected}; take a longer one")]
     TooShort {
-        /// Its name.
+        /// Name of the scenario.
         scenario: String,
-        /// Its ticks.
+        /// Length of the scenario [ticks].
         found: u64,
-        /// Ticks that are needed.
+        /// Requested length [ticks].
         expected: u64,
     },
 }

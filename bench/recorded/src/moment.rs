@@ -1,49 +1,49 @@
-//! Single ticks of a scenario.
+//! Recorded ticks of a scenario.
 
 use crate::RecordError;
 use hapfic_config::{PERIOD_S, Settings};
 use hapfic_messages::{Command, ControllerState, Mode, Operator, Reference, State};
-use hapfic_planner::Plan;
+use hapfic_planner::TickPlan;
 use hapfic_simulation::Simulation;
 
-/// What the stack knew at a tick k, and what it made of it.
+/// Inputs and outputs of the stack at a tick k.
 #[derive(Clone, Copy, Debug)]
-pub struct Moment {
+pub struct RecordedTick {
     /// state(k).
     pub state: State,
     /// reference(k).
     pub reference: Reference,
-    /// Acceleration of the reference from tick k to k + 1, m/s^2: controllers that want one feed it forward.
+    /// Acceleration of the reference from tick k to k + 1, for controllers with feed-forward [m/s^2].
     pub reference_acceleration: [f64; 3],
-    /// The operator's sets as they were known when tick k was answered.
+    /// Parameter sets of the operator in request(k).
     pub operator: Operator,
-    /// The controller's state as command(k - 1) carries it.
+    /// State of the controller in command(k - 1).
     pub previous_state: ControllerState,
     /// Whether command(k - 1) put the drive under torque.
     pub active: bool,
-    /// command(k), with the request it accepted.
+    /// command(k), with the accepted request.
     pub command: Command,
 }
 
-impl Moment {
-    /// Whether the floor or an object pushes on the foot.
+impl RecordedTick {
+    /// Returns whether the floor or an object pushes on the foot.
     #[must_use]
     pub fn in_contact(&self) -> bool {
         self.state.foot_force.iter().any(|force| *force != 0.0)
     }
 
-    /// The plan that reference(k) was made from.
+    /// Returns the plan of reference(k).
     #[must_use]
-    pub fn plan(&self) -> Plan {
-        Plan::resumed(&self.reference)
+    pub fn plan(&self) -> TickPlan {
+        TickPlan::resumed(&self.reference)
     }
 }
 
-/// `count` moments of a scenario, evenly spread over its whole length.
+/// Returns `count` ticks of a scenario, evenly spread over its whole length.
 ///
 /// # Errors
-/// [`RecordError`] if there is no such scenario, it cannot be simulated, or has fewer ticks.
-pub fn moments(scenario: &str, count: u64) -> Result<Vec<Moment>, RecordError> {
+/// [`RecordError`] if the scenario does not exist, cannot be simulated, or has fewer ticks.
+pub fn recorded_ticks(scenario: &str, count: u64) -> Result<Vec<RecordedTick>, RecordError> {
     let settings = Settings::load(scenario, &[])?;
     let ticks = settings.duration_ticks;
     if ticks < count.max(1) {
@@ -51,28 +51,28 @@ pub fn moments(scenario: &str, count: u64) -> Result<Vec<Moment>, RecordError> {
     }
     let every = ticks / count.max(1);
     let mut simulation = Simulation::new(&settings)?;
-    let mut before = simulation.snapshot().command;
-    let mut moments = Vec::with_capacity(count as usize);
+    let mut previous_command = simulation.snapshot().command;
+    let mut recorded = Vec::with_capacity(count as usize);
     for tick in 0..count * every {
-        let made = *simulation.step()?;
+        let snapshot = *simulation.step()?;
         if tick % every == every - 1 {
-            let active = before.mode == Mode::Active.code();
-            let plan = Plan::resumed(&made.reference);
-            let next = Plan::next(Some(plan), &made.state, active, &made.operator).reference(0);
-            let gained = |axis: usize| (next.velocity[axis] - made.reference.velocity[axis]) / PERIOD_S;
-            moments.push(Moment {
-                state: made.state,
-                reference: made.reference,
-                reference_acceleration: [gained(0), gained(1), gained(2)],
-                operator: made.operator,
-                previous_state: before.request.state,
+            let active = previous_command.mode == Mode::Active.code();
+            let plan = TickPlan::resumed(&snapshot.reference);
+            let next = TickPlan::next(Some(plan), &snapshot.state, active, &snapshot.operator).reference(0);
+            let acceleration = |axis: usize| (next.velocity[axis] - snapshot.reference.velocity[axis]) / PERIOD_S;
+            recorded.push(RecordedTick {
+                state: snapshot.state,
+                reference: snapshot.reference,
+                reference_acceleration: [acceleration(0), acceleration(1), acceleration(2)],
+                operator: snapshot.operator,
+                previous_state: previous_command.request.state,
                 active,
-                command: made.command,
+                command: snapshot.command,
             });
         }
-        before = made.command;
+        previous_command = snapshot.command;
     }
-    Ok(moments)
+    Ok(recorded)
 }
 
 #[cfg(test)]
@@ -84,20 +84,20 @@ mod tests {
     use hapfic_robot::Chain;
 
     #[test]
-    fn the_floor_scenario_is_told_with_and_without_contact() {
-        let moments = moments("floor", 1000).unwrap();
-        assert_eq!(moments.len(), 1000);
-        let touching = moments.iter().filter(|m| m.in_contact()).count();
+    fn recorded_ticks_floor_scenario_contains_air_and_contact() {
+        let recorded = recorded_ticks("floor", 1000).unwrap();
+        assert_eq!(recorded.len(), 1000);
+        let touching = recorded.iter().filter(|m| m.in_contact()).count();
         assert!((500..900).contains(&touching), "{touching} of 1000 in contact");
-        assert!(moments.windows(2).all(|pair| pair[1].state.tick - pair[0].state.tick == 10));
+        assert!(recorded.windows(2).all(|pair| pair[1].state.tick - pair[0].state.tick == 10));
     }
 
     #[test]
-    fn a_moment_has_all_that_the_answer_was_made_from() {
+    fn recorded_tick_control_step_reproduces_request() {
         let settings = Settings::load("floor", &[]).unwrap();
         let chain = Chain::from_settings(&settings.robot).unwrap();
-        for m in moments("floor", 200).unwrap() {
-            let known = ControlInputs {
+        for m in recorded_ticks("floor", 200).unwrap() {
+            let inputs = ControlInputs {
                 state: &m.state,
                 reference_position: m.reference.position,
                 reference_velocity: m.reference.velocity,
@@ -105,14 +105,14 @@ mod tests {
                 previous_state: m.previous_state,
             };
             let gravity = settings.world.gravity_m_per_s2.into();
-            let request = control_step(&chain, &gravity, &known, Process::Controller).unwrap();
+            let request = control_step(&chain, &gravity, &inputs, Process::Controller).unwrap();
             assert_eq!(request, Request { stamp_ns: 0, ..m.command.request });
         }
     }
 
     #[test]
-    fn more_moments_than_ticks_are_refused() {
-        let error = moments("floor", 1_000_000).unwrap_err().to_string();
+    fn recorded_ticks_count_above_duration_is_rejected() {
+        let error = recorded_ticks("floor", 1_000_000).unwrap_err().to_string();
         assert!(error.contains("10000 ticks") && error.contains("1000000"), "{error}");
     }
 }

@@ -1,4 +1,4 @@
-//! Stretches of a scenario for the plant alone.
+//! Parts of a scenario to replay on the plant alone.
 
 use crate::RecordError;
 use hapfic_config::Settings;
@@ -6,26 +6,26 @@ use hapfic_messages::Command;
 use hapfic_plant::{Plant, PlantError};
 use hapfic_simulation::Simulation;
 
-/// A plant at a tick, and the commands it gets from then on.
+/// A plant at a tick, and its commands from this tick on.
 #[derive(Clone, Debug)]
 pub struct Replay {
-    /// The plant before the first of the ticks.
+    /// Plant before the first tick.
     pub plant: Plant,
-    /// What its drive is given at each tick.
+    /// Command of each tick.
     pub commands: Vec<Command>,
-    /// Sub-steps that these ticks take.
+    /// Sub-steps of these ticks.
     pub substeps: u64,
-    /// Of them, those that are solved implicitly, in reach of a contact or a joint's stop.
+    /// Sub-steps with the implicit rule, near a contact or a joint's stop.
     pub contact_substeps: u64,
-    /// Newton iterations that these ticks take.
+    /// Newton iterations of these ticks.
     pub newton_iterations: u64,
 }
 
 impl Replay {
-    /// Lives through it once, on a plant that is a clone of [`Replay::plant`].
+    /// Replays all commands on a clone of [`Replay::plant`].
     ///
     /// # Errors
-    /// [`PlantError`] if the plant leaves the finite numbers, which it did not when it was recorded.
+    /// [`PlantError`] if the plant's state is not finite, unlike in the recording.
     pub fn run(&self, plant: &mut Plant) -> Result<(), PlantError> {
         for command in &self.commands {
             plant.take(command);
@@ -35,11 +35,11 @@ impl Replay {
     }
 }
 
-/// The `ticks` ticks in a row of a scenario that cost the most Newton iterations.
+/// Returns the `ticks` consecutive ticks of a scenario with the most Newton iterations.
 ///
 /// # Errors
-/// [`RecordError`] if there is no such scenario, it cannot be simulated, or has fewer ticks.
-pub fn costliest(scenario: &str, ticks: usize) -> Result<Replay, RecordError> {
+/// [`RecordError`] if the scenario does not exist, cannot be simulated, or has fewer ticks.
+pub fn costliest_stretch(scenario: &str, ticks: usize) -> Result<Replay, RecordError> {
     let settings = Settings::load(scenario, &[])?;
     let found = settings.duration_ticks;
     if found < ticks as u64 || ticks == 0 {
@@ -62,11 +62,11 @@ pub fn costliest(scenario: &str, ticks: usize) -> Result<Replay, RecordError> {
     record(&settings, first, ticks)
 }
 
-/// A whole scenario.
+/// Returns the replay of a whole scenario.
 ///
 /// # Errors
-/// [`RecordError`] if there is no such scenario, or it cannot be simulated.
-pub fn whole(scenario: &str) -> Result<Replay, RecordError> {
+/// [`RecordError`] if the scenario does not exist or cannot be simulated.
+pub fn whole_scenario(scenario: &str) -> Result<Replay, RecordError> {
     let settings = Settings::load(scenario, &[])?;
     record(&settings, 0, settings.duration_ticks as usize)
 }
@@ -84,7 +84,7 @@ fn record(settings: &Settings, first: usize, ticks: usize) -> Result<Replay, Rec
         newton_iterations: 0,
     };
     for _ in 0..ticks {
-        // A dead time of one tick: the answer to the state before.
+        // A dead time of one tick: the command answers the previous state.
         replay.commands.push(simulation.snapshot().command);
         simulation.step()?;
         let physics = simulation.plant().last().physics;
@@ -101,7 +101,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_replay_ends_where_the_simulation_does() {
+    fn replay_part_of_scenario_ends_in_simulated_state() {
         let settings = Settings::load("floor", &[]).unwrap();
         let replay = record(&settings, 2000, 300).unwrap();
         let mut plant = replay.plant.clone();
@@ -114,9 +114,9 @@ mod tests {
     }
 
     #[test]
-    fn the_costliest_part_is_in_contact_and_counts_its_substeps() {
+    fn costliest_stretch_embedded_scenarios_counts_contact_substeps() {
         for scenario in ["floor", "box", "ball"] {
-            let replay = costliest(scenario, 200).unwrap();
+            let replay = costliest_stretch(scenario, 200).unwrap();
             assert_eq!(replay.commands.len(), 200);
             assert!(replay.contact_substeps > 1000, "{scenario}: {replay:?}");
             assert!(replay.substeps >= replay.contact_substeps && replay.newton_iterations > 0, "{scenario}");

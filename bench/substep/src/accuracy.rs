@@ -1,83 +1,83 @@
-//! How far a run is from its own converged reference.
+//! Error of a run against its own converged reference.
 
-use crate::Scene;
+use crate::BenchScene;
 use crate::plan::TICKS;
-use crate::run::{Run, SUBSTEP_US, run};
+use crate::run::{FootSample, SUBSTEP_US, SceneRun, run};
 use anyhow::Result;
 use nalgebra::Vector3;
 use serde::Serialize;
 
-/// Sub-step of the reference, us: the shortest there is, since the plant counts whole microseconds.
+/// Sub-step of the reference [us]: the shortest one, since the plant counts whole microseconds.
 const REFERENCE_US: u32 = 1;
-/// Sub-step whose distance from the reference says how far the reference itself is from the limit, us.
+/// Sub-step whose distance from the reference bounds the error of the reference [us].
 const COARSER_US: u32 = 2;
 
 /// Largest and root mean square distance between two runs, over the ticks.
 #[derive(Clone, Copy, Debug, Serialize)]
-pub struct Distance {
-    /// Of the foot, m.
+pub struct RunDistance {
+    /// Largest distance of the foot [m].
     pub foot_max_m: f64,
-    /// Of the foot, m.
+    /// Root mean square distance of the foot [m].
     pub foot_rms_m: f64,
-    /// Of the force on the foot, N.
+    /// Largest difference of the force on the foot [N].
     pub force_max_n: f64,
-    /// Of the force on the foot, N.
+    /// Root mean square difference of the force on the foot [N].
     pub force_rms_n: f64,
 }
 
-/// The error of a scene.
+/// Error of the plant in a scene.
 #[derive(Clone, Debug, Serialize)]
 pub struct Accuracy {
-    scene: Scene,
+    scene: BenchScene,
     substep_us: f64,
     reference_us: f64,
-    /// From the reference.
-    error: Distance,
-    /// Of the reference from the next coarser run: an upper bound of what is left between it and the limit.
-    reference_change: Distance,
+    /// Distance from the reference.
+    error: RunDistance,
+    /// Distance of the reference from the next coarser run: an upper bound of the reference's own error.
+    reference_change: RunDistance,
     /// Sub-steps that ended above Newton's tolerance.
     unconverged: u32,
-    /// Largest normal force of a sub-step at any contact point, N.
+    /// Largest normal force of a sub-step at any contact point [N].
     peak_n: f64,
-    /// The same of the reference, N.
+    /// Largest normal force in the reference [N].
     reference_peak_n: f64,
-    /// Mean force on the foot along z over the last tenth, N.
+    /// Mean force on the foot along z over the last tenth [N].
     settled_n: f64,
-    /// Where the foot ended, m.
+    /// Final position of the foot [m].
     end_m: [f64; 3],
 }
 
-fn spread(a: &Run, b: &Run, of: impl Fn(&crate::run::Sample) -> Vector3<f64>) -> (f64, f64) {
+fn max_and_rms(a: &SceneRun, b: &SceneRun, of: impl Fn(&FootSample) -> Vector3<f64>) -> (f64, f64) {
     let squares = a.samples.iter().zip(&b.samples).map(|(a, b)| (of(a) - of(b)).norm_squared());
-    let (most, sum) = squares.fold((0.0_f64, 0.0), |(most, sum), square| (most.max(square), sum + square));
-    (most.sqrt(), (sum / a.samples.len() as f64).sqrt())
+    let (max, sum) = squares.fold((0.0_f64, 0.0), |(max, sum), square| (max.max(square), sum + square));
+    (max.sqrt(), (sum / a.samples.len() as f64).sqrt())
 }
 
-fn distance(a: &Run, b: &Run) -> Distance {
-    let (foot_max_m, foot_rms_m) = spread(a, b, |sample| sample.foot);
-    let (force_max_n, force_rms_n) = spread(a, b, |sample| sample.force);
-    Distance { foot_max_m, foot_rms_m, force_max_n, force_rms_n }
+fn distance(a: &SceneRun, b: &SceneRun) -> RunDistance {
+    let (foot_max_m, foot_rms_m) = max_and_rms(a, b, |sample| sample.foot);
+    let (force_max_n, force_rms_n) = max_and_rms(a, b, |sample| sample.force);
+    RunDistance { foot_max_m, foot_rms_m, force_max_n, force_rms_n }
 }
 
 /// Measures the error of a scene.
 ///
 /// # Errors
-/// If a run cannot be made.
-pub fn measure(scene: Scene) -> Result<Accuracy> {
-    let found = run(scene, SUBSTEP_US, TICKS)?;
+/// If a run fails.
+pub fn measure(scene: BenchScene) -> Result<Accuracy> {
+    let compared = run(scene, SUBSTEP_US, TICKS)?;
     let reference = run(scene, REFERENCE_US, TICKS)?;
     let coarser = run(scene, COARSER_US, TICKS)?;
-    let tail = &found.samples[TICKS - TICKS / 10..];
+    let tail = &compared.samples[TICKS - TICKS / 10..];
     Ok(Accuracy {
         scene,
         substep_us: f64::from(SUBSTEP_US),
         reference_us: f64::from(REFERENCE_US),
-        error: distance(&found, &reference),
+        error: distance(&compared, &reference),
         reference_change: distance(&coarser, &reference),
-        unconverged: found.unconverged,
-        peak_n: found.peak_n,
+        unconverged: compared.unconverged,
+        peak_n: compared.peak_n,
         reference_peak_n: reference.peak_n,
         settled_n: tail.iter().map(|sample| sample.force.z).sum::<f64>() / tail.len() as f64,
-        end_m: found.samples[TICKS - 1].foot.into(),
+        end_m: compared.samples[TICKS - 1].foot.into(),
     })
 }

@@ -1,7 +1,7 @@
 //! `hapfic-substep`: the plant's side of the comparison with MuJoCo (`bench/mujoco/compare.py`). Prints JSON.
 //!
-//! One second in each of three scenes, in which the foot lands, presses and slides: what a sub-step costs, and how far the run is from
-//! its own converged reference.
+//! In each of three scenes the foot lands, presses and slides for one second. The results are the cost of a sub-step,
+//! and the error against the run's own converged reference.
 
 mod accuracy;
 mod model;
@@ -18,48 +18,48 @@ use std::io::Write;
 #[derive(Debug, Parser)]
 struct Arguments {
     #[command(subcommand)]
-    what: What,
+    query: Query,
 }
 
 #[derive(Debug, Subcommand)]
-enum What {
+enum Query {
     /// Cost and error in every scene.
     All {
-        /// How often each scene is timed, the scenes in turn.
+        /// Repetitions of the timing; each repetition runs all scenes.
         #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=10_000))]
         repetitions: u32,
     },
-    /// Model, contact laws and drive of a scene, for another simulator to do the same.
+    /// Model, contact laws and servo of a scene, for another simulator.
     Model {
         /// The scene.
-        scene: Scene,
+        scene: BenchScene,
     },
-    /// Cost of a sub-step in a scene: one run, after a short one that is not counted.
+    /// Cost of a sub-step in a scene, of one run after a warm-up run.
     Time {
         /// The scene.
-        scene: Scene,
+        scene: BenchScene,
     },
     /// Error of a scene against its own converged reference.
     Error {
         /// The scene.
-        scene: Scene,
+        scene: BenchScene,
     },
 }
 
-/// What the foot presses on.
+/// Scene of the comparison, named after the body below the foot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, ValueEnum)]
 #[serde(rename_all = "lowercase")]
-pub enum Scene {
+pub enum BenchScene {
     /// A rigid floor without friction.
     Floor,
-    /// A rigid box that stands on a floor with friction.
+    /// A rigid box on a floor with friction.
     Box,
     /// A soft ball on a floor with friction.
     Ball,
 }
 
-impl Scene {
-    /// Its scenario.
+impl BenchScene {
+    /// Returns the name of the scenario.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -71,25 +71,25 @@ impl Scene {
 }
 
 fn main() -> Result<()> {
-    let answer = match Arguments::parse().what {
-        What::All { repetitions } => all(repetitions)?,
-        What::Model { scene } => serde_json::to_value(model::describe(scene)?)?,
-        What::Time { scene } => json!({ "scene": scene, "ns_per_substep": run::time(scene)? }),
-        What::Error { scene } => serde_json::to_value(accuracy::measure(scene)?)?,
+    let result = match Arguments::parse().query {
+        Query::All { repetitions } => all(repetitions)?,
+        Query::Model { scene } => serde_json::to_value(model::describe(scene)?)?,
+        Query::Time { scene } => json!({ "scene": scene, "ns_per_substep": run::time(scene)? }),
+        Query::Error { scene } => serde_json::to_value(accuracy::measure(scene)?)?,
     };
-    writeln!(std::io::stdout(), "{answer}")?;
+    writeln!(std::io::stdout(), "{result}")?;
     Ok(())
 }
 
 fn all(repetitions: u32) -> Result<Value> {
-    let mut times = vec![Vec::new(); Scene::value_variants().len()];
+    let mut times = vec![Vec::new(); BenchScene::value_variants().len()];
     for _ in 0..repetitions {
-        for (scene, times) in Scene::value_variants().iter().zip(&mut times) {
+        for (scene, times) in BenchScene::value_variants().iter().zip(&mut times) {
             times.push(run::time(*scene)?.median);
         }
     }
-    let mut answer = Map::new();
-    for (scene, times) in Scene::value_variants().iter().zip(&mut times) {
+    let mut results = Map::new();
+    for (scene, times) in BenchScene::value_variants().iter().zip(&mut times) {
         let median = run::median(times);
         let cost = json!({
             "median": median,
@@ -97,7 +97,7 @@ fn all(repetitions: u32) -> Result<Value> {
             "most": times.last(),
             "repetitions": repetitions,
         });
-        answer.insert(scene.name().to_owned(), json!({ "ns_per_substep": cost, "error": accuracy::measure(*scene)? }));
+        results.insert(scene.name().to_owned(), json!({ "ns_per_substep": cost, "error": accuracy::measure(*scene)? }));
     }
-    Ok(Value::Object(answer))
+    Ok(Value::Object(results))
 }

@@ -1,33 +1,33 @@
-//! All that another simulator needs to do the same, and what it can check its own model with.
+//! Description of a scene for another simulator, with figures to check that simulator's model.
 
-use crate::Scene;
-use crate::plan::{JOINTS, Plan, TICK_S, TICKS};
+use crate::BenchScene;
+use crate::plan::{JOINTS, ServoPlan, TICK_S, TICKS};
 use crate::run::{SUBSTEP_US, one_friction, set_up};
 use anyhow::{Result, anyhow};
 use hapfic_config::{Settings, Surface};
 use nalgebra::Vector3;
 use serde::Serialize;
 
-/// Joint velocities at which the models are compared, rad/s: any will do that move every joint.
-const MOVING: [f64; JOINTS] = [0.3, -0.5, 0.7];
+/// Joint velocities of the check [rad/s]: all joints move.
+const CHECK_VELOCITY: [f64; JOINTS] = [0.3, -0.5, 0.7];
 
-/// A scene.
+/// Model of a scene.
 #[derive(Clone, Debug, Serialize)]
-pub struct Model {
-    scene: Scene,
+pub struct SceneModel {
+    scene: BenchScene,
     substep_s: f64,
     tick_s: f64,
     ticks: usize,
     gravity: [f64; 3],
-    floor: Feel,
-    objects: Vec<Thing>,
-    plan: Plan,
-    check: Check,
+    floor: SurfaceModel,
+    objects: Vec<ObjectModel>,
+    plan: ServoPlan,
+    check: ModelCheck,
 }
 
 /// Contact parameters of a surface.
 #[derive(Clone, Copy, Debug, Serialize)]
-struct Feel {
+struct SurfaceModel {
     stiffness: f64,
     damping: f64,
     transition_width: f64,
@@ -38,29 +38,29 @@ struct Feel {
 
 /// A free body.
 #[derive(Clone, Debug, Serialize)]
-struct Thing {
+struct ObjectModel {
     name: String,
     mass: f64,
-    /// Principal moments, kg m^2.
+    /// Principal moments of inertia [kg m^2].
     inertia: [f64; 3],
     position: [f64; 3],
-    feel: Feel,
+    surface: SurfaceModel,
 }
 
-/// What the leg's model says in the plan's start posture, moving.
+/// Figures of the leg's model in the start posture, at [`CHECK_VELOCITY`].
 #[derive(Clone, Debug, Serialize)]
-struct Check {
+struct ModelCheck {
     velocity: [f64; JOINTS],
-    /// Foot, m.
+    /// Position of the foot [m].
     foot: [f64; 3],
     /// M(q).
     mass_matrix: [[f64; JOINTS]; JOINTS],
-    /// Gravity, centrifugal and Coriolis torques, N m.
+    /// Gravity, centrifugal and Coriolis torques [N m].
     bias: [f64; JOINTS],
 }
 
-fn feel(surface: &Surface) -> Feel {
-    Feel {
+fn surface_model(surface: &Surface) -> SurfaceModel {
+    SurfaceModel {
         stiffness: surface.stiffness_n_per_m,
         damping: surface.damping_n_s_per_m,
         transition_width: surface.transition_width_m,
@@ -73,39 +73,39 @@ fn feel(surface: &Surface) -> Feel {
 /// Describes a scene.
 ///
 /// # Errors
-/// If it cannot be set up.
-pub fn describe(scene: Scene) -> Result<Model> {
+/// If the scene cannot be set up.
+pub fn describe(scene: BenchScene) -> Result<SceneModel> {
     let settings = Settings::load(scene.name(), &one_friction(scene)?)?;
-    let floor = settings.world.floor.as_ref().ok_or_else(|| anyhow!("{}: a floor is expected, there is none", scene.name()))?;
+    let floor = settings.world.floor.as_ref().ok_or_else(|| anyhow!("{}: found no floor, expected one", scene.name()))?;
     let (mut plant, plan) = set_up(scene, SUBSTEP_US)?;
     let gravity = Vector3::from(settings.world.gravity_m_per_s2);
     let chain = plant.chain();
     let kin = chain.kinematics(&plan.start);
     let mass = chain.mass_matrix(&kin);
-    let bias = chain.bias(&kin, &MOVING, &gravity);
-    let check = Check {
-        velocity: MOVING,
+    let bias = chain.bias(&kin, &CHECK_VELOCITY, &gravity);
+    let check = ModelCheck {
+        velocity: CHECK_VELOCITY,
         foot: kin.tip_position().into(),
         mass_matrix: core::array::from_fn(|i| core::array::from_fn(|j| mass[(i, j)])),
         bias: core::array::from_fn(|i| bias[i]),
     };
     let bodies = settings.world.objects.iter().zip(&plant.world().objects);
     let objects = bodies
-        .map(|(object, body)| Thing {
+        .map(|(object, body)| ObjectModel {
             name: object.name.clone(),
             mass: body.mass,
             inertia: body.inertia.into(),
             position: body.position.into(),
-            feel: feel(&object.surface),
+            surface: surface_model(&object.surface),
         })
         .collect();
-    Ok(Model {
+    Ok(SceneModel {
         scene,
         substep_s: f64::from(SUBSTEP_US) * 1e-6,
         tick_s: TICK_S,
         ticks: TICKS,
         gravity: settings.world.gravity_m_per_s2,
-        floor: feel(&floor.surface),
+        floor: surface_model(&floor.surface),
         objects,
         plan,
         check,

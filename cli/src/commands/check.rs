@@ -1,6 +1,6 @@
 //! `hapfic check`: finds the errors of a scenario without running it.
 
-use crate::{Outcome, log_line, print};
+use crate::{CommandOutcome, log_line, print};
 use anyhow::Result;
 use hapfic_config::Settings;
 use hapfic_plant::Plant;
@@ -9,18 +9,18 @@ use hapfic_supervisor::children::find_program;
 use hapfic_supervisor::children::started;
 
 /// Checks a scenario; prints its contents, and the gains that would oscillate.
-pub fn check(scenario: &str, set: &[String]) -> Result<Outcome> {
+pub fn check(scenario: &str, set: &[String]) -> Result<CommandOutcome> {
     let settings = match Settings::load(scenario, set) {
         Ok(settings) => settings,
-        Err(e) => return Ok(Outcome::Rejected(e.into())),
+        Err(e) => return Ok(CommandOutcome::Rejected(e.into())),
     };
     let plant = match Plant::new(&settings) {
         Ok(plant) => plant,
-        Err(e) => return Ok(Outcome::Rejected(anyhow::Error::from(e).context(scenario.to_owned()))),
+        Err(e) => return Ok(CommandOutcome::Rejected(anyhow::Error::from(e).context(scenario.to_owned()))),
     };
     for process in started(&settings).iter().copied() {
         if let Err(e) = find_program(&settings.processes, process) {
-            return Ok(Outcome::Rejected(e.context(scenario.to_owned())));
+            return Ok(CommandOutcome::Rejected(e.context(scenario.to_owned())));
         }
     }
     let joints: Vec<_> = plant.chain().joints().iter().map(|j| j.name.as_str()).collect();
@@ -36,5 +36,5 @@ pub fn check(scenario: &str, set: &[String]) -> Result<Outcome> {
     for unstable in stability::unstable_sets(&settings)? {
         log_line(&unstable.warning());
     }
-    Ok(Outcome::Done)
+    Ok(CommandOutcome::Done)
 }

@@ -1,18 +1,18 @@
 //! `hapfic set`, `estop`, `rearm` and `inject`: one request to a running stack.
 
-use crate::{Outcome, print};
+use crate::{CommandOutcome, print};
 use anyhow::Result;
 use hapfic_messages::OperatorKind;
 use hapfic_supervisor::operator::client;
 
 /// Sends the request and prints the reply. The stack itself checks the words.
-pub fn request(run: Option<&str>, kind: OperatorKind, words: &[String]) -> Result<Outcome> {
+pub fn request(run: Option<&str>, kind: OperatorKind, words: &[String]) -> Result<CommandOutcome> {
     let text = words.join("\0");
     match client::find(run).and_then(|found| client::ask_once(&found, kind, &text)) {
         Ok(reply) => {
             print(&reply);
-            Ok(Outcome::Done)
+            Ok(CommandOutcome::Done)
         }
-        Err(e) => Ok(Outcome::Rejected(e)),
+        Err(e) => Ok(CommandOutcome::Rejected(e)),
     }
 }

@@ -1,6 +1,6 @@
 //! `hapfic doctor`: whether this machine is good enough for 1 kHz.
 
-use crate::{Outcome, log_line, print};
+use crate::{CommandOutcome, log_line, print};
 use anyhow::{Context, Result};
 use hapfic_config::Settings;
 use hapfic_diagnostics::doctor::{Examination, Grade, ProcessInfo, SysfsRoot, checks, evaluate, measure};
@@ -10,7 +10,7 @@ use hapfic_supervisor::registry;
 const SCENARIO: &str = "floor";
 
 /// Examines the machine, measures for some seconds, and prints the verdict.
-pub fn doctor(seconds: u32, json: bool) -> Result<Outcome> {
+pub fn doctor(seconds: u32, json: bool) -> Result<CommandOutcome> {
     let settings = Settings::load(SCENARIO, &[]).context("cannot read the embedded scenario")?;
     let priority = settings.realtime.priority_plant;
     // Runs in progress have their cores; the measurement takes those of the next run.
@@ -40,5 +40,5 @@ pub fn doctor(seconds: u32, json: bool) -> Result<Outcome> {
     } else {
         print(examination.text().trim_end());
     }
-    Ok(if good_enough { Outcome::Done } else { Outcome::NotGoodEnough })
+    Ok(if good_enough { CommandOutcome::Done } else { CommandOutcome::NotGoodEnough })
 }

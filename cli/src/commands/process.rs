@@ -1,6 +1,6 @@
 //! `hapfic process NAME`: one process of a running stack.
 
-use crate::Outcome;
+use crate::CommandOutcome;
 use anyhow::{Context as _, Result};
 use clap::ValueEnum;
 use hapfic_config::Settings;
@@ -23,7 +23,7 @@ pub enum ProcessName {
 }
 
 /// Joins the run that the environment names and works until it ends, or becomes an external process that does.
-pub fn process(name: ProcessName, external: &[String]) -> Result<Outcome> {
+pub fn process(name: ProcessName, external: &[String]) -> Result<CommandOutcome> {
     let process = match name {
         ProcessName::Plant => Process::Plant,
         ProcessName::Planner => Process::Planner,
@@ -31,17 +31,17 @@ pub fn process(name: ProcessName, external: &[String]) -> Result<Outcome> {
         ProcessName::Standby => Process::Standby,
     };
     let Some(path) = std::env::var_os(RunFile::VARIABLE).map(PathBuf::from) else {
-        return Ok(Outcome::Rejected(anyhow::anyhow!(
+        return Ok(CommandOutcome::Rejected(anyhow::anyhow!(
             "{} is not set, expected the path of a run file. Hint: `hapfic run` starts the processes",
             RunFile::VARIABLE
         )));
     };
     let run = match RunFile::read(&path) {
         Ok(run) => run,
-        Err(e) => return Ok(Outcome::Rejected(e.into())),
+        Err(e) => return Ok(CommandOutcome::Rejected(e.into())),
     };
     if let [program, arguments @ ..] = external {
-        hapfic_ipc::tie_to_supervisor(run.supervisor_pid, hapfic_ipc::Ending::Asked).context("cannot join the run")?;
+        hapfic_ipc::tie_to_supervisor(run.supervisor_pid, hapfic_ipc::Ending::Terminated).context("cannot join the run")?;
         let failed = std::process::Command::new(program).args(arguments).exec();
         return Err(failed).with_context(|| format!("processes.{process}: cannot start '{program}'"));
     }
@@ -52,5 +52,5 @@ pub fn process(name: ProcessName, external: &[String]) -> Result<Outcome> {
         Process::Planner => hapfic_planner_process::run(&mut context, &settings).context("planner")?,
         _ => hapfic_controller_process::run(&mut context, &settings).context("controller")?,
     }
-    Ok(Outcome::Done)
+    Ok(CommandOutcome::Done)
 }

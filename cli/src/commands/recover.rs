@@ -1,19 +1,19 @@
 //! `hapfic recover`: makes a readable copy of a truncated or damaged log.
 
-use crate::{Outcome, print};
+use crate::{CommandOutcome, print};
 use anyhow::Result;
 use hapfic_log::{Recovery, TickGaps};
 use std::fmt::Write;
 use std::path::Path;
 
 /// Recovers a log and prints what the copy keeps and what is lost.
-pub fn recover(log: &Path, output: Option<&Path>) -> Result<Outcome> {
+pub fn recover(log: &Path, output: Option<&Path>) -> Result<CommandOutcome> {
     match hapfic_log::recover(log, output) {
         Ok(found) => {
             print(text(log, &found).trim_end());
-            Ok(Outcome::Done)
+            Ok(CommandOutcome::Done)
         }
-        Err(e) if e.is_refusal() => Ok(Outcome::Rejected(e.into())),
+        Err(e) if e.is_invalid_request() => Ok(CommandOutcome::Rejected(e.into())),
         Err(e) => Err(e.into()),
     }
 }

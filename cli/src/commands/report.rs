@@ -1,9 +1,9 @@
 //! `hapfic report`: figures, page and JSON from a log.
 
-use crate::{Outcome, print};
+use crate::{CommandOutcome, print};
 use anyhow::Result;
 use clap::Args;
-use hapfic_report::{Places, Report, ReportError};
+use hapfic_report::{OutputPaths, Report, ReportError};
 use std::path::PathBuf;
 
 /// Arguments of `hapfic report`.
@@ -23,20 +23,20 @@ pub struct ReportArgs {
 }
 
 /// Reads the log, and writes the requested outputs; by default the page, and a summary to standard output.
-pub fn report(args: &ReportArgs) -> Result<Outcome> {
+pub fn report(args: &ReportArgs) -> Result<CommandOutcome> {
     match make(args) {
-        Ok(()) => Ok(Outcome::Done),
-        Err(e) if e.is_refusal() => Ok(Outcome::Rejected(e.into())),
+        Ok(()) => Ok(CommandOutcome::Done),
+        Err(e) if e.is_invalid_request() => Ok(CommandOutcome::Rejected(e.into())),
         Err(e) => Err(e.into()),
     }
 }
 
 /// Writes the outputs, and prints the path of each once it is written.
 fn make(args: &ReportArgs) -> Result<(), ReportError> {
-    let mut places = Places { page: args.html.clone(), pictures: args.png.clone(), json: args.json.clone() };
-    let no_output_given = places == Places::default();
+    let mut paths = OutputPaths { page: args.html.clone(), pictures: args.png.clone(), json: args.json.clone() };
+    let no_output_given = paths == OutputPaths::default();
     if no_output_given {
-        places.page = Some(args.log.with_extension("html"));
+        paths.page = Some(args.log.with_extension("html"));
     }
     let report = Report::read(&args.log)?;
     let mut first = true;
@@ -49,7 +49,7 @@ fn make(args: &ReportArgs) -> Result<(), ReportError> {
             .as_ref()
             .map_or_else(String::new, |cause| format!("the report covers the intact part of the log: {cause}"))
     };
-    report.write(&places, |what, path| {
+    report.write(&paths, |what, path| {
         // Printed after the first output exists, so that an error stands alone.
         if std::mem::take(&mut first) && !about.is_empty() {
             print(about.trim_end());

@@ -1,12 +1,12 @@
 //! `hapfic run`: runs a scenario and prints its summary.
 
-use crate::{Outcome, print};
+use crate::{CommandOutcome, print};
 use anyhow::{Context, Result};
 use clap::{Args, ValueEnum};
 use hapfic_config::Settings;
 use hapfic_messages::{Clock, RealtimeMode};
 use hapfic_supervisor::RunRequest;
-use hapfic_supervisor::launch::{self, Rejected};
+use hapfic_supervisor::launch::{self, InvalidRequest};
 use hapfic_supervisor::summary::Summary;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -96,7 +96,7 @@ impl From<RealtimeName> for RealtimeMode {
 }
 
 /// Runs a scenario and prints its summary.
-pub fn run(args: &RunArgs, since: Instant) -> Result<Outcome> {
+pub fn run(args: &RunArgs, since: Instant) -> Result<CommandOutcome> {
     let mut overrides = args.set.clone();
     if let Some(duration) = args.duration {
         overrides.push(format!("duration_s={duration:?}"));
@@ -106,11 +106,11 @@ pub fn run(args: &RunArgs, since: Instant) -> Result<Outcome> {
     }
     let settings = match Settings::load(&args.scenario, &overrides) {
         Ok(settings) => settings,
-        Err(e) => return Ok(Outcome::Rejected(e.into())),
+        Err(e) => return Ok(CommandOutcome::Rejected(e.into())),
     };
     let summary_file = match args.summary_json.as_deref().map(SummaryFile::open).transpose() {
         Ok(file) => file,
-        Err(e) => return Ok(Outcome::Rejected(e)),
+        Err(e) => return Ok(CommandOutcome::Rejected(e)),
     };
     let request = RunRequest {
         scenario: args.scenario.clone(),
@@ -122,18 +122,18 @@ pub fn run(args: &RunArgs, since: Instant) -> Result<Outcome> {
     };
     let summary = match launch::run(&request)? {
         Ok(summary) => summary,
-        Err(Rejected(e)) => {
+        Err(InvalidRequest(e)) => {
             if let Some(file) = summary_file {
-                file.forget();
+                file.discard();
             }
-            return Ok(Outcome::Rejected(e));
+            return Ok(CommandOutcome::Rejected(e));
         }
     };
     print(summary.text().trim_end());
     if let Some(file) = summary_file {
         file.write(&summary)?;
     }
-    Ok(if summary.completed { Outcome::Done } else { Outcome::Failed })
+    Ok(if summary.completed { CommandOutcome::Done } else { CommandOutcome::Failed })
 }
 
 /// File of the JSON summary. Opened before the run, so that an unwritable path costs no run; emptied only after it.
@@ -160,7 +160,7 @@ impl SummaryFile {
     }
 
     /// Removes the file if it is new: the run was rejected.
-    fn forget(self) {
+    fn discard(self) {
         if !self.existed {
             let _ = std::fs::remove_file(&self.path);
         }
@@ -171,39 +171,7 @@ impl SummaryFile {
 fn default_log(scenario: &str) -> PathBuf {
     let stem = Path::new(scenario).file_stem().and_then(|s| s.to_str()).unwrap_or("run");
     let seconds = hapfic_ipc::clock::unix_ns() / 1_000_000_000;
-    let (year, month, day) = civil(seconds / 86_400);
+    let (year, month, day) = hapfic_ipc::clock::date(seconds / 86_400);
     let (h, m, s) = (seconds / 3600 % 24, seconds / 60 % 60, seconds % 60);
     PathBuf::from(format!("logs/{stem}-{year:04}{month:02}{day:02}-{h:02}{m:02}{s:02}-{}.mcap", std::process::id()))
-}
-
-/// Year, month and day of the `day`-th day after 1970-01-01 (UTC).
-fn civil(mut day: u64) -> (u64, u64, u64) {
-    let leap = |y: u64| y.is_multiple_of(4) && (!y.is_multiple_of(100) || y.is_multiple_of(400));
-    let mut year = 1970;
-    while day >= 365 + u64::from(leap(year)) {
-        day -= 365 + u64::from(leap(year));
-        year += 1;
-    }
-    let lengths = [31, 28 + u64::from(leap(year)), 31, 30, 31, 30, 31, 31, 30, 31, 30, 31];
-    let mut month = 1;
-    for length in lengths {
-        if day < length {
-            break;
-        }
-        day -= length;
-        month += 1;
-    }
-    (year, month, day + 1)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn civil_leap_years_return_dates() {
-        assert_eq!(civil(0), (1970, 1, 1));
-        assert_eq!(civil(19_782), (2024, 2, 29));
-        assert_eq!(civil(20_819), (2027, 1, 1));
-    }
 }

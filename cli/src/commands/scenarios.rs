@@ -1,26 +1,26 @@
 //! `hapfic scenarios`: the embedded scenarios.
 
-use crate::{Outcome, print};
+use crate::{CommandOutcome, print};
 use anyhow::Result;
 use hapfic_config::scenarios as embedded;
 
 /// Lists the embedded scenarios, or prints one.
-pub fn scenarios(name: Option<&str>) -> Result<Outcome> {
+pub fn scenarios(name: Option<&str>) -> Result<CommandOutcome> {
     match name {
         None => {
             for scenario in embedded() {
                 print(&format!("{:<16} {}", scenario.name, scenario.title));
             }
-            Ok(Outcome::Done)
+            Ok(CommandOutcome::Done)
         }
         Some(name) => match embedded().iter().find(|s| s.name == name) {
             Some(scenario) => {
                 print(scenario.text.trim_end());
-                Ok(Outcome::Done)
+                Ok(CommandOutcome::Done)
             }
             None => {
                 let names: Vec<_> = embedded().iter().map(|s| s.name).collect();
-                Ok(Outcome::Rejected(anyhow::anyhow!("no scenario '{name}', expected one of: {}", names.join(", "))))
+                Ok(CommandOutcome::Rejected(anyhow::anyhow!("no scenario '{name}', expected one of: {}", names.join(", "))))
             }
         },
     }

@@ -1,11 +1,11 @@
 //! `hapfic simulate`: the whole stack in one process, for parameter studies.
 //!
-//! The laws are those of the processes, called in the order of lockstep (`simulation.rs`). So the metrics equal those of
-//! `hapfic run --clock lockstep` to the last bit. There is no shared memory and no clock, and a log only on request.
+//! The laws are those of the processes, called in the order of lockstep (`simulation.rs`). So the metrics equal those
+//! of `hapfic run --clock lockstep` to the last bit. There is no shared memory and no clock, and a log only on request.
 
 mod text;
 
-use crate::{Outcome, log_line, print};
+use crate::{CommandOutcome, log_line, print};
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use hapfic_config::Settings;
@@ -36,7 +36,8 @@ pub struct SimulateArgs {
     /// Replace a value: `controller.taper=0.1`, `operator.2.desired_force=[0, 0, 80]`.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub set: Vec<String>,
-    /// Run once with each value: `controller.taper=0.1,0.2` or `controller.taper=0.05:0.25:5`; several sweeps are combined.
+    /// Run once with each value: `controller.taper=0.1,0.2` or `controller.taper=0.05:0.25:5`; several sweeps are
+    /// combined.
     #[arg(long, value_name = "KEY=VALUES")]
     pub sweep: Vec<String>,
     /// Number of simulations in parallel; the number of cores if not given.
@@ -56,27 +57,27 @@ pub struct SimulateArgs {
 /// Checks all runs, then simulates them.
 ///
 /// A run of a sweep that fails is a result; a single run that fails is a failure of the command.
-pub fn simulate(args: &SimulateArgs) -> Result<Outcome> {
-    match Prepared::new(args) {
+pub fn simulate(args: &SimulateArgs) -> Result<CommandOutcome> {
+    match CheckedStudy::new(args) {
         Ok(prepared) => prepared.run(args),
-        Err(e) => Ok(Outcome::Rejected(e)),
+        Err(e) => Ok(CommandOutcome::Rejected(e)),
     }
 }
 
 /// Checked arguments, with all that invalid ones could make fail.
-struct Prepared {
+struct CheckedStudy {
     grid: Grid,
     /// Settings of each run.
     settings: Vec<Settings>,
     jobs: usize,
     /// Number of usable cores that the jobs keep busy.
     cores: usize,
-    csv: Option<Csv>,
+    csv: Option<CsvFile>,
     recording: Option<Recording>,
     stop: Arc<AtomicBool>,
 }
 
-impl Prepared {
+impl CheckedStudy {
     fn new(args: &SimulateArgs) -> Result<Self> {
         let grid = Grid::read(&args.sweep)?;
         let mut fixed = args.set.clone();
@@ -92,12 +93,12 @@ impl Prepared {
             "--csv {}: found the log's file, expected another one",
             args.csv.as_deref().unwrap_or(Path::new("")).display()
         );
-        let csv = args.csv.as_deref().map(Csv::open).transpose()?;
+        let csv = args.csv.as_deref().map(CsvFile::open).transpose()?;
         let recording = match (&args.log, settings.first()) {
             (Some(log), Some(settings)) => match Recording::create(&args.scenario, settings, log) {
                 Ok(recording) => Some(recording),
                 Err(e) => {
-                    csv.into_iter().for_each(Csv::forget);
+                    csv.into_iter().for_each(CsvFile::discard);
                     return Err(e);
                 }
             },
@@ -112,7 +113,7 @@ impl Prepared {
         Ok(Self { grid, settings, jobs, cores: jobs.min(cores), csv, recording, stop })
     }
 
-    fn run(self, args: &SimulateArgs) -> Result<Outcome> {
+    fn run(self, args: &SimulateArgs) -> Result<CommandOutcome> {
         if let Some(csv) = &self.csv {
             csv.begin(&figures::csv_head(self.grid.sweeps().iter().map(|sweep| sweep.key.as_str())))?;
         }
@@ -121,7 +122,7 @@ impl Prepared {
     }
 
     /// Simulates a single run.
-    fn one(self, args: &SimulateArgs, begun: Instant) -> Result<Outcome> {
+    fn one(self, args: &SimulateArgs, begun: Instant) -> Result<CommandOutcome> {
         let Self { settings, csv, mut recording, stop, .. } = self;
         let [settings] = settings.as_slice() else { bail!("found {} runs, expected one", settings.len()) };
         let done = study(settings, &stop, recording.as_mut())?;
@@ -132,7 +133,7 @@ impl Prepared {
         }
         if args.json {
             let run = figures::object(std::iter::empty(), &done);
-            print_json(args, vec![run], &Totals { simulated_s: done.simulated_s(), wall_s, jobs: 1, cores: 1, runs: 1 })?;
+            print_json(args, vec![run], &StudyTotals { simulated_s: done.simulated_s(), wall_s, jobs: 1, cores: 1, runs: 1 })?;
         } else {
             print(text::single(&args.scenario, &done).trim_end());
             if let (Some(log), Some(totals)) = (&args.log, logged) {
@@ -142,13 +143,13 @@ impl Prepared {
             }
             print(&text::speed(1, done.simulated_s(), wall_s, [1; 2]));
         }
-        Ok(if done.end == End::Completed { Outcome::Done } else { Outcome::Failed })
+        Ok(if done.end == End::Completed { CommandOutcome::Done } else { CommandOutcome::Failed })
     }
 
     /// Simulates all runs of a sweep.
-    fn all(self, args: &SimulateArgs, begun: Instant) -> Result<Outcome> {
+    fn all(self, args: &SimulateArgs, begun: Instant) -> Result<CommandOutcome> {
         let Self { grid, settings, jobs, cores, csv, stop, .. } = self;
-        let table = text::Table::new(&grid);
+        let table = text::SweepTable::new(&grid);
         if !args.json {
             print(&table.head(&grid));
         }
@@ -175,7 +176,7 @@ impl Prepared {
         let given = pool::in_order(settings.len(), jobs, &stop, work, give)?;
         let wall_s = begun.elapsed().as_secs_f64();
         if args.json {
-            print_json(args, objects, &Totals { simulated_s, wall_s, jobs, cores, runs: settings.len() })?;
+            print_json(args, objects, &StudyTotals { simulated_s, wall_s, jobs, cores, runs: settings.len() })?;
         } else {
             print(&text::speed(given, simulated_s, wall_s, [jobs, cores]));
         }
@@ -184,9 +185,9 @@ impl Prepared {
         }
         if given < settings.len() {
             log_line(&format!("hapfic: interrupted after {given} of {} runs", settings.len()));
-            return Ok(Outcome::Failed);
+            return Ok(CommandOutcome::Failed);
         }
-        Ok(Outcome::Done)
+        Ok(CommandOutcome::Done)
     }
 }
 
@@ -214,13 +215,13 @@ fn load(scenario: &str, fixed: &[String], swept: &[String]) -> Result<Settings> 
 }
 
 /// File of the table. Opened with the checks, so that an unwritable path costs no run; emptied at the first run.
-struct Csv {
+struct CsvFile {
     file: File,
     path: PathBuf,
     existed: bool,
 }
 
-impl Csv {
+impl CsvFile {
     fn open(path: &Path) -> Result<Self> {
         let existed = path.exists();
         let file =
@@ -242,7 +243,7 @@ impl Csv {
     }
 
     /// Removes the file if it is new: no run was started.
-    fn forget(self) {
+    fn discard(self) {
         if !self.existed {
             let _ = std::fs::remove_file(&self.path);
         }
@@ -250,7 +251,7 @@ impl Csv {
 }
 
 /// Totals of a study.
-struct Totals {
+struct StudyTotals {
     simulated_s: f64,
     wall_s: f64,
     jobs: usize,
@@ -259,7 +260,7 @@ struct Totals {
     runs: usize,
 }
 
-fn print_json(args: &SimulateArgs, runs: Vec<Value>, totals: &Totals) -> Result<()> {
+fn print_json(args: &SimulateArgs, runs: Vec<Value>, totals: &StudyTotals) -> Result<()> {
     let speed = text::rate(totals.simulated_s, totals.wall_s);
     let object = json!({
         "scenario": args.scenario,

@@ -1,6 +1,6 @@
 //! `hapfic status`: shows the status of a running stack.
 
-use crate::{Outcome, print};
+use crate::{CommandOutcome, print};
 use anyhow::{Context, Result, bail};
 use hapfic_messages::{OperatorKind, ReplyCode};
 use hapfic_supervisor::operator::client::{self, Connection};
@@ -15,16 +15,18 @@ use std::time::Duration;
 const DRAW_INTERVAL: Duration = Duration::from_millis(250);
 
 /// Prints the table once, or repeatedly in place on a terminal; or one JSON object.
-pub fn status(run: Option<&str>, json: bool, once: bool) -> Result<Outcome> {
+pub fn status(run: Option<&str>, json: bool, once: bool) -> Result<CommandOutcome> {
     let connected = client::find(run).and_then(|found| Connection::open(&found).map(|connection| (found, connection)));
     let (found, connection) = match connected {
         Ok(connected) => connected,
-        Err(e) => return Ok(Outcome::Rejected(e)),
+        Err(e) => return Ok(CommandOutcome::Rejected(e)),
     };
     let first = match ask(&connection, &found) {
         Ok(Some(status)) => status,
-        Ok(None) => return Ok(Outcome::Rejected(anyhow::anyhow!("run {} does not answer, expected its status", found.run))),
-        Err(e) => return Ok(Outcome::Rejected(e)),
+        Ok(None) => {
+            return Ok(CommandOutcome::Rejected(anyhow::anyhow!("run {} does not answer, expected its status", found.run)));
+        }
+        Err(e) => return Ok(CommandOutcome::Rejected(e)),
     };
     if json {
         print(&serde_json::to_string_pretty(&first)?);
@@ -33,7 +35,7 @@ pub fn status(run: Option<&str>, json: bool, once: bool) -> Result<Outcome> {
     } else {
         follow(&connection, &found, first)?;
     }
-    Ok(Outcome::Done)
+    Ok(CommandOutcome::Done)
 }
 
 /// Asks the run for its status; `None` if it does not reply.
@@ -41,7 +43,7 @@ fn ask(connection: &Connection, found: &Registration) -> Result<Option<Status>> 
     let Some(reply) = connection.ask(OperatorKind::Status, "")? else { return Ok(None) };
     let text = match reply.parts()? {
         (ReplyCode::Done, text) => text,
-        (ReplyCode::Refused, text) => bail!("{text}"),
+        (ReplyCode::Rejected, text) => bail!("{text}"),
     };
     let status: Status =
         serde_json::from_str(text).context("the run's status cannot be read. Hint: it may run another version of hapfic")?;

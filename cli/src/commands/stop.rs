@@ -1,6 +1,6 @@
 //! `hapfic stop`: ends a running stack like an interrupt from its terminal.
 
-use crate::{Outcome, log_line, print};
+use crate::{CommandOutcome, log_line, print};
 use anyhow::Result;
 use hapfic_messages::OperatorKind;
 use hapfic_supervisor::operator::client;
@@ -13,23 +13,23 @@ const TIMEOUT: Duration = Duration::from_secs(10);
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
 
 /// Requests the end of a run, and waits for it.
-pub fn stop(run: Option<&str>) -> Result<Outcome> {
-    let asked = client::find(run).and_then(|found| client::ask_once(&found, OperatorKind::Stop, "").map(|_| found));
-    let found = match asked {
+pub fn stop(run: Option<&str>) -> Result<CommandOutcome> {
+    let requested = client::find(run).and_then(|found| client::ask_once(&found, OperatorKind::Stop, "").map(|_| found));
+    let found = match requested {
         Ok(found) => found,
-        Err(e) => return Ok(Outcome::Rejected(e)),
+        Err(e) => return Ok(CommandOutcome::Rejected(e)),
     };
     let begun = Instant::now();
     while is_running(&found)? {
         if begun.elapsed() > TIMEOUT {
             let seconds = TIMEOUT.as_secs();
             log_line(&format!("hapfic: run {}: still running {seconds} s after the request to end", found.run));
-            return Ok(Outcome::Failed);
+            return Ok(CommandOutcome::Failed);
         }
         std::thread::sleep(POLL_INTERVAL);
     }
     print(&format!("run {} has ended. Its log: {}", found.run, found.log.display()));
-    Ok(Outcome::Done)
+    Ok(CommandOutcome::Done)
 }
 
 fn is_running(found: &Registration) -> Result<bool> {

@@ -1,12 +1,13 @@
-//! `hapfic stressor`: a process that keeps cores busy or fills a disk, for an injected fault. It ends with its supervisor.
+//! `hapfic stressor`: a process that keeps cores busy or fills a disk, for an injected fault. It ends with its
+//! supervisor.
 
-use crate::Outcome;
+use crate::CommandOutcome;
 use anyhow::{Context, Result, bail};
 use std::io::Write;
 use std::time::{Duration, Instant};
 
 /// Stresses the machine: `hog MS` keeps a core busy, `fill FILE` writes until the disk is full.
-pub fn stressor(supervisor: i32, arguments: &[String]) -> Result<Outcome> {
+pub fn stressor(supervisor: i32, arguments: &[String]) -> Result<CommandOutcome> {
     hapfic_ipc::tie_to_supervisor(supervisor, hapfic_ipc::Ending::Killed).context("cannot join the run")?;
     match arguments.iter().map(String::as_str).collect::<Vec<_>>()[..] {
         ["hog", ms] => {
@@ -27,5 +28,5 @@ pub fn stressor(supervisor: i32, arguments: &[String]) -> Result<Outcome> {
         }
         _ => bail!("expected `hog MS` or `fill FILE`, found {arguments:?}"),
     }
-    Ok(Outcome::Done)
+    Ok(CommandOutcome::Done)
 }

@@ -1,15 +1,15 @@
 //! `hapfic timeline`: the parameter sets of a log as entries of a scenario.
 
-use crate::{Outcome, log_line, print};
+use crate::{CommandOutcome, log_line, print};
 use anyhow::Result;
 use hapfic_log::{LogError, Reader, timeline};
 use std::path::Path;
 
 /// Prints the entries. In place of the scenario's own, they reproduce the run in lockstep.
-pub fn timeline(log: &Path) -> Result<Outcome> {
+pub fn timeline(log: &Path) -> Result<CommandOutcome> {
     let reader = match Reader::open(log) {
         Ok(reader) => reader,
-        Err(e) => return Ok(Outcome::Rejected(e.into())),
+        Err(e) => return Ok(CommandOutcome::Rejected(e.into())),
     };
     let scenario = reader.metadata().get("hapfic").and_then(|run| run.get("scenario")).cloned().unwrap_or_default();
     let (sets, ended) = timeline::sets(reader);
@@ -17,10 +17,13 @@ pub fn timeline(log: &Path) -> Result<Outcome> {
         None => {}
         // A killed run leaves a truncated log; its intact part still counts.
         Some(e @ LogError::Truncated { .. }) if !sets.is_empty() => log_line(&format!("hapfic: {e}")),
-        Some(e) => return Ok(Outcome::Rejected(e.into())),
+        Some(e) => return Ok(CommandOutcome::Rejected(e.into())),
     }
     if sets.is_empty() {
-        return Ok(Outcome::Rejected(anyhow::anyhow!("{}: no parameter set on /operator, expected at least one", log.display())));
+        return Ok(CommandOutcome::Rejected(anyhow::anyhow!(
+            "{}: no parameter set on /operator, expected at least one",
+            log.display()
+        )));
     }
     // Names may contain line ends, which would end the comment.
     let plain = |text: &str| text.escape_debug().to_string();
@@ -30,5 +33,5 @@ pub fn timeline(log: &Path) -> Result<Outcome> {
         plain(&log.display().to_string())
     );
     print(&format!("{header}\n{}", timeline::entries(&sets).trim_end()));
-    Ok(Outcome::Done)
+    Ok(CommandOutcome::Done)
 }

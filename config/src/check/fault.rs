@@ -1,6 +1,6 @@
 //! Injected faults: conditions between the keys of an entry, and sampling of random faults.
 
-use super::{At, TICKS_PER_S, ticks};
+use super::{ScenarioCheck, TICKS_PER_S, ticks};
 use crate::error::ConfigError;
 use crate::fault::{Fault, FaultKind, FaultTarget};
 use crate::raw::{RawFault, RawTargets};
@@ -11,14 +11,14 @@ use fastrand::Rng;
 const MAX_FAULTS: usize = 1_000_000;
 
 /// Effect of an entry, without its time.
-pub(super) struct Effect {
+pub(super) struct FaultEffect {
     /// The fault at tick 0, on the only target or the first of several.
     pub(super) fault: Fault,
     /// Possible targets; empty: the machine.
     targets: Vec<FaultTarget>,
 }
 
-impl Effect {
+impl FaultEffect {
     fn at(&self, tick: i64, rng: &mut Rng) -> Fault {
         let target = match self.targets.as_slice() {
             several @ [_, _, ..] => several[rng.u64(..several.len() as u64) as usize],
@@ -29,13 +29,13 @@ impl Effect {
 }
 
 /// Times at which an entry's faults begin: `count` ticks in `from..to`.
-struct When {
+struct FaultTimes {
     count: u32,
     from: i64,
     to: i64,
 }
 
-impl At<'_> {
+impl ScenarioCheck<'_> {
     /// Returns all faults of a run of `run` ticks, in the order of time; at the same tick in the order of the entries.
     pub(super) fn faults(&self, raw: &[RawFault], run: i64, seed: u64) -> Result<Vec<Fault>, ConfigError> {
         let mut seeds = Rng::with_seed(seed);
@@ -43,18 +43,18 @@ impl At<'_> {
         for (index, entry) in raw.iter().enumerate() {
             let path = format!("fault[{index}]");
             let effect = self.effect(&path, entry)?;
-            let when = self.when(&path, entry, run)?;
+            let times = self.times(&path, entry, run)?;
             // Each entry has its own generator, so that more samples of one entry leave the other entries unchanged.
             let mut rng = seeds.fork();
-            let all = faults.len() + when.count as usize;
+            let all = faults.len() + times.count as usize;
             if all > MAX_FAULTS {
                 let expected = format!("at most {MAX_FAULTS} in all");
                 let help = "lower the counts, or spread the faults over several runs";
                 let found = format!("an entry that raises the number of faults to {all}");
-                return Err(ConfigError::Combination(self.complain(&path, &found, &expected, help)));
+                return Err(ConfigError::Combination(self.diagnostic(&path, &found, &expected, help)));
             }
-            faults.extend((0..when.count).map(|_| {
-                let tick = rng.i64(when.from..when.to);
+            faults.extend((0..times.count).map(|_| {
+                let tick = rng.i64(times.from..times.to);
                 effect.at(tick, &mut rng)
             }));
         }
@@ -63,7 +63,7 @@ impl At<'_> {
     }
 
     /// Checks that kind, process, length and delay of an entry fit together.
-    pub(super) fn effect(&self, path: &str, raw: &RawFault) -> Result<Effect, ConfigError> {
+    pub(super) fn effect(&self, path: &str, raw: &RawFault) -> Result<FaultEffect, ConfigError> {
         let kind = raw.kind;
         let targets = self.targets(path, raw)?;
         if raw.for_ms.is_some() && !kind.lasts() {
@@ -82,13 +82,13 @@ impl At<'_> {
         }
         let target = targets.first().copied().unwrap_or(FaultTarget::Machine);
         let length = if kind.lasts() { raw.for_ms.unwrap_or(1) } else { 0 };
-        Ok(Effect { fault: Fault { tick: 0, kind, target, ticks: length, by_us: raw.by_us.unwrap_or(0) }, targets })
+        Ok(FaultEffect { fault: Fault { tick: 0, kind, target, ticks: length, by_us: raw.by_us.unwrap_or(0) }, targets })
     }
 
     fn misfit(&self, path: &str, key: &str, kind: FaultKind, expected: &str, help: &str) -> ConfigError {
         let key = format!("{path}.{key}");
         let found = format!("{} beside kind = \"{}\"", self.found(&key), kind.name());
-        ConfigError::Combination(self.complain(&key, &found, expected, help))
+        ConfigError::Combination(self.diagnostic(&key, &found, expected, help))
     }
 
     fn targets(&self, path: &str, raw: &RawFault) -> Result<Vec<FaultTarget>, ConfigError> {
@@ -108,8 +108,8 @@ impl At<'_> {
                 if targets.is_empty() {
                     let key = format!("{path}.process");
                     let expected = "a process, or a list to sample from";
-                    let complaint = self.complain(&key, &self.found(&key), expected, "name at least one");
-                    return Err(ConfigError::WrongLength(complaint));
+                    let diagnostic = self.diagnostic(&key, &self.found(&key), expected, "name at least one");
+                    return Err(ConfigError::WrongLength(diagnostic));
                 }
                 let Some(index) = targets.iter().position(|target| !allowed.contains(target)) else {
                     return Ok(targets.to_vec());
@@ -123,16 +123,16 @@ impl At<'_> {
         }
     }
 
-    fn when(&self, path: &str, raw: &RawFault, run: i64) -> Result<When, ConfigError> {
+    fn times(&self, path: &str, raw: &RawFault, run: i64) -> Result<FaultTimes, ConfigError> {
         let end = || format!("duration_s = {}", describe_number(run as f64 / TICKS_PER_S));
         let wrong = |key: &str, found: &str, expected: &str, help: &str| {
-            ConfigError::Combination(self.complain(key, found, expected, help))
+            ConfigError::Combination(self.diagnostic(key, found, expected, help))
         };
         match (raw.at_s, &raw.random) {
             (Some(at_s), None) => {
                 let tick = ticks(at_s);
                 if tick < run {
-                    return Ok(When { count: 1, from: tick, to: tick + 1 });
+                    return Ok(FaultTimes { count: 1, from: tick, to: tick + 1 });
                 }
                 let key = format!("{path}.at_s");
                 let help = "no fault occurs after the run's end: lengthen the run, or choose an earlier time";
@@ -150,7 +150,7 @@ impl At<'_> {
                     let help = "the span must contain a tick of 1 ms";
                     return Err(wrong(&from_key, &self.found(&from_key), &expected, help));
                 }
-                Ok(When { count: random.count, from, to })
+                Ok(FaultTimes { count: random.count, from, to })
             }
             (None, None) => {
                 let help = "write at_s = 3.0, or random = { count = 5, from_s = 1.0, to_s = 9.0 }";

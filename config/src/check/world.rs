@@ -1,10 +1,10 @@
 //! Checks of the floor and the objects.
 
-use super::At;
+use super::ScenarioCheck;
 use crate::error::ConfigError;
 use crate::policy::ShapeKind;
 use crate::raw::{RawObject, RawWorld};
-use crate::settings::{Floor, MAX_OBJECTS, Object, ObjectShape, Surface, World};
+use crate::settings::{Floor, MAX_OBJECTS, Object, ObjectShape, Surface, WorldSettings};
 use crate::tree::describe_number;
 
 /// Longest gravity vector [m/s^2].
@@ -14,8 +14,8 @@ const RESERVED_NAMES: [&str; 4] = ["floor", "contacts", "reference", "target"];
 /// Longest name of an object [bytes]: the length that summaries keep.
 const LONGEST_NAME: usize = 31;
 
-impl At<'_> {
-    pub(super) fn world(&self, raw: RawWorld) -> Result<World, ConfigError> {
+impl ScenarioCheck<'_> {
+    pub(super) fn world(&self, raw: RawWorld) -> Result<WorldSettings, ConfigError> {
         self.short_enough("world.gravity_m_per_s2", raw.gravity_m_per_s2, GRAVITY_MAX)?;
         let floor = raw.floor.map(|floor| Floor {
             height_m: floor.height_m,
@@ -35,7 +35,7 @@ impl At<'_> {
             let found = format!("{} of them", raw.objects.len());
             let expected = format!("at most {MAX_OBJECTS}");
             let help = "the messages have no room for more";
-            return Err(ConfigError::WrongLength(self.complain("world.object", &found, &expected, help)));
+            return Err(ConfigError::WrongLength(self.diagnostic("world.object", &found, &expected, help)));
         }
         let mut objects: Vec<Object> = Vec::with_capacity(raw.objects.len());
         for (index, object) in raw.objects.into_iter().enumerate() {
@@ -46,11 +46,11 @@ impl At<'_> {
                 let key = format!("world.object[{index}].name");
                 let expected = format!("a unique name of at most {LONGEST_NAME} bytes, none of {}", RESERVED_NAMES.join(", "));
                 let help = "contacts, figures and viewers identify bodies by these names";
-                return Err(ConfigError::Combination(self.complain(&key, &self.found(&key), &expected, help)));
+                return Err(ConfigError::Combination(self.diagnostic(&key, &self.found(&key), &expected, help)));
             }
             objects.push(object);
         }
-        Ok(World { gravity_m_per_s2: raw.gravity_m_per_s2, floor, objects })
+        Ok(WorldSettings { gravity_m_per_s2: raw.gravity_m_per_s2, floor, objects })
     }
 
     fn object(&self, path: &str, raw: RawObject) -> Result<Object, ConfigError> {
@@ -58,7 +58,7 @@ impl At<'_> {
             let key = format!("{path}.{key}");
             let found = if self.tree.get(&key).is_some() { self.found(&key) } else { "nothing".to_owned() };
             let help = "a box has size_m, a ball has radius_m";
-            Err(ConfigError::Combination(self.complain(&key, &found, expected, help)))
+            Err(ConfigError::Combination(self.diagnostic(&key, &found, expected, help)))
         };
         let shape = match (raw.shape, raw.size_m, raw.radius_m) {
             (ShapeKind::Box, Some(size_m), None) => ObjectShape::Box { size_m },
@@ -94,6 +94,6 @@ impl At<'_> {
         let found = describe_number(surface.friction_dynamic);
         let expected = format!("at most {path}.friction_static = {}", describe_number(surface.friction_static));
         let help = "raise friction_static or lower friction_dynamic";
-        Err(ConfigError::Combination(self.complain(&format!("{path}.friction_dynamic"), &found, &expected, help)))
+        Err(ConfigError::Combination(self.diagnostic(&format!("{path}.friction_dynamic"), &found, &expected, help)))
     }
 }

@@ -1,7 +1,7 @@
 //! Process of a controller: state(k), reference(k) and command(k - 1) in, request(k) out.
 //!
-//! The process keeps no state of the law between ticks: command(k - 1) carries the state that the gate accepted. Any number
-//! of controllers therefore compute the same, and a controller that starts late needs no initial state.
+//! The process keeps no state of the law between ticks: command(k - 1) carries the state that the gate accepted. Any
+//! number of controllers therefore compute the same, and a controller that starts late needs no initial state.
 
 mod error;
 
@@ -21,7 +21,7 @@ const MAX_REFERENCE_LAG: i64 = 16;
 /// Response time of a polling gate [ns]; by then the plant has stopped polling for the command too.
 const GATE_RESPONSE_NS: u64 = 40_000;
 
-struct Ports {
+struct ControllerPorts {
     state: Input<State>,
     reference: Input<Reference>,
     command: Input<Command>,
@@ -34,18 +34,18 @@ struct Ports {
     command_doorbell: Doorbell,
     /// Notified only by the gate: after each command, and when it calls the standby controller.
     command_sent: Doorbell,
-    /// Notifies the spare_gate gate thread.
+    /// Notifies the spare gate thread.
     spare_gate: Doorbell,
     injector: Injector<Request>,
 }
 
-impl Ports {
+impl ControllerPorts {
     /// Idle work: preloans the next request and updates the connections.
     fn preloan(&mut self) {
         self.request.preloan();
-        self.state.preloan();
-        self.reference.preloan();
-        self.command.preloan();
+        self.state.update_connections();
+        self.reference.update_connections();
+        self.command.update_connections();
     }
 
     /// Notifies the spare gate thread, if there is one, when the gate does not respond to a request.
@@ -71,7 +71,7 @@ struct InputBuffers {
     references: TickBuffer<Reference>,
     commands: TickBuffer<Command>,
     operator: Option<Operator>,
-    /// Whether a state has been command_sent_listener.
+    /// Whether the controller has answered a state.
     has_responded: bool,
 }
 
@@ -116,7 +116,7 @@ impl InputBuffers {
 /// [`ControllerError`] if the robot description is invalid or messaging fails.
 pub fn run(context: &mut Context, settings: &Settings) -> Result<(), ControllerError> {
     let wait_in_lockstep = if context.clock == Clock::Lockstep { Wait::Yes } else { Wait::No };
-    let mut ports = Ports {
+    let mut ports = ControllerPorts {
         state: context.bus.input(&topic::STATE, Wait::Yes)?,
         reference: context.bus.input(&topic::REFERENCE, wait_in_lockstep)?,
         command: context.bus.input(&topic::COMMAND, wait_in_lockstep)?,
@@ -158,9 +158,9 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), ControllerE
         let instead = standby.then_some(&ports.command_sent_listener as &dyn Wakes);
         let Some(state) = context.next_state(&mut ports.state, seen, Gaps::Allowed, instead, || {
             ports.request.preloan();
-            ports.reference.preloan();
-            ports.command.preloan();
-            ports.operator.preloan();
+            ports.reference.update_connections();
+            ports.command.update_connections();
+            ports.operator.update_connections();
         })?
         else {
             break;
@@ -218,14 +218,14 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), ControllerE
 enum InputStatus {
     /// All messages are present; in realtime: all that arrived so far.
     Complete,
-    /// The tick is done: another controller has command_sent_listener it.
+    /// The tick is done: another controller has answered it.
     TooLate,
     /// The process must end.
     End,
 }
 
 /// Receives messages that precede their state: command(k) at the end of tick k, parameters some ticks ahead.
-fn read_ahead(context: &mut Context, ports: &mut Ports, buffers: &mut InputBuffers) -> Result<(), IpcError> {
+fn read_ahead(context: &mut Context, ports: &mut ControllerPorts, buffers: &mut InputBuffers) -> Result<(), IpcError> {
     context.drain(&mut ports.command, |new| buffers.commands.insert(new))?;
     context.drain(&mut ports.operator, |new| buffers.operator = Some(new))
 }
@@ -242,7 +242,7 @@ fn take_references(
         late += u32::from(!buffers.take_reference(new));
         new.tick >= tick
     })?;
-    // Who has just has_responded is handed over what was said long ago.
+    // A controller that has just joined receives the history, whose old references do not count.
     for _ in 0..if buffers.has_responded { late } else { 0 } {
         context.reject();
     }
@@ -252,7 +252,7 @@ fn take_references(
 /// Receives all inputs; in lockstep waits for reference(k) and command(k - 1), or for command(k), which ends tick k.
 fn receive_inputs(
     context: &mut Context,
-    ports: &mut Ports,
+    ports: &mut ControllerPorts,
     buffers: &mut InputBuffers,
     tick: i64,
 ) -> Result<InputStatus, IpcError> {

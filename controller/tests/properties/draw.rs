@@ -1,6 +1,6 @@
 //! Strategies for inputs and parameters, and the work along a path of the error.
 
-use hapfic_controller::task_space::Input;
+use hapfic_controller::task_space::TaskSpaceInput;
 use hapfic_controller::{Attractor, ForceProfile, HapticParameters, Stall, StallInput};
 use hapfic_messages::{ControllerState, Parameters, ResetPolicy, Saturation, Search};
 use proptest::prelude::*;
@@ -60,10 +60,10 @@ pub fn moderate() -> impl Strategy<Value = f64> {
     (scale, -1.0_f64..1.0).prop_map(|(scale, share)| scale * share)
 }
 
-pub fn input() -> impl Strategy<Value = Input> {
+pub fn input() -> impl Strategy<Value = TaskSpaceInput> {
     let vector = || prop::array::uniform3(moderate());
     (vector(), vector(), vector(), vector(), vector()).prop_map(
-        |(position, velocity, reference_position, reference_velocity, contact_force)| Input {
+        |(position, velocity, reference_position, reference_velocity, contact_force)| TaskSpaceInput {
             position,
             velocity,
             reference_position,
@@ -115,7 +115,12 @@ pub fn ordinary() -> Parameters {
 }
 
 /// Returns the n-th number that enters the task-space law; `None` after the last.
-pub fn place<'a>(n: usize, state: &'a mut ControllerState, input: &'a mut Input, p: &'a mut Parameters) -> Option<&'a mut f64> {
+pub fn place<'a>(
+    n: usize,
+    state: &'a mut ControllerState,
+    input: &'a mut TaskSpaceInput,
+    p: &'a mut Parameters,
+) -> Option<&'a mut f64> {
     let search = state.offset.iter_mut().chain(&mut state.x_max);
     let before = state.stiffness.iter_mut().chain(&mut state.max_force).chain(&mut state.position_bound).chain(&mut state.force);
     let state = search.chain(before);
@@ -152,7 +157,8 @@ pub fn segments(knots: &[f64]) -> Vec<(f64, f64)> {
 /// Samples per segment.
 pub const SAMPLES: u32 = 64;
 
-/// Work of a force on the robot along a path of the error [J]: -sum F de, with the force at the midpoint of each sample.
+/// Work of a force on the robot along a path of the error [J]: -sum F de, with the force at the midpoint of each
+/// sample.
 pub fn work(segments: &[(f64, f64)], mut force: impl FnMut(f64, f64) -> f64) -> f64 {
     let mut work = 0.0;
     for &(from, to) in segments {
@@ -197,10 +203,10 @@ pub fn work_with_pauses(segments: &[(f64, f64)], profile: &ForceProfile) -> f64 
 
 /// Largest apparent energy gain from sampling [J].
 ///
-/// The midpoint rule is exact where the force is linear. Where the profile bends it overestimates the stored energy, which
-/// is the safe side. The law detects a convergence from M half a sample h late, at M - h/2. With F_c(e) / e falling, its
-/// work is at most `F_c/|x_max| (-(M - m)^2 / 2 + (M - m) h / 2 + h^2 / 8)` more than the energy released between M and m.
-/// That is largest, h^2/4, at M - m = h/2; and F_c/|x_max| <= K0. The last term is rounding.
+/// The midpoint rule is exact where the force is linear. Where the profile bends it overestimates the stored energy,
+/// which is the safe side. The law detects a convergence from M half a sample h late, at M - h/2. With F_c(e) / e
+/// falling, its work is at most `F_c/|x_max| (-(M - m)^2 / 2 + (M - m) h / 2 + h^2 / 8)` more than the energy released
+/// between M and m. That is largest, h^2/4, at M - m = h/2; and F_c/|x_max| <= K0. The last term is rounding.
 pub fn sampling_error(segments: &[(f64, f64)], profile: &ForceProfile) -> f64 {
     let squares: f64 = segments.iter().map(|(from, to)| ((to - from) / f64::from(SAMPLES)).powi(2)).sum();
     let length: f64 = segments.iter().map(|(from, to)| (to - from).abs()).sum();

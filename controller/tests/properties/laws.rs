@@ -139,7 +139,8 @@ proptest! {
                 let (next, now) = released(state, error, 0.0, &profile);
                 (state, force) = (next, now * error.signum());
             }
-            // A release occurs if it gains force. Its force is within the profile's, and its energy within the previous one's.
+            // A release occurs if it gains force. Its force is within the profile's, and its energy within the previous
+            // one's.
             if profile.force(error.abs()) - pull > 0.01 {
                 prop_assert_eq!(state.0, Attractor { x_max_m: error, converging: true });
                 prop_assert!(force > pull && force <= profile.force(error.abs()));

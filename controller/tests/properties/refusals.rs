@@ -1,7 +1,7 @@
 //! Rejection of numbers that are not finite, and of unknown codes.
 
 use crate::draw::*;
-use hapfic_controller::task_space::{self, Input, TaskSpaceError, policies};
+use hapfic_controller::task_space::{self, TaskSpaceError, TaskSpaceInput, policies};
 use hapfic_controller::{Attractor, ForceProfile, LowPass, limit};
 use hapfic_messages::{ControllerState, Parameters, Saturation};
 
@@ -10,7 +10,7 @@ fn task_space_number_not_finite_rejected() {
     let mut places = 0;
     loop {
         for bad in NOT_FINITE {
-            let (mut state, mut input, mut p) = (ControllerState::default(), Input::default(), ordinary());
+            let (mut state, mut input, mut p) = (ControllerState::default(), TaskSpaceInput::default(), ordinary());
             let Some(number) = place(places, &mut state, &mut input, &mut p) else {
                 assert_eq!(places, 48);
                 return;
@@ -25,14 +25,14 @@ fn task_space_number_not_finite_rejected() {
 
 #[test]
 fn task_space_error_overflow_rejected() {
-    let input = Input { position: [f64::MAX; 3], reference_position: [f64::MIN; 3], ..Input::default() };
+    let input = TaskSpaceInput { position: [f64::MAX; 3], reference_position: [f64::MIN; 3], ..TaskSpaceInput::default() };
     let rejected = task_space::step(ControllerState::default(), &input, &ordinary(), PERIOD_S);
     assert_eq!(rejected, Err(TaskSpaceError::NotFinite { quantity: "error", index: 0, found: f64::NEG_INFINITY }));
 }
 
 #[test]
 fn task_space_unknown_policy_or_period_rejected() {
-    let step = |p: &Parameters, period_s| task_space::step(ControllerState::default(), &Input::default(), p, period_s);
+    let step = |p: &Parameters, period_s| task_space::step(ControllerState::default(), &TaskSpaceInput::default(), p, period_s);
     let unknown = |quantity, last| Err(TaskSpaceError::UnknownPolicy { quantity, found: 7, last });
     let p = Parameters { reset_policy: 7, ..ordinary() };
     assert_eq!(step(&p, PERIOD_S), unknown("reset_policy", 2));

@@ -23,7 +23,7 @@ pub(super) struct PendingTick {
 }
 
 impl PendingTick {
-    /// Whether the state of the tick that is due has come.
+    /// Whether the state of the tick that is due has arrived.
     pub(super) fn state_is_here(&self) -> bool {
         self.newest.is_some_and(|(newest, _)| newest == self.tick)
     }
@@ -39,7 +39,7 @@ impl PendingTick {
 
 /// Reason for the end of a wait.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Woken {
+pub(super) enum WakeReason {
     /// A message arrived, or a time is up: check again.
     Check,
     /// The state is due shortly: there is time for a cache warm-up.
@@ -63,21 +63,21 @@ impl ArrivalWait {
     }
 
     /// Waits for a request, at most until it is late.
-    pub(super) fn wait(&mut self, pending: &PendingTick) -> Result<Woken, IpcError> {
+    pub(super) fn wait(&mut self, pending: &PendingTick) -> Result<WakeReason, IpcError> {
         let Some((call, due)) = pending.call_and_due() else {
             wait(&[&self.request], TIMEOUT)?;
-            return Ok(Woken::Check);
+            return Ok(WakeReason::Check);
         };
         if let Some(predictor) = &pending.predictor {
             if self.warmed_up < pending.tick {
                 self.warmed_up = pending.tick;
                 if predictor.sleep_until_window(pending.tick) {
-                    return Ok(Woken::WarmUp);
+                    return Ok(WakeReason::WarmUp);
                 }
             }
             let limit = if pending.state_is_here() { call } else { u64::MAX };
             if predictor.poll(&[&self.request as &dyn Wakes, &self.state], pending.tick, limit) {
-                return Ok(Woken::Check);
+                return Ok(WakeReason::Check);
             }
         }
         let now = clock::now_ns();
@@ -91,7 +91,7 @@ impl ArrivalWait {
             _ => OVERDUE_POLL_INTERVAL,
         };
         wait(&[&self.request], most)?;
-        Ok(Woken::Check)
+        Ok(WakeReason::Check)
     }
 }
 
@@ -100,7 +100,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn pending_tick_without_state_is_due_period_after_last() {
+    fn pending_tick_without_state_due_period_after_last() {
         let pending = PendingTick { tick: 7, newest: None, deadline_ns: 800_000, predictor: None };
         assert_eq!(pending.call_and_due(), None, "no time is known before the first state");
         let here = PendingTick { newest: Some((7, 5_000_000)), ..pending };

@@ -1,9 +1,9 @@
-//! Changes of parameters on their way to the gate, and the gate's replies: two wait-free queues of bounded length.
+//! Parameter changes for the gate, and the gate's replies: two wait-free queues of bounded length.
 //!
-//! The client waits for a bounded time. A change that it has given up must not be made later: [`PendingId`] says whether the newest
-//! request is still pending, so that either the gate takes it or the client withdraws it, never both.
+//! The client waits for a bounded time, and the gate must not apply a change whose client has timed out. [`PendingId`]
+//! marks the newest request as pending: either the gate takes it or the client withdraws it, never both.
 
-use hapfic_config::{OperatorChange, Parameters};
+use hapfic_config::{OperatorChange, ParameterSettings};
 use hapfic_sync::PendingId;
 use rtrb::{Consumer, Producer, RingBuffer};
 use std::sync::Arc;
@@ -11,50 +11,50 @@ use std::time::{Duration, Instant};
 
 /// Requests, or replies, in flight. One request is pending at a time; the others have been withdrawn.
 const DEPTH: usize = 4;
-/// Interval at which the client looks for the reply.
+/// Poll interval of the client for its reply.
 const POLL_INTERVAL: Duration = Duration::from_micros(500);
 
-/// A change that the gate is to make.
+/// Request for a change.
 #[derive(Clone, Copy, Debug)]
 pub struct ChangeRequest {
     id: u64,
-    /// Version of the set that the change was made on; `None`: the change fits any.
+    /// Version of the parameter set on which the change is based; `None`: any.
     pub made_on: Option<u64>,
     /// The change; the gate chooses its tick.
     pub change: OperatorChange,
 }
 
-/// What the gate does with a change.
+/// Decision of the gate on a change.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ChangeOutcome {
-    /// It will take effect.
+    /// The change will take effect.
     Placed,
-    /// It was made on another set than the one it would follow.
+    /// The change is based on another set than the one it would follow.
     Stale,
-    /// The run ends before it could take effect.
+    /// The run ends before the change could take effect.
     TooLate,
     /// Too many changes are waiting for their tick.
     Full,
 }
 
-/// The gate's reply.
+/// Reply of the gate to a change.
 #[derive(Clone, Copy, Debug)]
 pub struct ChangeReply {
     id: u64,
-    /// What becomes of the change.
+    /// Decision on the change.
     pub outcome: ChangeOutcome,
-    /// Version that the set has, or would have.
+    /// Version of the new set, even if the gate does not place it.
     pub version: u64,
-    /// First tick at which it is, or would be, in force.
+    /// First tick of the new set, even if the gate does not place it.
     pub effective_tick: i64,
     /// Tick that was due when the gate took the request.
     pub taken_tick: i64,
-    /// The set it follows.
-    pub before: Parameters,
+    /// Set before the change.
+    pub before: ParameterSettings,
 }
 
 impl ChangeReply {
-    /// The reply to a request.
+    /// Reply to a request.
     #[must_use]
     pub fn new(
         request: &ChangeRequest,
@@ -62,13 +62,13 @@ impl ChangeReply {
         version: u64,
         effective_tick: i64,
         taken_tick: i64,
-        before: Parameters,
+        before: ParameterSettings,
     ) -> Self {
         Self { id: request.id, outcome, version, effective_tick, taken_tick, before }
     }
 }
 
-/// The side of the operator's server.
+/// Side of the operator's server.
 #[derive(Debug)]
 pub struct ChangeClient {
     requests: Producer<ChangeRequest>,
@@ -77,7 +77,7 @@ pub struct ChangeClient {
     last: u64,
 }
 
-/// The gate's side: nothing in it waits or allocates.
+/// Side of the gate. No call waits or allocates.
 #[derive(Debug)]
 pub struct ChangeServer {
     requests: Consumer<ChangeRequest>,
@@ -85,7 +85,7 @@ pub struct ChangeServer {
     pending: Arc<PendingId>,
 }
 
-/// Both sides.
+/// Both sides of a new exchange.
 #[must_use]
 pub fn exchange() -> (ChangeClient, ChangeServer) {
     let (request, requests) = RingBuffer::new(DEPTH);
@@ -96,8 +96,10 @@ pub fn exchange() -> (ChangeClient, ChangeServer) {
 }
 
 impl ChangeClient {
-    /// Requests a change and waits for the reply. `None` if the gate did not take it within `timeout`: then it never will; or if the gate
-    /// took it and has not replied within twice that time.
+    /// Requests a change and waits for the reply.
+    ///
+    /// Returns `None` if the gate does not take the request within `timeout`; the request is then withdrawn. Also
+    /// returns `None` if the gate takes it and does not reply within twice that time.
     pub fn ask(&mut self, made_on: Option<u64>, change: &OperatorChange, timeout: Duration) -> Option<ChangeReply> {
         self.last += 1;
         let id = self.last;
@@ -109,18 +111,18 @@ impl ChangeClient {
             let _ = self.pending.withdraw(id);
             return None;
         }
-        let asked = Instant::now();
+        let begun = Instant::now();
         loop {
             if let Ok(reply) = self.replies.pop()
                 && reply.id == id
             {
                 return Some(reply);
             }
-            if asked.elapsed() > timeout && self.pending.withdraw(id) {
+            if begun.elapsed() > timeout && self.pending.withdraw(id) {
                 return None;
             }
-            // The gate has taken it, and ended before it could reply.
-            if asked.elapsed() > 2 * timeout {
+            // The gate took it, and ended before the reply.
+            if begun.elapsed() > 2 * timeout {
                 return None;
             }
             std::thread::sleep(POLL_INTERVAL);
@@ -129,7 +131,7 @@ impl ChangeClient {
 }
 
 impl ChangeServer {
-    /// Takes the pending request, if there is one. To be replied to immediately.
+    /// Takes the pending request, if any. The caller replies immediately.
     pub fn take(&mut self) -> Option<ChangeRequest> {
         while let Ok(request) = self.requests.pop() {
             if self.pending.take(request.id) {
@@ -139,7 +141,7 @@ impl ChangeServer {
         None
     }
 
-    /// Replies.
+    /// Sends a reply.
     pub fn reply(&mut self, reply: ChangeReply) {
         // A client that leaves its replies in the queue has stopped waiting for them.
         let _ = self.replies.push(reply);
@@ -156,7 +158,7 @@ mod tests {
     const SHORT: Duration = Duration::from_millis(5);
     const LONG: Duration = Duration::from_secs(20);
 
-    fn before() -> Parameters {
+    fn before() -> ParameterSettings {
         Settings::load("floor", &[]).unwrap().initial
     }
 
@@ -177,14 +179,14 @@ mod tests {
     }
 
     #[test]
-    fn ask_timed_out_request_is_withdrawn() {
+    fn ask_timed_out_request_withdrawn() {
         let (mut client, mut server) = exchange();
         assert!(client.ask(None, &OperatorChange::default(), SHORT).is_none());
-        assert!(server.take().is_none(), "a withdrawn change is never made");
+        assert!(server.take().is_none(), "a withdrawn change never applies");
     }
 
     #[test]
-    fn ask_full_queue_gives_up_and_recovers() {
+    fn ask_full_queue_times_out_and_recovers() {
         let (mut client, mut server) = exchange();
         for _ in 0..10 * DEPTH {
             assert!(client.ask(None, &OperatorChange::default(), SHORT).is_none());
@@ -199,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn ask_after_a_timeout_gets_its_own_request_served() {
+    fn ask_after_timeout_gets_own_reply() {
         let (mut client, mut server) = exchange();
         assert!(client.ask(Some(1), &OperatorChange::default(), SHORT).is_none());
         let gate = thread::spawn(move || {
@@ -218,19 +220,19 @@ mod tests {
             server.reply(placed(&request, request.made_on.unwrap() + 1));
         });
         let reply = client.ask(Some(50), &OperatorChange::default(), LONG).unwrap();
-        assert_eq!(reply.version, 51, "the reply with the id of this request that came before it was asked is discarded");
+        assert_eq!(reply.version, 51, "an earlier reply with the id of this request is discarded");
         gate.join().unwrap();
     }
 
     #[test]
-    fn ask_gate_that_took_it_and_ended_returns() {
+    fn ask_gate_ended_before_reply_returns() {
         let (mut client, mut server) = exchange();
         let gate = thread::spawn(move || {
             let _ = take(&mut server);
         });
-        let asked = Instant::now();
+        let begun = Instant::now();
         assert!(client.ask(None, &OperatorChange::default(), Duration::from_millis(200)).is_none());
-        assert!(asked.elapsed() < LONG);
+        assert!(begun.elapsed() < LONG);
         gate.join().unwrap();
     }
 }

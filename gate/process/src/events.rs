@@ -107,7 +107,7 @@ impl GateNode {
 
     pub(super) fn report_transition(&mut self, from: u32, to: u32) -> Result<(), IpcError> {
         let name = |code| Severity::from_code(code).map_or("?", Severity::name);
-        let stop_by = Detector::from_code(self.start.shared.stop_by.load(std::sync::atomic::Ordering::Relaxed));
+        let stop_by = Detector::from_code(self.start.shared.orders.stop_by.load(std::sync::atomic::Ordering::Relaxed));
         let detector = match Severity::from_code(to) {
             Some(Severity::Stopped) => stop_by.unwrap_or(Detector::Operator),
             _ if from == Severity::Stopped.code() => Detector::Operator,
@@ -115,7 +115,7 @@ impl GateNode {
         };
         if from == Severity::Stopped.code() {
             self.report(Process::Supervisor, EventKind::Rearmed, Detector::Operator, |text| {
-                write!(text, "re-armed by the operator: starts from where the foot is, the torque ramps in")
+                write!(text, "re-armed by the operator: starts from the foot's position, the torque ramps in")
             })?;
         }
         self.report(Process::Supervisor, EventKind::Transition, detector, |text| {
@@ -129,9 +129,9 @@ impl GateNode {
         process: Process,
         kind: EventKind,
         detector: Detector,
-        write: impl FnOnce(&mut Text) -> std::fmt::Result,
+        write: impl FnOnce(&mut EventText) -> std::fmt::Result,
     ) -> Result<(), IpcError> {
-        let mut text = Text::default();
+        let mut text = EventText::default();
         // A text that is too long is cut.
         let _ = write(&mut text);
         let event = Event::new(self.gate.last().tick, process, kind, self.gate.severity(), detector, text.as_str());
@@ -143,11 +143,11 @@ impl GateNode {
 
 /// Text of bounded length on the stack.
 #[derive(Default)]
-pub(super) struct Text {
+pub(super) struct EventText {
     bytes: arrayvec::ArrayString<{ hapfic_messages::EVENT_TEXT }>,
 }
 
-impl Text {
+impl EventText {
     pub(super) fn as_str(&self) -> &str {
         &self.bytes
     }

@@ -1,7 +1,7 @@
 //! The gate with its ports: request(k) in, command(k) out, on a real-time thread of its own.
 //!
 //! [`hapfic_gate::Gate`] decides; [`node`] waits, reads, validates, publishes and accounts. If it polls for requests on
-//! a core of its own, a spare gate thread ([`spare`]) takes over when the host steals that core. Read `node`, then
+//! a core of its own, a spare gate thread ([`spare`]) takes over during steal time on that core. Read `node`, then
 //! `turn`, `receive`, `idle_work`, `events`. The supervisor's other threads share [`shared_status`] and
 //! [`change_exchange`] with it.
 
@@ -15,8 +15,8 @@ mod receive;
 mod received;
 mod reported;
 mod run;
-pub mod shared_status;
 mod spare;
+pub mod status;
 mod tick_account;
 mod turn;
 

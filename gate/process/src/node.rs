@@ -5,12 +5,12 @@ use crate::change_exchange::ChangeServer;
 use crate::ports::GatePorts;
 use crate::received::{Received, Rejections};
 use crate::reported::Reported;
-use crate::shared_status::SharedStatus;
+use crate::status::SharedStatus;
 use crate::tick_account::TickAccount;
 use hapfic_gate::parameter_schedule::ParameterSchedule;
 use hapfic_gate::protocol::{Choice, ControllerSlot, GateInputs, WaitPolicy};
 use hapfic_gate::torque_check::TorqueCheck;
-use hapfic_gate::{Gate, Limits};
+use hapfic_gate::{Gate, GateLimits};
 use hapfic_ipc::realtime::{SchedGrants, SchedRequest};
 use hapfic_ipc::{ArrivalPredictor, Bus, Domain, IpcError, allocations, clock};
 use hapfic_messages::{Clock, Command, Phase, Process, Timing};
@@ -26,10 +26,10 @@ pub(super) const REPORTED_ONE_BY_ONE: u64 = 2;
 pub struct GateStart {
     /// The run's domain.
     pub domain: Domain,
-    /// How time passes.
+    /// Clock of the run.
     pub clock: Clock,
-    /// Limits that it enforces.
-    pub limits: Limits,
+    /// Limits that the gate enforces.
+    pub limits: GateLimits,
     /// Check of the requested torques.
     pub torque: TorqueCheck,
     /// Parameters and the operator's script.
@@ -61,16 +61,16 @@ pub struct GateNode {
     pub(super) received: Received,
     pub(super) rejections: Rejections,
     pub(super) reported: Reported,
-    /// When the gate began to wait for the tick that is due [ns]; 0: not yet.
+    /// Time at which the wait for the tick that is due began [ns]; 0: not yet.
     pub(super) waiting_ns: u64,
     /// Stops and re-armings that the gate has processed.
     stops: u64,
     rearms: u64,
-    /// Time of the last heartbeat sent while waiting.
+    /// Time of the last heartbeat while waiting [ns].
     heartbeat_ns: u64,
     /// Arrival predictor, if busy-poll is enabled.
     pub(super) predictor: Option<ArrivalPredictor>,
-    /// Last tick for which the gate called them before its command.
+    /// Last tick for which the gate called the standby.
     pub(super) called: i64,
     pub(super) granted: SchedGrants,
     pub(super) faults: u32,
@@ -100,7 +100,7 @@ impl GateNode {
     }
 
     pub(super) fn stopped(&self) -> bool {
-        self.start.shared.stop.load(Ordering::Acquire)
+        self.start.shared.orders.stop.load(Ordering::Acquire)
     }
 
     /// Decides the command of the tick that is due; `None`: the gate has to wait.
@@ -111,7 +111,7 @@ impl GateNode {
             return None;
         }
         for slot in ControllerSlot::BOTH {
-            let bad = &self.start.shared.bad_requests[slot as usize];
+            let bad = &self.start.shared.gate.rejected_requests[slot as usize];
             if seen.rejected[slot as usize] {
                 bad.fetch_add(1, Ordering::Relaxed);
             } else if seen.valid[slot as usize] {
@@ -135,19 +135,19 @@ impl GateNode {
     /// Inputs of the gate since the last tick.
     fn gate_inputs(&mut self) -> GateInputs {
         let shared = &self.start.shared;
-        let (stops, rearms) = (shared.stops.load(Ordering::Acquire), shared.rearms.load(Ordering::Acquire));
+        let (stops, rearms) = (shared.orders.latched_stops.load(Ordering::Acquire), shared.orders.rearms.load(Ordering::Acquire));
         let inputs = GateInputs {
             stop: stops != self.stops,
             rearm: rearms != self.rearms,
             // In lockstep the clock waits for a missing process.
-            missing: self.start.clock == Clock::Realtime && shared.missing.load(Ordering::Acquire) != 0,
+            missing: self.start.clock == Clock::Realtime && shared.presence.missing.load(Ordering::Acquire) != 0,
         };
         (self.stops, self.rearms) = (stops, rearms);
         inputs
     }
 
     pub(super) fn any_controller(&self) -> bool {
-        let present = self.start.shared.present.load(Ordering::Acquire);
+        let present = self.start.shared.presence.present.load(Ordering::Acquire);
         ControllerSlot::BOTH.iter().any(|slot| present & (1 << slot.process().code()) != 0)
     }
 
@@ -159,15 +159,15 @@ impl GateNode {
         account: &mut TickAccount,
     ) -> Result<(), IpcError> {
         let tick = command.tick;
-        let severity_before = self.start.shared.severity.load(Ordering::Relaxed);
+        let severity_before = self.start.shared.gate.severity.load(Ordering::Relaxed);
         let announced = self.announce(tick)?;
         let stamp = if self.start.clock == Clock::Realtime { clock::now_ns() } else { 0 };
         let published = self.ports.command.send(&Command { stamp_ns: stamp, ..*command })?;
         let allocated = if self.start.clock == Clock::Realtime { allocations::count() - before } else { 0 };
         // From here on it is idle time.
-        self.start.shared.severity.store(command.severity, Ordering::Relaxed);
-        self.start.shared.primary.store(self.gate.primary().process().code(), Ordering::Relaxed);
-        self.start.shared.gated.store(tick, Ordering::Release);
+        self.start.shared.gate.severity.store(command.severity, Ordering::Relaxed);
+        self.start.shared.gate.primary.store(self.gate.primary().process().code(), Ordering::Relaxed);
+        self.start.shared.gate.tick.store(tick, Ordering::Release);
         self.ports.command_sent.notify();
         self.report_all(command, severity_before, announced)?;
         let latency_ns = match self.received.newest {
@@ -194,7 +194,7 @@ impl GateNode {
         let Some(operator) = self.start.schedule.announce(tick) else { return Ok(None) };
         let operator = *operator;
         self.ports.operator.send(&operator)?;
-        self.start.shared.announced.store(operator.next.version, Ordering::Relaxed);
+        self.start.shared.gate.announced.store(operator.next.version, Ordering::Relaxed);
         Ok(Some((operator.next.version, operator.next.effective_tick)))
     }
 
@@ -212,14 +212,16 @@ impl GateNode {
     }
 
     fn account(&mut self, timing: &Timing) -> Result<(), IpcError> {
-        self.ports.timing.send(&Timing {
+        let timing = Timing {
             process: Process::Supervisor.code(),
             rejected: self.rejections.count,
             page_faults: self.faults,
             realtime: self.granted.0,
             failed_connections: self.ports.failed_connections(),
             ..*timing
-        })?;
+        };
+        self.start.shared.heartbeats.write(&timing, clock::now_ns());
+        self.ports.timing.send(&timing)?;
         Ok(())
     }
 }

@@ -3,7 +3,7 @@
 use hapfic_ipc::{Bus, Doorbell, Input, IpcError, Output, Wait, topic};
 use hapfic_messages::{Clock, Command, Event, Operator, Request, State, Timing};
 
-/// What the gate receives and sends.
+/// Inputs and outputs of the gate.
 pub(super) struct GatePorts {
     pub(super) state: Input<State>,
     pub(super) request: Input<Request>,
@@ -11,7 +11,7 @@ pub(super) struct GatePorts {
     pub(super) operator: Output<Operator>,
     pub(super) event: Output<Event>,
     pub(super) timing: Output<Timing>,
-    /// Wakes planner and standby, which need a state, but not immediately.
+    /// Wakes planner and standby, which do not need a state immediately.
     pub(super) command_sent: Doorbell,
 }
 
@@ -30,18 +30,18 @@ impl GatePorts {
         })
     }
 
-    /// Work for idle time: loans the next samples and connects to processes that have joined.
+    /// Loans the next samples, and connects to processes that have joined. Idle-time work.
     pub(super) fn preloan(&mut self) {
         // Parameters first: a process that has joined and gets a command has them, too.
         self.operator.preloan();
         self.command.preloan();
         self.event.preloan();
         self.timing.preloan();
-        self.request.preloan();
-        self.state.preloan();
+        self.request.update_connections();
+        self.state.update_connections();
     }
 
-    /// Connections that could not be made so far.
+    /// Number of failed connections.
     pub(super) fn failed_connections(&self) -> u32 {
         self.command.failed_connections()
             + self.operator.failed_connections()

@@ -101,7 +101,7 @@ impl GateNode {
     /// Observes which controllers have answered the tick that is due. A request without its state does not count yet.
     pub(super) fn observe(&mut self, overdue: bool) -> (Observation, [Option<Request>; CONTROLLERS]) {
         let tick = self.gate.tick();
-        let present = self.start.shared.present.load(Ordering::Acquire);
+        let present = self.start.shared.presence.present.load(Ordering::Acquire);
         let mut seen = Observation { overdue, ..Observation::default() };
         let mut requests = [None; CONTROLLERS];
         let state = self.received.states.at(tick);

@@ -1,4 +1,4 @@
-//! What the gate has received and what it has rejected.
+//! Messages that the gate has received, and defects of those it has rejected.
 
 use hapfic_gate::protocol::ControllerSlot;
 use hapfic_messages::{Request, State, TickBuffer, ValidationError};
@@ -25,12 +25,12 @@ impl Default for Received {
     }
 }
 
-/// Rejected messages: how many, and defects to be reported in idle time.
+/// Rejected messages: their number, and the defects to report in idle time.
 #[derive(Debug, Default)]
 pub(super) struct Rejections {
     pub(super) count: u32,
     pub(super) state: Option<ValidationError>,
-    /// Of a request whose controller is unknown.
+    /// Defect of a request whose controller is unknown.
     pub(super) stray: Option<ValidationError>,
     pub(super) slots: [Option<ValidationError>; CONTROLLERS],
 }

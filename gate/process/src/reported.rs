@@ -1,4 +1,4 @@
-//! What the gate's events have reported.
+//! Conditions that the gate's events have reported.
 
 use hapfic_gate::protocol::ControllerSlot;
 

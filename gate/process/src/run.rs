@@ -51,7 +51,7 @@ impl GateNode {
         }
         self.heartbeat(Phase::Ready)?;
         let mut last_heartbeat = clock::now_ns();
-        while !self.start.shared.go.load(Ordering::Acquire) {
+        while !self.start.shared.orders.start.load(Ordering::Acquire) {
             if self.stopped() {
                 return Ok(());
             }
@@ -63,7 +63,7 @@ impl GateNode {
         }
         let mut account = TickAccount::new(FAULTS_EVERY);
         self.ports.operator.send(self.start.schedule.operator())?;
-        self.start.shared.announced.store(self.start.schedule.operator().next.version, Ordering::Relaxed);
+        self.start.shared.gate.announced.store(self.start.schedule.operator().next.version, Ordering::Relaxed);
         let announced = self.announce(-1)?;
         self.ports.command.send(self.gate.last())?;
         if let Some((version, from)) = announced {

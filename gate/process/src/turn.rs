@@ -1,6 +1,6 @@
 //! Tick in realtime: the wait for its request, its command, and the same on the spare gate thread.
 
-use crate::arrival_wait::{ArrivalWait, PendingTick, TIMEOUT, Woken};
+use crate::arrival_wait::{ArrivalWait, PendingTick, TIMEOUT, WakeReason};
 use crate::node::GateNode;
 use crate::spare::SpareGate;
 use crate::tick_account::TickAccount;
@@ -37,7 +37,7 @@ impl GateNode {
             if let Some(error) = gate.failed.take() {
                 return Err(error);
             }
-            if woken == Woken::WarmUp {
+            if woken == WakeReason::WarmUp {
                 gate.warm_up(pending.tick);
             }
         }
@@ -76,7 +76,7 @@ impl GateNode {
         while self.failed.is_none() && self.gate.tick() < self.start.ticks && !self.stopped() {
             match self.attempt(account) {
                 Ok(true) => {
-                    self.start.shared.spare_ticks.fetch_add(1, Ordering::Relaxed);
+                    self.start.shared.gate.spare_ticks.fetch_add(1, Ordering::Relaxed);
                 }
                 Ok(false) => return,
                 Err(error) => self.failed = Some(error),

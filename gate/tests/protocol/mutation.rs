@@ -119,7 +119,7 @@ pub fn restart_after(
             after.stage = RestartStage::BackOff(NOW_MS);
             action = None;
         }
-        Some(Mutation::RestartsWhenSpent) if before == RestartStage::GivenUp && signal == RestartSignal::Time => {
+        Some(Mutation::RestartsWhenSpent) if before == RestartStage::BudgetSpent && signal == RestartSignal::Time => {
             after.stage = RestartStage::Starting;
             action = Some(RestartAction::Start);
         }

@@ -16,17 +16,17 @@ const GOOD: u32 = 20;
 
 /// Model of the gate after a re-arm. At each tick at least one controller answers.
 #[derive(Clone, Copy, Debug)]
-struct Recovery {
+struct RecoveryModel {
     mutation: Option<Mutation>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-struct State {
+struct RecoveryState {
     protocol: Protocol,
     ticks: u8,
 }
 
-impl Recovery {
+impl RecoveryModel {
     fn step(&self, protocol: Protocol, valid: [bool; 2], inputs: &GateInputs) -> Protocol {
         let seen = Observation { valid, rejected: [false; 2], present: [true; 2], overdue: true };
         let choice = mutation::choose(self.mutation, &protocol, &seen, WaitPolicy::Deadline);
@@ -35,12 +35,12 @@ impl Recovery {
     }
 }
 
-impl Model for Recovery {
-    type State = State;
+impl Model for RecoveryModel {
+    type State = RecoveryState;
     type Action = [bool; 2];
 
     /// Every stopped state, re-armed at a tick with or without an answer.
-    fn init_states(&self) -> Vec<State> {
+    fn init_states(&self) -> Vec<RecoveryState> {
         let rearm = GateInputs { rearm: true, ..GateInputs::default() };
         let mut states = Vec::new();
         for primary in ControllerSlot::BOTH {
@@ -49,7 +49,7 @@ impl Model for Recovery {
                     let conditions = Conditions { missed, good, ..Conditions::default() };
                     let stopped = Protocol { primary, misses, severity: Severity::Stopped, conditions, opened };
                     for valid in [[false; 2], [true; 2]] {
-                        let state = State { protocol: self.step(stopped, valid, &rearm), ticks: 0 };
+                        let state = RecoveryState { protocol: self.step(stopped, valid, &rearm), ticks: 0 };
                         if !states.contains(&state) {
                             states.push(state);
                         }
@@ -60,18 +60,18 @@ impl Model for Recovery {
         states
     }
 
-    fn actions(&self, state: &State, actions: &mut Vec<[bool; 2]>) {
+    fn actions(&self, state: &RecoveryState, actions: &mut Vec<[bool; 2]>) {
         if state.ticks < WITHIN {
             actions.extend([[true, false], [false, true], [true, true]]);
         }
     }
 
-    fn next_state(&self, state: &State, valid: [bool; 2]) -> Option<State> {
-        Some(State { protocol: self.step(state.protocol, valid, &GateInputs::default()), ticks: state.ticks + 1 })
+    fn next_state(&self, state: &RecoveryState, valid: [bool; 2]) -> Option<RecoveryState> {
+        Some(RecoveryState { protocol: self.step(state.protocol, valid, &GateInputs::default()), ticks: state.ticks + 1 })
     }
 
     fn properties(&self) -> Vec<Property<Self>> {
-        vec![Property::eventually(NOMINAL, |_: &Self, state: &State| state.protocol.severity == Severity::Nominal)]
+        vec![Property::eventually(NOMINAL, |_: &Self, state: &RecoveryState| state.protocol.severity == Severity::Nominal)]
     }
 }
 
@@ -82,14 +82,14 @@ fn counts() -> impl Iterator<Item = (u32, u32, u32)> {
 
 #[test]
 fn rearm_with_answers_becomes_nominal() {
-    let checker = Recovery { mutation: None }.checker().spawn_bfs().join();
+    let checker = RecoveryModel { mutation: None }.checker().spawn_bfs().join();
     println!("recovery: {} states", checker.unique_state_count());
     assert!(checker.unique_state_count() > usize::from(WITHIN));
     checker.assert_properties();
 }
 
 #[test]
-fn mutant_rearm_without_clear_is_found() {
-    let checker = Recovery { mutation: Some(Mutation::NeverClears) }.checker().spawn_bfs().join();
+fn mutant_rearm_without_clear_found() {
+    let checker = RecoveryModel { mutation: Some(Mutation::NeverClears) }.checker().spawn_bfs().join();
     assert!(checker.discovery(NOMINAL).is_some());
 }

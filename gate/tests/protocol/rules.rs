@@ -1,7 +1,7 @@
 //! Rules that hold at every step, from what is visible outside: they keep their own counts, and share no constant with
 //! the code under test.
 
-use crate::stack::{Stack, State};
+use crate::stack::{StackModel, StackState};
 use hapfic_gate::protocol::{Choice, GateInputs, Observation, Protocol, TickAction, WaitPolicy};
 use hapfic_messages::Severity;
 use stateright::Property;
@@ -15,7 +15,7 @@ const PRIMARY_MISSES: u8 = 3;
 
 macro_rules! rules {
     ($($(#[$doc:meta])* $rule:ident = $name:literal;)+) => {
-        /// Rule; its number is its bit in [`Broken`].
+        /// Rule; its number is its bit in [`BrokenRules`].
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         pub enum Rule {
             $($(#[$doc])* $rule,)+
@@ -30,8 +30,8 @@ macro_rules! rules {
             }
 
             /// All rules as properties: no step breaks them.
-            pub fn properties() -> Vec<Property<Stack>> {
-                vec![$(Property::always($name, |_: &Stack, state: &State| state.broken.held(Rule::$rule)),)+]
+            pub fn properties() -> Vec<Property<StackModel>> {
+                vec![$(Property::always($name, |_: &StackModel, state: &StackState| state.broken.held(Rule::$rule)),)+]
             }
         }
     };
@@ -70,9 +70,9 @@ rules! {
 
 /// Rules that the last step broke, a bit for each.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub struct Broken(u16);
+pub struct BrokenRules(u16);
 
-impl Broken {
+impl BrokenRules {
     pub fn expect(&mut self, rule: Rule, held: bool) {
         if !held {
             self.0 |= 1 << (rule as u16);
@@ -86,7 +86,7 @@ impl Broken {
 
 /// The rules' own counts of the ticks so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub struct Account {
+pub struct TickCounts {
     /// Whether any request has been used.
     opened: bool,
     /// Ticks missed in a row since then, up to [`BRAKE_MISSES`].
@@ -103,7 +103,7 @@ const fn implies(cause: bool, effect: bool) -> bool {
 
 /// Gated tick.
 #[derive(Clone, Copy, Debug)]
-pub struct Gated {
+pub struct GatedTick {
     pub policy: WaitPolicy,
     pub before: Protocol,
     pub after: Protocol,
@@ -113,9 +113,9 @@ pub struct Gated {
     pub action: Option<TickAction>,
 }
 
-impl Account {
+impl TickCounts {
     /// Counts after a tick; writes the broken rules into `broken`.
-    pub fn after(self, tick: &Gated, broken: &mut Broken) -> Self {
+    pub fn after(self, tick: &GatedTick, broken: &mut BrokenRules) -> Self {
         let mut now = self;
         match tick.choice {
             Choice::Take(slot) => {
@@ -139,8 +139,8 @@ impl Account {
         now
     }
 
-    fn validate(&self, tick: &Gated, broken: &mut Broken) {
-        let Gated { before, after, seen, inputs, choice, action, .. } = *tick;
+    fn validate(&self, tick: &GatedTick, broken: &mut BrokenRules) {
+        let GatedTick { before, after, seen, inputs, choice, action, .. } = *tick;
         let answered = seen.valid.contains(&true);
         let braked = before.severity >= Severity::Brake;
         broken.expect(
@@ -181,7 +181,7 @@ impl Account {
         broken.expect(Rule::Clears, implies(clearable && good && !inputs.stop, after.severity == left));
     }
 
-    fn validate_primary(&self, tick: &Gated, broken: &mut Broken) {
+    fn validate_primary(&self, tick: &GatedTick, broken: &mut BrokenRules) {
         let (old, new) = (tick.before.primary, tick.after.primary);
         let other_taken = tick.choice == Choice::Take(old.other());
         let due = other_taken && (!tick.seen.present[old as usize] || self.primary_misses >= PRIMARY_MISSES);

@@ -4,7 +4,7 @@
 //! each restart, and until the next. Before each signal it rebuilds the restart state from them, at a constant time.
 
 use crate::mutation::{self, Mutation};
-use crate::rules::{Broken, Rule};
+use crate::rules::{BrokenRules, Rule};
 use hapfic_gate::restart::{RestartAction, RestartPolicy, RestartSignal, RestartStage, RestartState};
 
 /// Length of the window [ms].
@@ -16,14 +16,14 @@ pub const NOW_MS: u64 = 1000;
 
 /// Process in a slot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Process {
+pub enum ProcessModel {
     /// There is no process, and the supervisor knows it.
     Missing,
     /// The process was started and does not answer yet.
     Joining,
     /// The process answers, in time or late.
     Present,
-    /// The process was killed or hangs: until a detector reports, both look the same.
+    /// The process was killed or hangs: until a detector reports, both are indistinguishable.
     Silent,
     /// The gate rejects its requests.
     Garbage,
@@ -32,7 +32,7 @@ pub enum Process {
 /// Model of a slot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct SlotModel {
-    pub process: Process,
+    pub process: ProcessModel,
     /// Stage of its restart; a due time counts from [`NOW_MS`].
     pub stage: RestartStage,
     /// Number of restarts by age [ms], youngest first.
@@ -44,18 +44,23 @@ pub struct SlotModel {
 impl Default for SlotModel {
     /// Slot at the start of a run.
     fn default() -> Self {
-        Self { process: Process::Joining, stage: RestartStage::Starting, restarts: [0; WINDOW], spent: false }
+        Self { process: ProcessModel::Joining, stage: RestartStage::Starting, restarts: [0; WINDOW], spent: false }
     }
 }
 
 impl SlotModel {
     /// Processes a signal to the supervisor.
-    pub fn on_signal(&mut self, signal: RestartSignal, mutation: Option<Mutation>, broken: &mut Broken) -> Option<RestartAction> {
+    pub fn on_signal(
+        &mut self,
+        signal: RestartSignal,
+        mutation: Option<Mutation>,
+        broken: &mut BrokenRules,
+    ) -> Option<RestartAction> {
         let recent: u32 = self.restarts.iter().map(|n| u32::from(*n)).sum();
         let (restart, action) = mutation::restart_after(mutation, self.restart(), signal);
         match signal {
             RestartSignal::Lost => {
-                self.process = Process::Missing;
+                self.process = ProcessModel::Missing;
                 self.spent = self.spent || recent >= POLICY.budget;
             }
             RestartSignal::Rearmed => {
@@ -67,7 +72,7 @@ impl SlotModel {
         if action == Some(RestartAction::Start) {
             broken.expect(Rule::Budget, recent < POLICY.budget);
             broken.expect(Rule::Spent, !self.spent);
-            self.process = Process::Joining;
+            self.process = ProcessModel::Joining;
             // One restart above the budget breaks the rule, and keeps a mutant's states finite.
             self.restarts[0] = (self.restarts[0] + 1).min(POLICY.budget as u8 + 1);
         }

@@ -1,8 +1,8 @@
 //! Model of the gate, both controller slots and the operator: its state, and its next moves.
 
 use crate::mutation::{self, Mutation};
-use crate::rules::{Account, Broken, Gated, Rule};
-use crate::slot::{Process, SlotModel};
+use crate::rules::{BrokenRules, GatedTick, Rule, TickCounts};
+use crate::slot::{ProcessModel, SlotModel};
 use hapfic_gate::protocol::{Choice, ControllerSlot, GateInputs, Observation, Protocol, TickAction, WaitPolicy};
 use hapfic_gate::restart::{RestartAction, RestartSignal, RestartStage};
 use hapfic_messages::Severity;
@@ -10,7 +10,7 @@ use stateright::{Model, Property};
 
 /// Model of the stack.
 #[derive(Clone, Copy, Debug)]
-pub struct Stack {
+pub struct StackModel {
     pub policy: WaitPolicy,
     /// Slots whose processes may fail.
     pub failing: [bool; 2],
@@ -22,19 +22,19 @@ pub struct Stack {
 
 /// State of the model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct State {
+pub struct StackState {
     pub protocol: Protocol,
     pub slots: [SlotModel; 2],
     /// Inputs of the gate's next tick.
-    pending: Pending,
-    account: Account,
+    pending: PendingInputs,
+    counts: TickCounts,
     /// Rules that the last step broke.
-    pub broken: Broken,
+    pub broken: BrokenRules,
     milestones: Milestones,
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-struct Pending {
+struct PendingInputs {
     stop: bool,
     rearm: bool,
 }
@@ -71,7 +71,7 @@ pub enum OperatorInput {
 
 /// Move of the model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Move {
+pub enum ModelAction {
     /// A process is killed, or hangs.
     Silence(ControllerSlot),
     /// A process begins to send invalid requests.
@@ -96,66 +96,66 @@ pub const BACK: &str = "torque comes back after a brake";
 pub const PROMOTED: &str = "the primary changes";
 pub const SPENT: &str = "a budget is spent";
 
-impl Model for Stack {
-    type State = State;
-    type Action = Move;
+impl Model for StackModel {
+    type State = StackState;
+    type Action = ModelAction;
 
-    fn init_states(&self) -> Vec<State> {
-        vec![State {
+    fn init_states(&self) -> Vec<StackState> {
+        vec![StackState {
             protocol: Protocol::default(),
             slots: [SlotModel::default(); 2],
-            pending: Pending::default(),
-            account: Account::default(),
-            broken: Broken::default(),
+            pending: PendingInputs::default(),
+            counts: TickCounts::default(),
+            broken: BrokenRules::default(),
             milestones: Milestones::default(),
         }]
     }
 
-    fn actions(&self, state: &State, actions: &mut Vec<Move>) {
+    fn actions(&self, state: &StackState, actions: &mut Vec<ModelAction>) {
         for slot in ControllerSlot::BOTH {
             let model = &state.slots[slot as usize];
             if self.failing[slot as usize] {
-                if matches!(model.process, Process::Joining | Process::Present | Process::Garbage) {
-                    actions.push(Move::Silence(slot));
+                if matches!(model.process, ProcessModel::Joining | ProcessModel::Present | ProcessModel::Garbage) {
+                    actions.push(ModelAction::Silence(slot));
                 }
-                if model.process == Process::Present {
-                    actions.push(Move::Corrupt(slot));
+                if model.process == ProcessModel::Present {
+                    actions.push(ModelAction::Corrupt(slot));
                 }
-                if model.process != Process::Missing {
-                    actions.push(Move::Detect(slot));
+                if model.process != ProcessModel::Missing {
+                    actions.push(ModelAction::Detect(slot));
                 }
             }
-            if model.process == Process::Joining {
-                actions.push(Move::Join(slot));
+            if model.process == ProcessModel::Joining {
+                actions.push(ModelAction::Join(slot));
             }
-            if model.stage == RestartStage::Starting && matches!(model.process, Process::Present | Process::Garbage) {
-                actions.push(Move::ObserveTick(slot));
+            if model.stage == RestartStage::Starting && matches!(model.process, ProcessModel::Present | ProcessModel::Garbage) {
+                actions.push(ModelAction::ObserveTick(slot));
             }
-            if matches!(model.stage, RestartStage::BackOff(_) | RestartStage::GivenUp) {
-                actions.push(Move::CheckRestart(slot));
+            if matches!(model.stage, RestartStage::BackOff(_) | RestartStage::BudgetSpent) {
+                actions.push(ModelAction::CheckRestart(slot));
             }
         }
-        actions.push(Move::Clock);
+        actions.push(ModelAction::Clock);
         for first in arrivals(&state.slots[0]) {
             for second in arrivals(&state.slots[1]) {
                 for input in [OperatorInput::Nothing, OperatorInput::Stop, OperatorInput::Rearm] {
-                    actions.push(Move::Tick { arrivals: [*first, *second], input });
+                    actions.push(ModelAction::Tick { arrivals: [*first, *second], input });
                 }
             }
         }
     }
 
-    fn next_state(&self, state: &State, action: Move) -> Option<State> {
-        let mut next = State { broken: Broken::default(), milestones: Milestones::default(), ..*state };
+    fn next_state(&self, state: &StackState, action: ModelAction) -> Option<StackState> {
+        let mut next = StackState { broken: BrokenRules::default(), milestones: Milestones::default(), ..*state };
         match action {
-            Move::Silence(slot) => next.slots[slot as usize].process = Process::Silent,
-            Move::Corrupt(slot) => next.slots[slot as usize].process = Process::Garbage,
-            Move::Join(slot) => next.slots[slot as usize].process = Process::Present,
-            Move::ObserveTick(slot) => self.on_signal(&mut next, slot, RestartSignal::Ticked),
-            Move::Detect(slot) => self.on_signal(&mut next, slot, RestartSignal::Lost),
-            Move::CheckRestart(slot) => self.on_signal(&mut next, slot, RestartSignal::Time),
-            Move::Clock => next.slots.iter_mut().for_each(SlotModel::advance_ms),
-            Move::Tick { arrivals, input } => self.tick(&mut next, arrivals, input),
+            ModelAction::Silence(slot) => next.slots[slot as usize].process = ProcessModel::Silent,
+            ModelAction::Corrupt(slot) => next.slots[slot as usize].process = ProcessModel::Garbage,
+            ModelAction::Join(slot) => next.slots[slot as usize].process = ProcessModel::Present,
+            ModelAction::ObserveTick(slot) => self.on_signal(&mut next, slot, RestartSignal::Ticked),
+            ModelAction::Detect(slot) => self.on_signal(&mut next, slot, RestartSignal::Lost),
+            ModelAction::CheckRestart(slot) => self.on_signal(&mut next, slot, RestartSignal::Time),
+            ModelAction::Clock => next.slots.iter_mut().for_each(SlotModel::advance_ms),
+            ModelAction::Tick { arrivals, input } => self.tick(&mut next, arrivals, input),
         }
         (next != *state).then_some(next)
     }
@@ -163,12 +163,12 @@ impl Model for Stack {
     fn properties(&self) -> Vec<Property<Self>> {
         let mut properties = Rule::properties();
         properties.extend([
-            Property::sometimes(STOPPED, |_: &Self, state: &State| state.protocol.severity == Severity::Stopped),
-            Property::sometimes(LEFT, |_: &Self, state: &State| state.milestones.left),
-            Property::sometimes(BACK, |_: &Self, state: &State| state.milestones.back),
-            Property::sometimes(PROMOTED, |_: &Self, state: &State| state.milestones.promoted),
-            Property::sometimes(SPENT, |_: &Self, state: &State| {
-                state.slots.iter().any(|model| model.stage == RestartStage::GivenUp)
+            Property::sometimes(STOPPED, |_: &Self, state: &StackState| state.protocol.severity == Severity::Stopped),
+            Property::sometimes(LEFT, |_: &Self, state: &StackState| state.milestones.left),
+            Property::sometimes(BACK, |_: &Self, state: &StackState| state.milestones.back),
+            Property::sometimes(PROMOTED, |_: &Self, state: &StackState| state.milestones.promoted),
+            Property::sometimes(SPENT, |_: &Self, state: &StackState| {
+                state.slots.iter().any(|model| model.stage == RestartStage::BudgetSpent)
             }),
         ]);
         properties.retain(|property| self.only.is_none_or(|only| only == property.name));
@@ -176,15 +176,15 @@ impl Model for Stack {
     }
 }
 
-impl Stack {
-    fn on_signal(&self, next: &mut State, slot: ControllerSlot, signal: RestartSignal) {
+impl StackModel {
+    fn on_signal(&self, next: &mut StackState, slot: ControllerSlot, signal: RestartSignal) {
         let action = next.slots[slot as usize].on_signal(signal, self.mutation, &mut next.broken);
         next.pending.stop |= action == Some(RestartAction::Stop);
     }
 
     /// Two checks of the gate: before the deadline, with the early requests, and at the deadline. In lockstep, where
     /// neither may lead to a tick, the second is the check after the time-out of the missing answer.
-    fn tick(&self, next: &mut State, arrivals: [Arrival; 2], input: OperatorInput) {
+    fn tick(&self, next: &mut StackState, arrivals: [Arrival; 2], input: OperatorInput) {
         match input {
             OperatorInput::Nothing => {}
             OperatorInput::Stop => next.pending.stop = true,
@@ -203,7 +203,7 @@ impl Stack {
         }
     }
 
-    fn gate(&self, next: &mut State, seen: &Observation, choice: Choice) {
+    fn gate(&self, next: &mut StackState, seen: &Observation, choice: Choice) {
         let missing = next.slots.iter().any(|model| model.stage != RestartStage::Working);
         let inputs = GateInputs {
             stop: next.pending.stop,
@@ -215,8 +215,8 @@ impl Stack {
         let (mut after, action) = mutation::step(self.mutation, before, choice, seen, &inputs);
         // Inputs are new at every tick; kept, they would only multiply equal states.
         (after.conditions.stop, after.conditions.rearm, after.conditions.missing) = (false, false, false);
-        let tick = Gated { policy: self.policy, before, after, seen: *seen, inputs, choice, action };
-        next.account = next.account.after(&tick, &mut next.broken);
+        let tick = GatedTick { policy: self.policy, before, after, seen: *seen, inputs, choice, action };
+        next.counts = next.counts.after(&tick, &mut next.broken);
         let spent = next.slots.iter().any(|model| model.spent);
         next.broken.expect(Rule::SpentStops, !spent || after.severity == Severity::Stopped);
         next.milestones = Milestones {
@@ -225,19 +225,19 @@ impl Stack {
             promoted: before.primary != after.primary,
         };
         next.protocol = after;
-        next.pending = Pending::default();
+        next.pending = PendingInputs::default();
     }
 }
 
 /// Possible arrivals of a slot's request. An answering process may be late without bound, unlike a real process.
 fn arrivals(model: &SlotModel) -> &'static [Arrival] {
     match model.process {
-        Process::Present | Process::Garbage => &[Arrival::Early, Arrival::InTime, Arrival::Late],
-        Process::Missing | Process::Joining | Process::Silent => &[Arrival::Late],
+        ProcessModel::Present | ProcessModel::Garbage => &[Arrival::Early, Arrival::InTime, Arrival::Late],
+        ProcessModel::Missing | ProcessModel::Joining | ProcessModel::Silent => &[Arrival::Late],
     }
 }
 
-fn observe(state: &State, arrivals: [Arrival; 2], overdue: bool) -> Observation {
+fn observe(state: &StackState, arrivals: [Arrival; 2], overdue: bool) -> Observation {
     let mut seen = Observation { overdue, ..Observation::default() };
     for slot in ControllerSlot::BOTH {
         let i = slot as usize;
@@ -246,8 +246,8 @@ fn observe(state: &State, arrivals: [Arrival; 2], overdue: bool) -> Observation 
             Arrival::InTime => overdue,
             Arrival::Late => false,
         };
-        seen.valid[i] = come && state.slots[i].process == Process::Present;
-        seen.rejected[i] = come && state.slots[i].process == Process::Garbage;
+        seen.valid[i] = come && state.slots[i].process == ProcessModel::Present;
+        seen.rejected[i] = come && state.slots[i].process == ProcessModel::Garbage;
         // As the supervisor sees it: the process may already be silent, or answer before its first tick is seen.
         seen.present[i] = state.slots[i].stage == RestartStage::Working;
     }

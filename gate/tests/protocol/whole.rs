@@ -1,6 +1,6 @@
 //! The code without mutation: all rules hold in all states, and what should be possible is.
 
-use crate::stack::Stack;
+use crate::stack::StackModel;
 use hapfic_gate::protocol::WaitPolicy;
 use stateright::{Checker, Model};
 use std::time::Instant;
@@ -10,7 +10,7 @@ const MANY: usize = 100_000;
 
 fn explore(policy: WaitPolicy) {
     let since = Instant::now();
-    let stack = Stack { policy, failing: [true; 2], mutation: None, only: None };
+    let stack = StackModel { policy, failing: [true; 2], mutation: None, only: None };
     let checker = stack.checker().threads(2).spawn_bfs().join();
     let [states, steps] = [checker.unique_state_count(), checker.state_count()];
     println!("{policy:?}: {states} states, {steps} steps, {:.1} s", since.elapsed().as_secs_f64());

@@ -1,65 +1,65 @@
-//! The command line of a program that measures chains.
+//! Command line of a program that measures chains.
 
-use crate::link::PLACES;
+use crate::link::STAGES;
 use clap::{Args, Parser, Subcommand};
 use hapfic_ipc::realtime::SchedRequest;
 use std::str::FromStr;
 
-/// Measures how long a message takes round a chain of three processes.
+/// Measures the round trip of a message through a chain of three processes.
 #[derive(Debug, Parser)]
 #[command(no_binary_name = true)]
-pub(crate) struct Words {
+pub(crate) struct ChainArguments {
     #[command(subcommand)]
-    pub(crate) what: What,
+    pub(crate) command: ChainCommand,
 }
 
 #[derive(Debug, Subcommand)]
-pub(crate) enum What {
+pub(crate) enum ChainCommand {
     /// Print the kinds of chain, one a line.
     Kinds,
-    /// Measure a chain; or, as the kind `timer`, how late a timer wakes this process.
-    Chain(Plan),
-    /// The process at place 1 or 2 of a chain; started by the driver.
+    /// Measure a chain; the kind `timer` measures the lateness of a timer of this process.
+    Chain(MeasurementPlan),
+    /// Serve as stage 1 or 2 of a chain; the driver starts this.
     #[command(hide = true)]
-    Relay(RelayWords),
+    Relay(RelayArguments),
 }
 
-/// What to measure.
+/// Plan of a measurement: chain, placement and schedule.
 #[derive(Args, Clone, Debug)]
-pub struct Plan {
+pub struct MeasurementPlan {
     /// Kind of chain.
     #[arg(long)]
     pub kind: String,
-    /// Core to stay on, or `any`; one for all, or one for each place.
+    /// Core to be pinned to, or `any`; one value for all stages, or one for each.
     #[arg(long, value_delimiter = ',', default_value = "any")]
     pub core: Vec<Core>,
-    /// Priority of SCHED_FIFO, or 0 for none; one for all, or one for each place.
+    /// Priority of SCHED_FIFO, or 0 for none; one value for all stages, or one for each.
     #[arg(long, value_delimiter = ',', default_value = "0")]
     pub priority: Vec<u32>,
-    /// When the first message is due, ns of CLOCK_MONOTONIC.
+    /// Due time of the first message, `CLOCK_MONOTONIC` [ns].
     #[arg(long)]
     pub start_ns: u64,
-    /// From one message to the next, ns.
+    /// Period of the messages [ns].
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..=3_600_000_000_000))]
     pub period_ns: u64,
-    /// Messages.
+    /// Number of messages.
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..=100_000_000))]
     pub count: u64,
-    /// Bytes of the message that each place sends, at least 8 each.
+    /// Length of the message of each stage, at least 8 [bytes].
     #[arg(long, value_delimiter = ',', default_value = "1024", value_parser = clap::value_parser!(u32).range(8..=1_000_000))]
     pub sizes: Vec<u32>,
-    /// Timer: tell only of those as late as this, ns.
+    /// Timer: least lateness of a reported sample [ns].
     #[arg(long, default_value_t = 0)]
     pub above_ns: u64,
 }
 
-/// What the driver tells a relay.
+/// Arguments that the driver gives to a relay.
 #[derive(Args, Clone, Debug)]
-pub(crate) struct RelayWords {
+pub(crate) struct RelayArguments {
     #[arg(long)]
     pub(crate) kind: String,
-    #[arg(long, value_parser = clap::value_parser!(u64).range(1..PLACES as u64))]
-    pub(crate) place: u64,
+    #[arg(long, value_parser = clap::value_parser!(u64).range(1..STAGES as u64))]
+    pub(crate) stage: u64,
     #[arg(long)]
     pub(crate) driver: i32,
     #[arg(long)]
@@ -70,12 +70,12 @@ pub(crate) struct RelayWords {
     pub(crate) priority: u32,
     #[arg(long, value_delimiter = ',', required = true)]
     pub(crate) sizes: Vec<u32>,
-    /// Descriptors that it inherits.
+    /// Inherited file descriptors.
     #[arg(long, value_delimiter = ',')]
     pub(crate) shared: Vec<i32>,
 }
 
-/// A core to stay on, or any.
+/// Core to be pinned to; `None`: any.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Core(pub Option<u32>);
 
@@ -101,11 +101,11 @@ impl std::fmt::Display for Core {
     }
 }
 
-impl Plan {
-    /// The plan as words of a command line.
+impl MeasurementPlan {
+    /// Returns the plan as arguments of a command line.
     #[must_use]
-    pub fn words(&self) -> Vec<String> {
-        let mut words = vec!["chain".to_owned()];
+    pub fn arguments(&self) -> Vec<String> {
+        let mut arguments = vec!["chain".to_owned()];
         for (name, value) in [
             ("--kind", self.kind.clone()),
             ("--core", list(&self.core)),
@@ -115,45 +115,45 @@ impl Plan {
             ("--count", self.count.to_string()),
             ("--sizes", list(&self.sizes)),
         ] {
-            words.extend([name.to_owned(), value]);
+            arguments.extend([name.to_owned(), value]);
         }
         if self.above_ns > 0 {
-            words.extend(["--above-ns".to_owned(), self.above_ns.to_string()]);
+            arguments.extend(["--above-ns".to_owned(), self.above_ns.to_string()]);
         }
-        words
+        arguments
     }
 
-    /// What each place asks for; `None`: no real time.
+    /// Returns the scheduling that each stage requests; `None`: not real-time.
     ///
     /// # Errors
-    /// If a list has neither one nor three entries, or a priority is none.
-    pub fn sched_requests(&self) -> Result<[Option<SchedRequest>; PLACES], String> {
-        let cores = each("core", &self.core)?;
-        let priorities = each("priority", &self.priority)?;
+    /// If a list has neither one nor three entries, or a priority is out of range.
+    pub fn sched_requests(&self) -> Result<[Option<SchedRequest>; STAGES], String> {
+        let cores = per_stage("core", &self.core)?;
+        let priorities = per_stage("priority", &self.priority)?;
         if let Some(bad) = priorities.iter().find(|p| **p > 98) {
             return Err(format!("--priority {bad}: expected 1 to 98, or 0 for none"));
         }
         Ok(std::array::from_fn(|i| (priorities[i] > 0).then(|| SchedRequest::new(priorities[i], cores[i].0))))
     }
 
-    /// Bytes of each place's message.
+    /// Returns the length of each stage's message [bytes].
     ///
     /// # Errors
     /// If the list has neither one nor three entries.
-    pub fn sizes(&self) -> Result<[usize; PLACES], String> {
-        Ok(each("sizes", &self.sizes)?.map(|bytes| bytes as usize))
+    pub fn sizes(&self) -> Result<[usize; STAGES], String> {
+        Ok(per_stage("sizes", &self.sizes)?.map(|bytes| bytes as usize))
     }
 }
 
-fn each<T: Copy>(name: &str, given: &[T]) -> Result<[T; PLACES], String> {
+fn per_stage<T: Copy>(name: &str, given: &[T]) -> Result<[T; STAGES], String> {
     match *given {
-        [one] => Ok([one; PLACES]),
+        [one] => Ok([one; STAGES]),
         [a, b, c] => Ok([a, b, c]),
-        _ => Err(format!("--{name}: found {} values, expected one, or one for each of the {PLACES} places", given.len())),
+        _ => Err(format!("--{name}: found {} values, expected one for all, or one for each of the {STAGES} stages", given.len())),
     }
 }
 
-/// Values as the command line takes them.
+/// Joins values by commas, as the command line takes them.
 pub(crate) fn list<T: ToString>(values: &[T]) -> String {
     values.iter().map(T::to_string).collect::<Vec<_>>().join(",")
 }
@@ -163,15 +163,15 @@ pub(crate) fn list<T: ToString>(values: &[T]) -> String {
 mod tests {
     use super::*;
 
-    fn plan(words: &str) -> Result<Plan, String> {
-        match Words::try_parse_from(words.split_whitespace()).map_err(|e| e.to_string())?.what {
-            What::Chain(plan) => Ok(plan),
+    fn plan(arguments: &str) -> Result<MeasurementPlan, String> {
+        match ChainArguments::try_parse_from(arguments.split_whitespace()).map_err(|e| e.to_string())?.command {
+            ChainCommand::Chain(plan) => Ok(plan),
             other => Err(format!("{other:?}")),
         }
     }
 
     #[test]
-    fn the_protocol_s_own_words_are_understood() {
+    fn plan_chain_arguments_are_parsed() {
         let plan =
             plan("chain --kind futex --core 1 --priority 80 --start-ns 5 --period-ns 4000000 --count 9 --sizes 8,16,24").unwrap();
         assert_eq!(plan.sizes().unwrap(), [8, 16, 24]);
@@ -179,11 +179,11 @@ mod tests {
     }
 
     #[test]
-    fn a_plan_survives_its_own_words() {
-        let words =
+    fn plan_arguments_round_trip() {
+        let arguments =
             "chain --kind x --core 1,any,0 --priority 80,76,0 --start-ns 5 --period-ns 4 --count 9 --sizes 8 --above-ns 7";
-        let first = plan(words).unwrap();
-        let again = plan(&first.words().join(" ")).unwrap();
+        let first = plan(arguments).unwrap();
+        let again = plan(&first.arguments().join(" ")).unwrap();
         assert_eq!(format!("{first:?}"), format!("{again:?}"));
         let requests = again.sched_requests().unwrap();
         assert_eq!(requests[1], Some(SchedRequest { priority: 76, core: None }));
@@ -191,14 +191,14 @@ mod tests {
     }
 
     #[test]
-    fn what_makes_no_sense_is_refused() {
-        let good = "chain --kind x --start-ns 5 --period-ns 4 --count 9";
-        assert!(plan(good).is_ok());
+    fn plan_invalid_arguments_are_rejected() {
+        let valid = "chain --kind x --start-ns 5 --period-ns 4 --count 9";
+        assert!(plan(valid).is_ok());
         for bad in ["--sizes 7", "--period-ns 0", "--count 0", "--core first", "--priority -1"] {
             assert!(plan(&format!("chain --kind x --start-ns 5 {bad}")).is_err(), "{bad}");
         }
-        assert!(plan(&format!("{good} --priority 99")).unwrap().sched_requests().is_err());
-        assert!(plan(&format!("{good} --core 0,1")).unwrap().sched_requests().is_err());
-        assert!(plan(&format!("{good} --sizes 8,8")).unwrap().sizes().is_err());
+        assert!(plan(&format!("{valid} --priority 99")).unwrap().sched_requests().is_err());
+        assert!(plan(&format!("{valid} --core 0,1")).unwrap().sched_requests().is_err());
+        assert!(plan(&format!("{valid} --sizes 8,8")).unwrap().sizes().is_err());
     }
 }

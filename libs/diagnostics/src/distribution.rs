@@ -1,13 +1,13 @@
-//! Durations: how often which, over all of a measurement and in ten parts of it.
+//! Distribution of durations, over a whole measurement and in each of its ten segments.
 
 use hdrhistogram::Histogram;
 use serde::Serialize;
 
-/// Parts of a measurement, equally long.
-pub const PARTS: usize = 10;
-/// Durations above are counted as this, ns; the longest is kept as it is.
+/// Number of segments of a measurement, equally long.
+pub const SEGMENTS: usize = 10;
+/// Longest duration that the histogram resolves [ns]; the maximum is kept exactly.
 const LONGEST_NS: u64 = 60_000_000_000;
-/// Digits that a quantile is good for.
+/// Significant digits of a quantile.
 const DIGITS: u8 = 3;
 const NS_PER_US: f64 = 1e3;
 
@@ -16,24 +16,24 @@ const NS_PER_US: f64 = 1e3;
 pub struct Distribution {
     histogram: Histogram<u64>,
     longest_ns: u64,
-    /// Each part's durations, ns.
-    parts: [Vec<u32>; PARTS],
+    /// Durations of each segment [ns].
+    segments: [Vec<u32>; SEGMENTS],
 }
 
-/// ChainQuantiles, us. One that is beyond the longest of that many durations is not known.
+/// Quantiles of a distribution [us]; `None` if there are too few durations for one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct ChainQuantiles {
-    /// Durations.
+    /// Number of durations.
     pub count: u64,
-    /// The median.
+    /// Median.
     pub p50: Option<f64>,
-    /// One in a hundred is longer.
+    /// 99th percentile.
     pub p99: Option<f64>,
-    /// One in a thousand is longer.
+    /// 99.9th percentile.
     pub p999: Option<f64>,
-    /// One in ten thousand is longer.
+    /// 99.99th percentile.
     pub p9999: Option<f64>,
-    /// The longest.
+    /// Maximum.
     pub max: Option<f64>,
 }
 
@@ -41,33 +41,33 @@ impl Default for Distribution {
     #[allow(clippy::expect_used, reason = "the bounds are constants, and a test builds it")]
     fn default() -> Self {
         let histogram = Histogram::new_with_bounds(1, LONGEST_NS, DIGITS).expect("constant bounds are valid");
-        Self { histogram, longest_ns: 0, parts: [const { Vec::new() }; PARTS] }
+        Self { histogram, longest_ns: 0, segments: [const { Vec::new() }; SEGMENTS] }
     }
 }
 
 impl Distribution {
-    /// Takes a duration; `share` is how much of the measurement had passed, 0 to 1.
+    /// Adds a duration; `share` is the elapsed share of the measurement, 0 to 1.
     pub fn push(&mut self, share: f64, duration_ns: u64) {
         self.histogram.saturating_record(duration_ns);
         self.longest_ns = self.longest_ns.max(duration_ns);
-        let part = ((share * PARTS as f64) as usize).min(PARTS - 1);
-        self.parts[part].push(u32::try_from(duration_ns).unwrap_or(u32::MAX));
+        let segment = ((share * SEGMENTS as f64) as usize).min(SEGMENTS - 1);
+        self.segments[segment].push(u32::try_from(duration_ns).unwrap_or(u32::MAX));
     }
 
-    /// Durations taken.
+    /// Number of durations.
     #[must_use]
     pub fn count(&self) -> u64 {
         self.histogram.len()
     }
 
-    /// A quantile, us; `None` if that many durations do not tell it.
+    /// Quantile [us]; `None` if there are too few durations for it.
     #[must_use]
     pub fn quantile_us(&self, quantile: f64) -> Option<f64> {
         let enough = self.count() as f64 * (1.0 - quantile) >= 1.0 - 1e-9;
         enough.then(|| self.histogram.value_at_quantile(quantile).min(self.longest_ns) as f64 / NS_PER_US)
     }
 
-    /// The usual quantiles.
+    /// Usual quantiles.
     #[must_use]
     pub fn quantiles(&self) -> ChainQuantiles {
         ChainQuantiles {
@@ -80,21 +80,21 @@ impl Distribution {
         }
     }
 
-    /// A quantile of each part, us; `None` where its durations do not tell it.
+    /// Quantile of each segment [us]; `None` where a segment has too few durations for it.
     #[must_use]
-    pub fn parts_us(&self, quantile: f64) -> [Option<f64>; PARTS] {
+    pub fn segments_us(&self, quantile: f64) -> [Option<f64>; SEGMENTS] {
         std::array::from_fn(|i| {
-            let mut part = self.parts[i].clone();
-            if (part.len() as f64) * (1.0 - quantile) < 1.0 - 1e-9 {
+            let mut durations = self.segments[i].clone();
+            if (durations.len() as f64) * (1.0 - quantile) < 1.0 - 1e-9 {
                 return None;
             }
-            let rank = (part.len() as f64 * quantile).ceil() as usize;
-            let (_, value, _) = part.select_nth_unstable(rank.saturating_sub(1));
+            let rank = (durations.len() as f64 * quantile).ceil() as usize;
+            let (_, value, _) = durations.select_nth_unstable(rank.saturating_sub(1));
             Some(f64::from(*value) / NS_PER_US)
         })
     }
 
-    /// Duration in us, and how many of `of` durations were longer: steps down to the longest.
+    /// Curve of durations [us] and how many of `of` durations exceed each, down to the maximum.
     #[must_use]
     pub fn longer_than(&self, of: f64) -> Vec<(f64, f64)> {
         let all = self.count();
@@ -106,7 +106,7 @@ impl Distribution {
             let duration = step.value_iterated_to().min(self.longest_ns) as f64 / NS_PER_US;
             curve.push((duration.max(1e-3), longer as f64 * per));
         }
-        // The longest has none beyond it, which a logarithmic axis cannot show.
+        // No duration exceeds the maximum, but a logarithmic axis cannot show 0.
         if let (Some(last), true) = (curve.last_mut(), all > 0) {
             last.1 = 0.5 * per;
         }
@@ -118,7 +118,7 @@ impl Distribution {
 mod tests {
     use super::*;
 
-    /// 1 to 1000 us, in order.
+    /// 1 to 1000 us, ascending.
     fn ramp() -> Distribution {
         let mut d = Distribution::default();
         (0..1000).for_each(|i| d.push(f64::from(i) / 1000.0, 1000 * (i as u64 + 1)));
@@ -130,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn quantiles_are_where_they_should_be_and_no_more_are_told_than_known() {
+    fn quantiles_of_ramp_match_and_lack_rare_ones() {
         let q = ramp().quantiles();
         assert!(near(q.p50, 500.0) && near(q.p99, 990.0) && near(q.p999, 999.0), "{q:?}");
         assert_eq!((q.count, q.p9999, q.max), (1000, None, Some(1000.0)));
@@ -138,14 +138,14 @@ mod tests {
     }
 
     #[test]
-    fn parts_are_told_apart() {
-        let parts = ramp().parts_us(0.5);
-        assert_eq!(parts.map(|p| p.map(f64::round)), std::array::from_fn(|i| Some(100.0 * i as f64 + 50.0)));
-        assert_eq!(ramp().parts_us(0.999), [None; PARTS]);
+    fn segments_of_ramp_have_own_medians() {
+        let medians = ramp().segments_us(0.5);
+        assert_eq!(medians.map(|p| p.map(f64::round)), std::array::from_fn(|i| Some(100.0 * i as f64 + 50.0)));
+        assert_eq!(ramp().segments_us(0.999), [None; SEGMENTS]);
     }
 
     #[test]
-    fn the_curve_falls_to_the_longest() {
+    fn longer_than_ramp_falls_to_maximum() {
         let curve = ramp().longer_than(100_000.0);
         assert!(curve.windows(2).all(|w| w[0].0 < w[1].0 && w[0].1 > w[1].1));
         let median = curve.iter().find(|p| p.0 >= 500.0).map(|p| p.1);
@@ -155,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_longer_than_can_be_counted_counts_as_the_longest() {
+    fn push_duration_beyond_histogram_saturates() {
         let mut d = Distribution::default();
         d.push(0.0, u64::MAX / 2);
         d.push(7.0, 0);

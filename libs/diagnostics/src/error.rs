@@ -1,62 +1,62 @@
-//! What can go wrong with a chain.
+//! Errors of a chain.
 
 use std::io;
 
-/// An error of a chain, or of what one said.
+/// Error of a chain, or of its output.
 #[derive(Debug, thiserror::Error)]
 pub enum LatencyError {
-    /// The command line.
+    /// The command line is invalid.
     #[error("{0}")]
     Arguments(String),
-    /// A kind of chain that the program does not have.
+    /// The program does not have this kind of chain.
     #[error("--kind {found}: no such kind, expected one of: {expected}")]
     Kind {
-        /// What was asked for.
+        /// Requested kind.
         found: String,
-        /// What there is.
+        /// Available kinds.
         expected: String,
     },
-    /// The system, or what the chain is made of, rejected.
+    /// An operation of the system or of the transport failed.
     #[error("{kind}: cannot {action}: {cause}")]
     Failed {
-        /// The kind of chain.
+        /// Kind of chain.
         kind: String,
-        /// What was tried.
+        /// The operation.
         action: &'static str,
-        /// What it said.
+        /// Cause of the failure.
         cause: io::Error,
     },
-    /// A relay did not come up.
-    #[error("{kind}: relay {place} said '{found}', expected 'ready' and what it was granted")]
+    /// A relay did not start.
+    #[error("{kind}: relay {stage} printed '{found}', expected 'ready' and its grants")]
     Relay {
-        /// The kind of chain.
+        /// Kind of chain.
         kind: String,
-        /// Its place.
-        place: usize,
-        /// What it said.
+        /// Stage of the relay.
+        stage: usize,
+        /// Its output.
         found: String,
     },
-    /// Nothing comes round.
-    #[error("{kind}: {answered} of {sent} messages came round in {seconds} s, expected {wanted} one after the other")]
-    Cold {
-        /// The kind of chain.
+    /// The chain did not warm up.
+    #[error("{kind}: found {answered} of {sent} messages answered in {seconds} s, expected {expected} answers in a row")]
+    WarmUp {
+        /// Kind of chain.
         kind: String,
-        /// Answers.
+        /// Number of answers.
         answered: u64,
-        /// Messages sent.
+        /// Number of messages sent.
         sent: u64,
-        /// How long it was tried, s.
+        /// Duration of the attempt [s].
         seconds: u64,
-        /// Answers in a row that make a chain warm.
-        wanted: u64,
+        /// Consecutive answers that end the warm-up.
+        expected: u64,
     },
-    /// What a program said of its chain cannot be used.
-    #[error("what the chain said cannot be used: {0}")]
-    Said(String),
+    /// The output of a chain is invalid.
+    #[error("invalid output of a chain: {0}")]
+    Output(String),
 }
 
 impl LatencyError {
-    /// For `map_err`.
+    /// Makes the error of a failed operation, for `map_err`.
     pub(crate) fn failed<E: Into<io::Error>>(kind: &str, action: &'static str) -> impl FnOnce(E) -> Self {
         let kind = kind.to_owned();
         move |cause| Self::Failed { kind, action, cause: cause.into() }

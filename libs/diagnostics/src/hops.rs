@@ -1,49 +1,49 @@
-//! The stack's own chain, split by hop: from the stamps that each process logs at each tick.
+//! Latency of the stack's own chain, hop by hop, from the stamps that each process logs at each tick.
 
 use crate::distribution::{ChainQuantiles, Distribution};
 use serde::Serialize;
 
-/// What a process says of a tick, ns of `CLOCK_MONOTONIC`; 0 for what did not happen.
+/// Stamps of a process at a tick, `CLOCK_MONOTONIC` [ns]; 0 for an event that did not happen.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Stamps {
-    /// When what started the tick was written (plant: when its timer was due).
+    /// Stamp of the message that started the tick (plant: due time of its timer).
     pub due_ns: u64,
-    /// When it woke up.
+    /// Wake-up.
     pub wake_ns: u64,
-    /// When it had published.
+    /// End of publishing.
     pub publish_ns: u64,
-    /// Plant: from state published to command received.
+    /// Plant: time from state published to command received.
     pub latency_ns: u64,
 }
 
 impl Stamps {
-    /// From waking up to having published, ns; `None` if one is not known.
+    /// Time from wake-up to publication [ns]; `None` if a stamp is missing.
     #[must_use]
     pub fn took_ns(&self) -> Option<u64> {
         (self.wake_ns > 0 && self.publish_ns > 0).then(|| self.publish_ns.saturating_sub(self.wake_ns))
     }
 }
 
-/// Everybody's stamps of a tick.
+/// Stamps of all processes at a tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct TickStamps {
-    /// The plant's.
+    /// Stamps of the plant.
     pub plant: Stamps,
-    /// Of the controller whose request counted.
+    /// Stamps of the controller whose request the gate took.
     pub controller: Stamps,
-    /// The gate's.
+    /// Stamps of the gate.
     pub gate: Stamps,
 }
 
-/// The parts of the stack's chain.
+/// Hops of the stack's chain, in the order of time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Part {
-    /// How late the plant's timer was.
+pub enum Hop {
+    /// Timer due -> plant awake.
     PlantTimer,
-    /// Plant awake -> it writes its state: the sensors are read.
+    /// Plant awake -> it begins to write its state: it reads the sensors.
     PlantSample,
-    /// The state is written.
+    /// Begin of writing -> state published.
     StateWritten,
     /// State published -> controller awake.
     ControllerWakes,
@@ -53,12 +53,12 @@ pub enum Part {
     GateWakes,
     /// Gate awake -> command published.
     GateWorks,
-    /// Command published -> plant has it.
+    /// Command published -> plant has received it.
     PlantWakes,
 }
 
-impl Part {
-    /// In the order of time.
+impl Hop {
+    /// All hops in the order of time.
     pub const ALL: [Self; 8] = [
         Self::PlantTimer,
         Self::PlantSample,
@@ -70,7 +70,7 @@ impl Part {
         Self::PlantWakes,
     ];
 
-    /// What it is, in words.
+    /// Name in tables.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -86,48 +86,48 @@ impl Part {
     }
 }
 
-/// The stack's chain, measured.
+/// Durations of the hops of the stack's chain, and of the whole chain.
 #[derive(Clone, Debug, Default)]
-pub struct Hops {
-    parts: [Distribution; Part::ALL.len()],
-    /// State about to be written -> plant has the command: what the other chains measure, too.
+pub struct HopDurations {
+    hops: [Distribution; Hop::ALL.len()],
+    /// Begin of writing the state -> plant has received the command, like the round trip of the other chains.
     pub chain: Distribution,
-    /// State published -> plant has the command: what a run's own summary calls latency is this less the last hop.
+    /// State published -> plant has received the command; the latency in the summary of a run lacks the last hop.
     pub published: Distribution,
-    /// Ticks whose command was published after the plant had stopped waiting for it. They are in [`chain`](Self::chain) with the
-    /// time at which it was published.
+    /// Ticks whose command was published after the plant's wait; [`chain`](Self::chain) has them with the publication
+    /// time.
     pub late: u64,
 }
 
-/// A part and its durations.
+/// Quantiles of one hop.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct PartQuantiles {
-    /// Which.
-    pub part: Part,
-    /// How long, us.
+pub struct HopQuantiles {
+    /// The hop.
+    pub part: Hop,
+    /// Quantiles of its duration [us].
     #[serde(flatten)]
     pub quantiles: ChainQuantiles,
 }
 
-impl Hops {
-    /// Takes an answered tick; `share` is how much of the measurement had passed.
+impl HopDurations {
+    /// Adds an answered tick; `share` is the elapsed share of the measurement.
     pub fn push(&mut self, share: f64, tick: &TickStamps) {
         let TickStamps { plant, controller, gate } = *tick;
         let received = if plant.latency_ns > 0 { plant.publish_ns + plant.latency_ns } else { 0 };
         let written = gate.due_ns;
-        for (part, from, to) in [
-            (Part::PlantTimer, plant.due_ns, plant.wake_ns),
-            (Part::PlantSample, plant.wake_ns, written),
-            (Part::StateWritten, written, plant.publish_ns),
-            (Part::ControllerWakes, plant.publish_ns, controller.wake_ns),
-            (Part::ControllerWorks, controller.wake_ns, controller.publish_ns),
-            (Part::GateWakes, controller.publish_ns, gate.wake_ns),
-            (Part::GateWorks, gate.wake_ns, gate.publish_ns),
-            (Part::PlantWakes, gate.publish_ns, received),
+        for (hop, from, to) in [
+            (Hop::PlantTimer, plant.due_ns, plant.wake_ns),
+            (Hop::PlantSample, plant.wake_ns, written),
+            (Hop::StateWritten, written, plant.publish_ns),
+            (Hop::ControllerWakes, plant.publish_ns, controller.wake_ns),
+            (Hop::ControllerWorks, controller.wake_ns, controller.publish_ns),
+            (Hop::GateWakes, controller.publish_ns, gate.wake_ns),
+            (Hop::GateWorks, gate.wake_ns, gate.publish_ns),
+            (Hop::PlantWakes, gate.publish_ns, received),
         ] {
             if from > 0 && to > 0 {
-                // On two cores one may be woken before the other has looked at the clock.
-                self.parts[part as usize].push(share, to.saturating_sub(from));
+                // A process on another core may wake up before the sender reads the clock.
+                self.hops[hop as usize].push(share, to.saturating_sub(from));
             }
         }
         let end = if received > 0 { received } else { gate.publish_ns };
@@ -138,16 +138,16 @@ impl Hops {
         }
     }
 
-    /// A part's durations.
+    /// Durations of a hop.
     #[must_use]
-    pub fn part(&self, part: Part) -> &Distribution {
-        &self.parts[part as usize]
+    pub fn hop(&self, hop: Hop) -> &Distribution {
+        &self.hops[hop as usize]
     }
 
-    /// The parts in the order of time.
+    /// Quantiles of all hops in the order of time.
     #[must_use]
-    pub fn table(&self) -> Vec<PartQuantiles> {
-        Part::ALL.into_iter().map(|part| PartQuantiles { part, quantiles: self.part(part).quantiles() }).collect()
+    pub fn table(&self) -> Vec<HopQuantiles> {
+        Hop::ALL.into_iter().map(|part| HopQuantiles { part, quantiles: self.hop(part).quantiles() }).collect()
     }
 }
 
@@ -165,10 +165,10 @@ mod tests {
     }
 
     #[test]
-    fn the_parts_make_up_the_whole() {
-        let mut hops = Hops::default();
+    fn hops_of_tick_add_up_to_chain() {
+        let mut hops = HopDurations::default();
         hops.push(0.0, &tick());
-        let us: Vec<_> = hops.table().iter().map(|row| row.quantiles.max.unwrap_or(-1.0)).collect();
+        let us: Vec<_> = hops.table().iter().map(|hop| hop.quantiles.max.unwrap_or(-1.0)).collect();
         assert_eq!(us, [4.0, 2.0, 1.0, 13.0, 8.0, 11.0, 5.0, 20.0]);
         assert_eq!(hops.chain.quantiles().max, Some(58.0));
         assert_eq!(hops.chain.quantiles().max, Some(us[2..].iter().sum()));
@@ -176,15 +176,15 @@ mod tests {
     }
 
     #[test]
-    fn an_answer_that_the_plant_did_not_wait_for_counts_all_the_same() {
+    fn chain_late_command_counts_until_publication() {
         let mut late = tick();
         late.plant.latency_ns = 0;
         late.gate.publish_ns = 1_506_000;
-        let mut hops = Hops::default();
+        let mut hops = HopDurations::default();
         hops.push(0.0, &late);
         assert_eq!((hops.chain.quantiles().max, hops.late), (Some(500.0), 1));
-        assert_eq!(hops.part(Part::PlantWakes).count(), 0);
+        assert_eq!(hops.hop(Hop::PlantWakes).count(), 0);
         hops.push(0.0, &TickStamps::default());
-        assert_eq!(hops.chain.count(), 1, "a tick of which nothing is known is none");
+        assert_eq!(hops.chain.count(), 1, "a tick without stamps does not count");
     }
 }

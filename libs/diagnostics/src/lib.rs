@@ -1,9 +1,11 @@
-//! How long a chain of messages takes: driver -> relay -> relay -> driver, as the stack's plant -> controller -> gate -> plant, in
-//! as many processes, with messages as long, at the same priorities and on the same cores, and with no work in between.
+//! Latency of a chain of messages: driver -> relay -> relay -> driver, like the stack's plant -> controller -> gate ->
+//! plant.
 //!
-//! A [`Kind`] of chain says how its messages travel: it gives each of the three processes a [`Link`]. [`own`] are those over what
-//! the kernel itself offers. A program with kinds of its own needs no more than this, and `hapfic bench latency --peers PROGRAM`
-//! measures it:
+//! The chain has as many processes as the stack, messages of the same lengths, the same priorities and cores, and no
+//! work in between.
+//!
+//! A [`Kind`] of chain implements the transport: it gives each of the three processes a [`Link`]. [`kernel_kinds`]
+//! lists the transports of the kernel. `hapfic bench latency --peers PROGRAM` measures a program with other kinds:
 //!
 //! ```no_run
 //! use hapfic_diagnostics::{Kind, Link, Seat};
@@ -14,7 +16,7 @@
 //!     fn name(&self) -> &'static str { "pigeon" }
 //!     fn join(&self, seat: Seat) -> io::Result<Box<dyn Link>> {
 //! #       let _ = seat;
-//!         // Listens as `seat.name_of(seat.place)`, sends to `seat.name_of(seat.next())`.
+//!         // Listens as `seat.name_of(seat.stage)`, sends to `seat.name_of(seat.next())`.
 //!         Err(io::ErrorKind::Unsupported.into())
 //!     }
 //! }
@@ -24,12 +26,12 @@
 //! }
 //! ```
 //!
-//! The program is then called as `PROGRAM kinds`, which prints one name a line, and as
-//! `PROGRAM chain --kind KIND --core C --priority P --start-ns N --period-ns N --count N --sizes A,B,C`: it prints `ready` when its
-//! chain is warm, and at the end one line of JSON, a [`Measured`].
+//! `PROGRAM kinds` prints one name a line.
+//! `PROGRAM chain --kind KIND --core C --priority P --start-ns N --period-ns N --count N --sizes A,B,C` prints `ready`
+//! after the warm-up of its chain, and at the end one line of JSON, a [`ChainMeasurement`].
 //!
-//! The rest is what to make of the figures: [`Distribution`], [`Ratio`], [`hops`] of the stack's own chain, and the [`cause`] of a
-//! tick that was missed.
+//! The evaluation: [`Distribution`], [`Ratio`], the [`hops`] of the stack's own chain, and the [`cause`] of a missed
+//! tick. [`doctor`] examines the machine.
 
 mod arguments;
 pub mod cause;
@@ -46,13 +48,13 @@ mod ratio;
 mod relay;
 mod timer;
 
-pub use arguments::{Core, Plan};
-pub use distribution::{ChainQuantiles, Distribution, PARTS};
+pub use arguments::{Core, MeasurementPlan};
+pub use distribution::{ChainQuantiles, Distribution, SEGMENTS};
 pub use driver::driver;
 pub use error::LatencyError;
-pub use link::{Kind, Link, PLACES, Seat};
-pub use links::own;
-pub use measured::{Measured, Sample};
+pub use link::{Kind, Link, STAGES, Seat};
+pub use links::kernel_kinds;
+pub use measured::{ChainMeasurement, ChainSample};
 pub use program::{TIMER, main, program};
 pub use ratio::Ratio;
 pub use relay::relay;

@@ -1,83 +1,87 @@
-//! How the messages of a chain travel.
+//! Interface of the transports: kinds of chains, and their links.
 
 use std::io;
 use std::os::fd::OwnedFd;
 use std::time::Duration;
 
-/// Processes of a chain: the driver at place 0, and two relays.
-pub const PLACES: usize = 3;
+/// Number of processes of a chain: the driver at stage 0, and two relays.
+pub const STAGES: usize = 3;
 
-/// One process's part in a chain: it receives from the place before its own and sends to the next one.
+/// Link of one process of a chain: receives from the previous stage, and sends to the next one.
 pub trait Link {
-    /// Sends a message to the next place, and wakes who waits there.
+    /// Sends a message to the next stage, and wakes its process.
     ///
     /// # Errors
-    /// If it cannot be sent.
+    /// If the message cannot be sent.
     fn send(&mut self, message: &[u8]) -> io::Result<()>;
 
-    /// Waits for a message from the place before, without spinning, and copies it. Returns its length; 0 if none came in time.
-    /// Where more than one is there, they may be taken one after the other, or the newest alone. `None`: for ever.
+    /// Waits for a message from the previous stage, without spinning, and copies it.
+    ///
+    /// Returns its length; 0 if none came in time. Of several messages a link may take one after the other, or only the
+    /// newest. Timeout `None`: waits without limit.
     ///
     /// # Errors
-    /// If the connection is broken, or `into` too short.
+    /// If the connection is broken, or `into` is too short.
     fn receive(&mut self, into: &mut [u8], timeout: Option<Duration>) -> io::Result<usize>;
 }
 
-/// A kind of chain.
+/// Kind of chain: the transport of its messages.
 pub trait Kind: Sync {
-    /// Its name on the command line and in tables.
+    /// Name on the command line and in tables.
     fn name(&self) -> &'static str;
 
-    /// Makes what all three processes share, in the driver, before the relays are started, which inherit it.
+    /// Makes the files that all three processes share, in the driver, before it starts the relays, which inherit them.
     ///
     /// # Errors
-    /// If it cannot be had.
-    fn prepare(&self, sizes: &[usize; PLACES]) -> io::Result<Vec<OwnedFd>> {
+    /// If a file cannot be made.
+    fn prepare(&self, sizes: &[usize; STAGES]) -> io::Result<Vec<OwnedFd>> {
         let _ = sizes;
         Ok(Vec::new())
     }
 
-    /// Joins a chain at a place. Called on a thread that has its priority and core already: threads that it starts have them, too.
-    /// The other places join at the same time, so whoever looks for them may have to wait.
+    /// Joins a chain at a stage.
+    ///
+    /// The calling thread already has its priority and core, which threads started here inherit. The other stages join
+    /// at the same time, so an implementation may have to wait for them.
     ///
     /// # Errors
-    /// If it cannot.
+    /// If the chain cannot be joined.
     fn join(&self, seat: Seat) -> io::Result<Box<dyn Link>>;
 }
 
-/// A place in a chain.
+/// Stage of a process in a chain, with what it needs to join.
 #[derive(Debug)]
 pub struct Seat {
-    /// Which: 0 is the driver.
-    pub place: usize,
-    /// Bytes of the message that each place sends.
-    pub sizes: [usize; PLACES],
-    /// Name of the chain, of letters, digits and `-`: no other on this machine has it.
+    /// Stage: 0 is the driver.
+    pub stage: usize,
+    /// Length of the message that each stage sends [bytes].
+    pub sizes: [usize; STAGES],
+    /// Name of the chain, unique on this machine, of letters, digits and `-`.
     pub chain: String,
-    /// What [`Kind::prepare`] has made.
+    /// Files that [`Kind::prepare`] has made.
     pub shared: Vec<OwnedFd>,
 }
 
 impl Seat {
-    /// The place that this one sends to.
+    /// Stage that this one sends to.
     #[must_use]
     pub const fn next(&self) -> usize {
-        (self.place + 1) % PLACES
+        (self.stage + 1) % STAGES
     }
 
-    /// The place that this one receives from.
+    /// Stage that this one receives from.
     #[must_use]
     pub const fn before(&self) -> usize {
-        (self.place + PLACES - 1) % PLACES
+        (self.stage + STAGES - 1) % STAGES
     }
 
-    /// A name for a place of this chain that no other has.
+    /// Unique name of a stage of this chain.
     #[must_use]
-    pub fn name_of(&self, place: usize) -> String {
-        format!("{}-{place}", self.chain)
+    pub fn name_of(&self, stage: usize) -> String {
+        format!("{}-{stage}", self.chain)
     }
 
-    /// Bytes of the longest message.
+    /// Length of the longest message [bytes].
     #[must_use]
     pub fn longest(&self) -> usize {
         self.sizes.into_iter().max().unwrap_or(0)

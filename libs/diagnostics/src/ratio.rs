@@ -1,27 +1,27 @@
-//! How a chain compares with another that was measured in the same milliseconds.
+//! Comparison of a chain with another one that was measured in the same milliseconds.
 
 use crate::distribution::Distribution;
 use serde::Serialize;
 use std::fmt;
 
-/// A quantile of one distribution over that of another; and how far this varies over the parts of the measurement.
+/// Ratio of a quantile of two distributions, and its range over the segments of the measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Ratio {
-    /// Over the whole measurement.
+    /// Ratio over the whole measurement.
     pub whole: f64,
-    /// Least and largest of the parts; none if not every part tells it.
+    /// Smallest and largest ratio of a segment; `None` if a segment has too few durations.
     pub parts: Option<(f64, f64)>,
 }
 
 impl Ratio {
-    /// `None` if one of the two does not tell this quantile.
+    /// Divides a quantile of two distributions; `None` if one of them has too few durations.
     #[must_use]
     pub fn of(quantile: f64, one: &Distribution, other: &Distribution) -> Option<Self> {
         let divide = |a: f64, b: f64| (b > 0.0).then(|| a / b);
         let whole = divide(one.quantile_us(quantile)?, other.quantile_us(quantile)?)?;
-        let pairs = one.parts_us(quantile).into_iter().zip(other.parts_us(quantile));
-        let parts: Option<Vec<f64>> = pairs.map(|(a, b)| divide(a?, b?)).collect();
-        let parts = parts.map(|list| list.iter().fold((f64::MAX, f64::MIN), |r, v| (r.0.min(*v), r.1.max(*v))));
+        let pairs = one.segments_us(quantile).into_iter().zip(other.segments_us(quantile));
+        let ratios: Option<Vec<f64>> = pairs.map(|(a, b)| divide(a?, b?)).collect();
+        let parts = ratios.map(|list| list.iter().fold((f64::MAX, f64::MIN), |r, v| (r.0.min(*v), r.1.max(*v))));
         Some(Self { whole, parts })
     }
 }
@@ -30,7 +30,7 @@ impl fmt::Display for Ratio {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{:.2} x", self.whole)?;
         match self.parts {
-            Some((least, largest)) => write!(f, " ({least:.2} to {largest:.2} in ten parts)"),
+            Some((least, largest)) => write!(f, " ({least:.2} to {largest:.2} over ten segments)"),
             None => Ok(()),
         }
     }
@@ -48,19 +48,19 @@ mod tests {
     }
 
     #[test]
-    fn the_ratio_has_the_spread_of_its_parts() {
-        // The machine gets slower for both; one of them suffers more in the last tenth.
+    fn ratio_drifting_chains_has_range_over_segments() {
+        // The machine slows down for both chains; in the last segment more for the first one.
         let drift = |i: usize| 50_000 + 20 * i as u64;
         let one = steady(|i| drift(i) * if i >= 900 { 3 } else { 2 });
         let ratio = Ratio::of(0.5, &one, &steady(drift)).unwrap();
         assert!((ratio.whole - 2.0).abs() < 0.01, "{ratio:?}");
         let (least, largest) = ratio.parts.unwrap();
         assert!((least - 2.0).abs() < 0.01 && (largest - 3.0).abs() < 0.01, "{ratio:?}");
-        assert_eq!(ratio.to_string(), "2.00 x (2.00 to 3.00 in ten parts)");
+        assert_eq!(ratio.to_string(), "2.00 x (2.00 to 3.00 over ten segments)");
     }
 
     #[test]
-    fn what_is_not_known_is_not_compared() {
+    fn ratio_too_few_durations_is_none() {
         let few = steady(|_| 1000);
         let ratio = Ratio::of(0.999, &few, &few).unwrap();
         assert_eq!((ratio.whole, ratio.parts, ratio.to_string()), (1.0, None, "1.00 x".to_owned()));

@@ -1,7 +1,8 @@
 //! Counts heap allocations of the current thread.
 //!
-//! A real-time loop must not allocate between receiving and sending. The binary installs [`Counting`] as its global
-//! allocator; each loop compares [`count`] before and after and reports the difference in [`hapfic_messages::Timing`].
+//! A real-time loop must not allocate between receiving and sending. The binary installs [`CountingAllocator`] as its
+//! global allocator; each loop compares [`count`] before and after and reports the difference in
+//! [`hapfic_messages::Timing`].
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
@@ -10,7 +11,7 @@ thread_local! {
     static COUNT: Cell<u64> = const { Cell::new(0) };
 }
 
-/// Allocations made by this thread so far; stays zero unless [`Counting`] is the global allocator.
+/// Allocations made by this thread so far; stays zero unless [`CountingAllocator`] is the global allocator.
 #[must_use]
 pub fn count() -> u64 {
     COUNT.with(Cell::get)
@@ -18,7 +19,7 @@ pub fn count() -> u64 {
 
 /// System allocator that counts allocations.
 #[derive(Debug)]
-pub struct Counting;
+pub struct CountingAllocator;
 
 fn count_one() {
     // A thread in tear-down has no counter and no reader any more.
@@ -26,7 +27,7 @@ fn count_one() {
 }
 
 // SAFETY: every call goes unchanged to the system allocator; counting touches a plain thread-local cell only.
-unsafe impl GlobalAlloc for Counting {
+unsafe impl GlobalAlloc for CountingAllocator {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         count_one();
         // SAFETY: the caller upholds what `System` requires.

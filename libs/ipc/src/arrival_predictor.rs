@@ -17,7 +17,7 @@ const HORIZON: i64 = 4;
 
 /// Last state: its tick, and when it was due and published [ns].
 #[derive(Clone, Copy, Debug)]
-struct Last {
+struct LastArrival {
     tick: i64,
     due: u64,
     stamp: u64,
@@ -27,7 +27,7 @@ struct Last {
 #[derive(Clone, Copy, Debug)]
 pub struct ArrivalPredictor {
     before_ns: u64,
-    last: Option<Last>,
+    last: Option<LastArrival>,
 }
 
 impl ArrivalPredictor {
@@ -45,7 +45,7 @@ impl ArrivalPredictor {
         let stamp = state.stamp_ns.clamp(now_ns.saturating_sub(PERIOD_NS), now_ns);
         // Slipped periods are not made up for.
         let due = stamp.saturating_sub(state.wake_lateness_ns % PERIOD_NS);
-        self.last = Some(Last { tick: state.tick, due, stamp });
+        self.last = Some(LastArrival { tick: state.tick, due, stamp });
     }
 
     /// Busy-poll window of a tick's state, or of its answer if that state was the last [ns]; `None` without a
@@ -63,12 +63,16 @@ impl ArrivalPredictor {
     /// Sleeps until the busy-poll window of a tick's state opens. Returns whether there is time for a cache warm-up;
     /// `false` immediately without a prediction, or if the window is already open.
     pub fn sleep_until_window(&self, tick: i64) -> bool {
+        self.sleep_until_window_on(&MonotonicClock, tick)
+    }
+
+    fn sleep_until_window_on(&self, clock: &impl WaitClock, tick: i64) -> bool {
         // The answer to a state that is here is due immediately.
         let Some((begin, _)) = self.window(tick).filter(|_| self.last.is_some_and(|last| last.tick < tick)) else { return false };
-        if clock::now_ns() < begin {
-            clock::sleep_until(begin);
+        if clock.now_ns() < begin {
+            clock.sleep_until(begin);
         }
-        let now = clock::now_ns();
+        let now = clock.now_ns();
         // Not if a signal ended the sleep.
         now >= begin && now.saturating_add(Self::WARM_UP_NS) < begin.saturating_add(self.before_ns)
     }
@@ -77,17 +81,40 @@ impl ArrivalPredictor {
     /// `limit_ns`. Returns whether any of them was notified; `false` immediately after the window, and without a
     /// prediction.
     pub fn poll(&self, inputs: &[&dyn Wakes], tick: i64, limit_ns: u64) -> bool {
+        self.poll_on(&MonotonicClock, tick, limit_ns, |end| poll(inputs, end))
+    }
+
+    fn poll_on(&self, clock: &impl WaitClock, tick: i64, limit_ns: u64, poll_until: impl FnOnce(u64) -> bool) -> bool {
         let Some((begin, end)) = self.window(tick) else { return false };
         let end = end.min(limit_ns);
-        let now = clock::now_ns();
+        let now = clock.now_ns();
         if now >= end || begin >= end {
             return false;
         }
         if now < begin {
-            clock::sleep_until(begin);
+            clock.sleep_until(begin);
         }
         // Not if a signal ended the sleep.
-        clock::now_ns() >= begin && poll(inputs, end)
+        clock.now_ns() >= begin && poll_until(end)
+    }
+}
+
+/// Clock of a wait.
+trait WaitClock {
+    fn now_ns(&self) -> u64;
+    fn sleep_until(&self, deadline_ns: u64);
+}
+
+/// `CLOCK_MONOTONIC`.
+struct MonotonicClock;
+
+impl WaitClock for MonotonicClock {
+    fn now_ns(&self) -> u64 {
+        clock::now_ns()
+    }
+
+    fn sleep_until(&self, deadline_ns: u64) {
+        clock::sleep_until(deadline_ns);
     }
 }
 
@@ -96,6 +123,7 @@ impl ArrivalPredictor {
 mod tests {
     use super::*;
     use crate::doorbell::{Doorbell, DoorbellId, DoorbellPage, Listener};
+    use core::cell::Cell;
 
     fn state(tick: i64, stamp_ns: u64, wake_lateness_ns: u64) -> State {
         State { tick, stamp_ns, wake_lateness_ns, ..State::default() }
@@ -124,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn observe_implausible_stamp_is_bounded() {
+    fn observe_implausible_stamp_bounded() {
         let mut predictor = ArrivalPredictor::new(50).unwrap();
         for (stamp, lateness) in [(u64::MAX, 0), (0, 0), (u64::MAX, u64::MAX), (20_000_000, 999_999)] {
             predictor.observe(&state(1, stamp, lateness), 20_000_000);
@@ -133,48 +161,88 @@ mod tests {
         }
     }
 
-    #[test]
-    fn sleep_until_window_before_state_leaves_warm_up_time() {
-        let mut predictor = ArrivalPredictor::new(500).unwrap();
-        assert!(!predictor.sleep_until_window(1), "no prediction");
-        let now = clock::now_ns();
-        predictor.observe(&state(0, now, 0), now);
-        assert!(!predictor.sleep_until_window(0), "it is here");
-        assert!(!predictor.sleep_until_window(HORIZON + 1), "too far");
-        // A machine that is busy may wake up too late.
-        let early = predictor.sleep_until_window(1);
-        let woken = clock::now_ns();
-        assert!(woken >= now + PERIOD_NS - 500_000, "it slept until then");
-        assert!(early || woken >= now + PERIOD_NS - ArrivalPredictor::WARM_UP_NS - 200_000, "there was time");
-        clock::sleep_until(now + PERIOD_NS);
-        assert!(!predictor.sleep_until_window(1), "it is due");
-        let mut short_window = ArrivalPredictor::new(20).unwrap();
-        short_window.observe(&state(0, clock::now_ns(), 0), clock::now_ns());
-        assert!(!short_window.sleep_until_window(1), "the window is shorter than a warm-up");
+    /// Clock of a test: a sleep takes until its end and `late_ns` more, or is ended by a signal.
+    struct TestClock {
+        now_ns: Cell<u64>,
+        late_ns: u64,
+        signal: bool,
+    }
+
+    impl TestClock {
+        fn at(now_ns: u64) -> Self {
+            Self { now_ns: Cell::new(now_ns), late_ns: 0, signal: false }
+        }
+    }
+
+    impl WaitClock for TestClock {
+        fn now_ns(&self) -> u64 {
+            self.now_ns.get()
+        }
+
+        fn sleep_until(&self, deadline_ns: u64) {
+            self.now_ns.set(if self.signal { self.now_ns.get() + 1 } else { deadline_ns + self.late_ns });
+        }
+    }
+
+    /// Predictor whose window opens 50 us before a state; state 0 was published at 10 ms, on time.
+    fn predictor() -> ArrivalPredictor {
+        let mut predictor = ArrivalPredictor::new(50).unwrap();
+        predictor.observe(&state(0, 10_000_000, 0), 10_000_000);
+        predictor
     }
 
     #[test]
-    fn watch_ends_on_notification_or_window_end() {
+    fn sleep_until_window_ends_at_window_with_time_for_warm_up() {
+        let sleep = |clock: &TestClock, tick: i64| predictor().sleep_until_window_on(clock, tick);
+        let clock = TestClock::at(10_100_000);
+        assert!(sleep(&clock, 1));
+        assert_eq!(clock.now_ns(), 10_950_000);
+        assert!(!sleep(&TestClock { late_ns: 25_000, ..TestClock::at(10_100_000) }, 1), "woken too late for a warm-up");
+        assert!(sleep(&TestClock { late_ns: 24_999, ..TestClock::at(10_100_000) }, 1));
+        assert!(!sleep(&TestClock { signal: true, ..TestClock::at(10_100_000) }, 1), "woken by a signal");
+        for (now, tick) in [(10_100_000, 0), (10_100_000, HORIZON + 1), (10_980_000, 1)] {
+            let clock = TestClock::at(now);
+            assert!(!sleep(&clock, tick), "tick {tick} at {now} ns");
+            assert_eq!(clock.now_ns(), now, "no sleep");
+        }
+        assert!(!ArrivalPredictor::new(50).unwrap().sleep_until_window_on(&TestClock::at(0), 1), "no prediction");
+    }
+
+    #[test]
+    fn poll_lasts_from_window_begin_to_its_end_or_limit() {
+        let ends = |clock: &TestClock, tick: i64, limit: u64| {
+            let mut polled = None;
+            let notified = predictor().poll_on(clock, tick, limit, |end| {
+                polled = Some((clock.now_ns(), end));
+                true
+            });
+            assert_eq!(notified, polled.is_some());
+            polled
+        };
+        assert_eq!(ends(&TestClock::at(10_100_000), 2, u64::MAX), Some((11_950_000, 12_500_000)));
+        assert_eq!(ends(&TestClock::at(12_100_000), 2, u64::MAX), Some((12_100_000, 12_500_000)), "inside the window");
+        assert_eq!(ends(&TestClock::at(10_100_000), 2, 12_000_000), Some((11_950_000, 12_000_000)), "up to the limit");
+        assert_eq!(ends(&TestClock::at(10_020_000), 0, u64::MAX), Some((10_020_000, 10_150_000)), "the answer");
+        assert_eq!(ends(&TestClock::at(12_500_000), 2, u64::MAX), None, "after the window");
+        assert_eq!(ends(&TestClock::at(10_100_000), 2, 11_950_000), None, "the limit is before the window");
+        assert_eq!(ends(&TestClock { signal: true, ..TestClock::at(10_100_000) }, 2, u64::MAX), None, "woken by a signal");
+        let never = |_| panic!("polled without a prediction");
+        assert!(!ArrivalPredictor::new(50).unwrap().poll_on(&TestClock::at(0), 0, u64::MAX, never));
+    }
+
+    #[test]
+    fn poll_pending_notification_is_found_and_none_is_lost() {
         let folder = tempfile::tempdir().unwrap();
         let doorbells = DoorbellPage::open(folder.path().to_str().unwrap()).unwrap();
         let listener = Listener::new(&doorbells, DoorbellId(0));
         let doorbell = Doorbell::new(&doorbells, DoorbellId(0));
         let mut predictor = ArrivalPredictor::new(50).unwrap();
-        assert!(!predictor.poll(&[&listener], 0, u64::MAX), "no prediction");
         let now = clock::now_ns();
         predictor.observe(&state(0, now, 0), now);
         doorbell.notify();
         assert!(!predictor.poll(&[&listener], 2, now), "the limit is over");
         assert!(crate::wait(&[&listener], core::time::Duration::ZERO).unwrap(), "the notification is still pending");
         assert!(!predictor.poll(&[&listener], 2, u64::MAX), "no notification");
-        assert!(clock::now_ns() >= now + 2 * PERIOD_NS + STATE_NS);
-        doorbell.notify();
-        assert!(!predictor.poll(&[&listener], 1, u64::MAX), "the window is over");
-        assert!(crate::wait(&[&listener], core::time::Duration::ZERO).unwrap(), "the notification is still pending");
-        doorbell.notify();
-        let now = clock::now_ns();
-        predictor.observe(&state(3, now, 0), now);
-        assert!(predictor.poll(&[&listener], 3, u64::MAX) || clock::now_ns() >= now + ANSWER_NS);
         assert!(!doorbell.is_polled());
     }
 }

@@ -7,6 +7,7 @@
 use crate::clock;
 use crate::doorbell::{Doorbell, DoorbellId, DoorbellPage, Listener, Wakes};
 use crate::error::IpcError;
+use crate::heartbeat::HeartbeatPage;
 use crate::memory::{self, Senders};
 use crate::topic::{RECORDER_DEPTH, Topic};
 use crate::wire::Wire;
@@ -92,6 +93,7 @@ pub enum Wait {
 pub struct Bus {
     pub(crate) node: Node<Service>,
     page: Arc<DoorbellPage>,
+    heartbeats: Arc<HeartbeatPage>,
 }
 
 impl Bus {
@@ -111,12 +113,19 @@ impl Bus {
             .signal_handling_mode(SignalHandlingMode::Disabled)
             .create::<Service>()
             .map_err(|e| IpcError::messaging("create node", name, e))?;
-        Ok(Self { node, page: DoorbellPage::open(&domain.folder)? })
+        let heartbeats = Arc::new(HeartbeatPage::open(&domain.folder)?);
+        Ok(Self { node, page: DoorbellPage::open(&domain.folder)?, heartbeats })
     }
 
-    /// Removes what killed processes have left in the domain. Takes milliseconds: not for real-time threads.
+    /// Heartbeats of all processes of the run.
+    #[must_use]
+    pub fn heartbeats(&self) -> Arc<HeartbeatPage> {
+        Arc::clone(&self.heartbeats)
+    }
+
+    /// Removes the remains of killed processes from the domain. Takes milliseconds: not for real-time threads.
     pub fn clean_up_dead_nodes(&self) {
-        // What cannot be removed now goes with the whole domain at the end of the run.
+        // The rest is removed with the whole domain at the end of the run.
         let _ = self.node.try_cleanup_dead_nodes();
     }
 
@@ -138,7 +147,7 @@ impl Bus {
             .map_err(|e| IpcError::messaging("open topic", topic.name, e))
     }
 
-    /// Creates a topic and keeps it alive as long as the returned guard lives.
+    /// Creates a topic and keeps it alive until the returned guard drops.
     ///
     /// The process that creates topics must outlive the others: a process killed while it creates a service can leave
     /// it unusable.
@@ -295,7 +304,8 @@ impl<T: Message> Output<T> {
             Some(loan) => loan,
             None => self.publisher.loan_uninit().map_err(|_| IpcError::NoLoan { topic: self.topic })?,
         };
-        // A connection to a receiver that died half-way fails. That must not cost this message; one attempt settles it.
+        // A connection to a receiver that died while connecting fails. That must not cost this message; one attempt
+        // suffices.
         self.update_connections();
         loan.write_payload(Wire(*message)).send().map_err(|e| IpcError::messaging("send on", self.topic, e))?;
         let published = clock::now_ns();
@@ -346,15 +356,15 @@ impl<T: Message> Input<T> {
 
     /// Connects to new senders, so that [`next`](Self::next) need not, and prefaults the memory of their messages.
     /// Idle-time work.
-    pub fn preloan(&mut self) {
+    pub fn update_connections(&mut self) {
         self.senders.prefault::<T>();
         self.failed_connections += u32::from(self.subscriber.update_connections().is_err());
     }
 
     /// Discards earlier notifications: they do not end the next wait.
-    pub fn forget(&self) {
+    pub fn discard_notifications(&self) {
         if let Some(listener) = &self.listener {
-            listener.forget();
+            listener.discard_notifications();
         }
     }
 

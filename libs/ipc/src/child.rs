@@ -2,13 +2,13 @@
 
 use rustix::process::{Signal, getppid, set_parent_process_death_signal};
 
-/// How a process ends when its supervisor ends.
+/// Signal to a process when its supervisor ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ending {
     /// Immediately, by SIGKILL, even if it is halted or in an endless loop: a process of this program.
     Killed,
     /// By SIGTERM: an external program, which may have a drive to brake.
-    Asked,
+    Terminated,
 }
 
 /// Ends this process when the thread that started it ends. The tie survives an `exec`.
@@ -18,7 +18,7 @@ pub enum Ending {
 pub fn tie_to_supervisor(pid: i32, ending: Ending) -> std::io::Result<()> {
     set_parent_process_death_signal(Some(match ending {
         Ending::Killed => Signal::KILL,
-        Ending::Asked => Signal::TERM,
+        Ending::Terminated => Signal::TERM,
     }))?;
     if supervisor_gone(pid) { Err(std::io::Error::other("the supervisor has ended")) } else { Ok(()) }
 }

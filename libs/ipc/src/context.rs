@@ -10,6 +10,7 @@ use crate::child::{Ending, supervisor_gone, tie_to_supervisor};
 use crate::deadline_timer::DeadlineTimer;
 use crate::doorbell::{Doorbell, Wakes, wait};
 use crate::error::IpcError;
+use crate::heartbeat::HeartbeatPage;
 use crate::realtime::{self, Prefault, SchedGrants, SchedRequest};
 use crate::run::RunFile;
 use crate::{allocations, topic};
@@ -20,25 +21,25 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Longest wait for input before a heartbeat.
 const TIMEOUT: Duration = Duration::from_millis(50);
-/// How often page faults are counted, in ticks: a system call.
+/// Interval of the counts of page faults, each a system call [ticks].
 const FAULTS_EVERY: i64 = 1000;
 
-/// Times of a tick's work, by the monotonic clock.
+/// Times of a tick's work, by the monotonic clock [ns].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TickTimes {
-    /// Which tick.
+    /// The tick.
     pub tick: i64,
-    /// When the input that started it was published (plant: when the timer should have fired).
+    /// Publication time of the input that started it; for the plant the due time of its timer.
     pub due_ns: u64,
-    /// When the process woke up.
+    /// Wake-up time.
     pub wake_ns: u64,
-    /// When it had published; zero if it did not.
+    /// Publication time of the output; zero if there is none.
     pub publish_ns: u64,
-    /// From its own publication to the answer's arrival (plant only); zero if no answer came in time.
+    /// Time from the publication to the arrival of the answer (plant only); zero if no answer came in time.
     pub latency_ns: u64,
 }
 
-/// Which start of its process this is.
+/// Start of a process, counted within the run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ProcessStart {
     /// 0 for the first start in a run.
@@ -66,27 +67,28 @@ fn number<T: core::str::FromStr>(variable: &'static str) -> Result<Option<T>, Ip
     })
 }
 
-/// What every process loop needs.
+/// Context of a process loop.
 #[derive(Debug)]
 pub struct Context {
-    /// Which process this is.
+    /// The process.
     pub process: Process,
-    /// How time passes.
+    /// Clock of the run.
     pub clock: Clock,
     /// The topics.
     pub bus: Bus,
-    /// Which start of the process this is.
+    /// Start of the process.
     pub start: ProcessStart,
     stop: Arc<AtomicBool>,
     supervisor_pid: i32,
     core: Option<usize>,
-    reserve_core: Option<usize>,
+    standby_core: Option<usize>,
     realtime: RealtimeMode,
     granted: SchedGrants,
     timing: Output<Timing>,
+    heartbeats: Arc<HeartbeatPage>,
     rejected: u32,
     failed_connections: u32,
-    /// Time of the last heartbeat.
+    /// Time of the last heartbeat [ns].
     heartbeat_ns: u64,
     faults_at_start: u64,
     faults: u32,
@@ -120,10 +122,11 @@ impl Context {
             realtime::lock_memory(Prefault::Used);
         }
         // Failed connections are counted, and the supervisor reports them.
-        crate::service::quiet();
+        crate::service::silence_transport_log();
         let domain = Domain::new(&run.prefix, &run.root)?.with_short_timeouts(run.clock);
         let bus = Bus::open(&domain, process.name())?;
         let timing = bus.output(&topic::TIMING)?;
+        let heartbeats = bus.heartbeats();
         Ok(Self {
             process,
             clock: run.clock,
@@ -131,11 +134,12 @@ impl Context {
             start,
             stop,
             supervisor_pid: run.supervisor_pid,
-            core: if process == Process::Standby { run.reserve_core } else { run.core }.map(|c| c as usize),
-            reserve_core: run.reserve_core.map(|c| c as usize),
+            core: if process == Process::Standby { run.standby_core } else { run.core }.map(|c| c as usize),
+            standby_core: run.standby_core.map(|c| c as usize),
             realtime: if run.clock == Clock::Lockstep { RealtimeMode::Off } else { run.realtime },
             granted: SchedGrants::default(),
             timing,
+            heartbeats,
             rejected: 0,
             failed_connections: 0,
             heartbeat_ns: 0,
@@ -159,7 +163,7 @@ impl Context {
         period_ns: u64,
         priority: u32,
     ) -> Result<DeadlineTimer, IpcError> {
-        let request = SchedRequest { core: self.reserve_core, ..SchedRequest::new(priority, None) };
+        let request = SchedRequest { core: self.standby_core, ..SchedRequest::new(priority, None) };
         let request = (self.realtime != RealtimeMode::Off).then_some(request);
         DeadlineTimer::start(name, doorbell, period_ns, request)
             .map_err(|cause| IpcError::System { action: "start a deadline timer", cause })
@@ -182,14 +186,14 @@ impl Context {
         self.heartbeat(Phase::Ready, -1)
     }
 
-    /// Whether the loop should go on. [`idle`](Self::idle) checks for the parent process, in idle time only.
+    /// Whether the loop continues. [`idle`](Self::idle) checks for the parent process, in idle time only.
     #[must_use]
     pub fn running(&self) -> bool {
         !self.stop.load(Ordering::Relaxed)
     }
 
     /// Waits for a message on an input, a signal or 50 ms; in the last case does what [`idle`](Self::idle) does.
-    /// Returns whether to go on.
+    /// Returns whether the loop continues.
     ///
     /// # Errors
     /// [`IpcError`] if waiting fails or the heartbeat cannot be sent.
@@ -234,7 +238,8 @@ impl Context {
         Ok(())
     }
 
-    /// Waits for the message that the supervisor hands over from a predecessor. `None` when the process should end.
+    /// Waits for the message that the supervisor hands over from a predecessor. Returns `None` if the process has to
+    /// end.
     ///
     /// # Errors
     /// [`IpcError`] if waiting or receiving fails.
@@ -269,7 +274,7 @@ impl Context {
         Ok(())
     }
 
-    /// Sends a heartbeat, and ends the loop if the supervisor is gone. To be called when a wait timed out.
+    /// Sends a heartbeat, and ends the loop if the supervisor is gone. The process calls it after a time-out.
     ///
     /// # Errors
     /// [`IpcError`] if the heartbeat cannot be sent.
@@ -290,7 +295,7 @@ impl Context {
         self.failed_connections = failed_connections;
     }
 
-    /// Starts counting allocations. To be called on waking up with work to do.
+    /// Starts counting allocations. The process calls it at a wake-up with work to do.
     pub fn begin(&mut self) {
         self.allocations_at_wake = allocations::count();
     }
@@ -349,7 +354,7 @@ impl Context {
     fn send(&mut self, timing: &Timing) -> Result<(), IpcError> {
         self.heartbeat_ns = crate::clock::now_ns();
         self.timing.preloan();
-        self.timing.send(&Timing {
+        let timing = Timing {
             process: self.process.code(),
             rejected: self.rejected,
             page_faults: self.faults,
@@ -357,7 +362,10 @@ impl Context {
             generation: self.start.generation,
             failed_connections: self.failed_connections,
             ..*timing
-        })?;
+        };
+        // First: the supervisor must see it, whatever becomes of the message.
+        self.heartbeats.write(&timing, self.heartbeat_ns);
+        self.timing.send(&timing)?;
         Ok(())
     }
 }

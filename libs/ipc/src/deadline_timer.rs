@@ -1,9 +1,9 @@
-//! A deadline that costs nothing while it is kept.
+//! Deadline timer: a time-out that costs the waiting thread no system call.
 //!
-//! A sleep with a time-out makes the kernel set a timer before it, and take it back afterwards. In a virtual machine each is an exit to
-//! the host, some 10 us, twice in every hop. A [`DeadlineTimer`] is a helper thread on another core. It wakes once a period, looks whether
-//! the deadline is still armed, and only then notifies the owner's doorbell. The owner waits without a time-out; to arm the deadline it
-//! stores a number.
+//! A sleep with a time-out makes the kernel set a timer before it, and cancel it afterwards. In a virtual machine each
+//! is an exit to the host, some 10 us, twice in every hop. A [`DeadlineTimer`] is a helper thread on another core. It
+//! wakes once a period, checks whether the deadline is still armed, and only then notifies the owner's doorbell. The
+//! owner waits without a time-out; to arm the deadline it stores a number.
 
 use crate::clock;
 use crate::doorbell::Doorbell;
@@ -14,26 +14,27 @@ use std::sync::Arc;
 use std::thread::JoinHandle;
 
 #[derive(Debug, Default)]
-struct Shared {
+struct TimerState {
     deadline: DeadlineWord,
     stop: AtomicBool,
 }
 
-/// Notifies a doorbell at a time, unless it is disarmed before.
+/// Helper thread that notifies a doorbell at a deadline, unless it is disarmed before.
 #[derive(Debug)]
 pub struct DeadlineTimer {
-    shared: Arc<Shared>,
+    shared: Arc<TimerState>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl DeadlineTimer {
-    /// Starts the helper thread. It looks once every `period_ns`, at the phase of the deadline that was armed last: a deadline less than a
-    /// period ahead, at another phase than the ones before, may fire up to a period late.
+    /// Starts the helper thread. It checks every `period_ns`, at the phase of the deadline that was armed last.
+    ///
+    /// A deadline less than a period ahead may fire up to a period late if it has another phase than the previous one.
     ///
     /// # Errors
     /// If the system gives no thread.
     pub fn start(name: &str, doorbell: Doorbell, period_ns: u64, request: Option<SchedRequest>) -> std::io::Result<Self> {
-        let shared = Arc::new(Shared::default());
+        let shared = Arc::new(TimerState::default());
         let theirs = Arc::clone(&shared);
         let thread = std::thread::Builder::new().name(name.to_owned()).stack_size(realtime::SMALL_STACK).spawn(move || {
             if let Some(request) = request {
@@ -48,18 +49,18 @@ impl DeadlineTimer {
                 if fired {
                     doorbell.notify();
                 }
-                next = next_look(when, now, period_ns);
+                next = next_check(when, now, period_ns);
             }
         })?;
         Ok(Self { shared, thread: Some(thread) })
     }
 
-    /// Arms the deadline at a time of the monotonic clock [ns], instead of the one before.
+    /// Arms the deadline at a time of the monotonic clock [ns], in place of the previous one.
     pub fn set(&self, when_ns: u64) {
         self.shared.deadline.arm(when_ns);
     }
 
-    /// Disarms the deadline; its notification may be on its way.
+    /// Disarms the deadline; its notification may be in flight.
     pub fn clear(&self) {
         self.shared.deadline.disarm();
     }
@@ -75,10 +76,10 @@ impl Drop for DeadlineTimer {
     }
 }
 
-/// The first time after `now` that is whole periods away from `when`.
-fn next_look(when: u64, now: u64, period: u64) -> u64 {
+/// First time after `now` that is whole periods away from `when`.
+fn next_check(when: u64, now: u64, period: u64) -> u64 {
     if when > now {
-        // Not further ahead than a period: it may be armed again meanwhile.
+        // At most a period ahead: the deadline may be armed again meanwhile.
         when - (when - now - 1) / period * period
     } else {
         now + period - (now - when) % period
@@ -95,11 +96,11 @@ mod tests {
     const PERIOD: u64 = 1_000_000;
 
     #[test]
-    fn next_look_armed_deadline_keeps_its_phase() {
+    fn next_check_armed_deadline_keeps_phase() {
         for (when, now, next) in
             [(10, 0, 2), (10, 1, 2), (10, 2, 6), (10, 9, 10), (10, 10, 14), (10, 13, 14), (10, 14, 18), (0, 5, 8)]
         {
-            assert_eq!(next_look(when, now, 4), next, "set for {when}, it is {now}");
+            assert_eq!(next_check(when, now, 4), next, "set for {when}, it is {now}");
         }
     }
 

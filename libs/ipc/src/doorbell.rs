@@ -1,31 +1,30 @@
 //! Doorbells: futex notifiers on a page of counters that all processes of a run share.
 //!
-//! iceoryx2 carries the messages. Its own events would do the waking, through Unix datagram sockets: two to three system calls a hop, and
-//! a socket for each pair of processes. A sender increments the doorbell's sequence and wakes its waiters: one system call, none without
-//! waiters. A receiver sleeps while the sequence is the one it has seen last (one system call, none if it is not), or
-//! [polls](poll) it for some microseconds. A process that dies leaves no lock behind, only numbers ([`DoorbellWord`]).
+//! iceoryx2 carries the messages. Its own events would wake receivers through Unix datagram sockets: two to three
+//! system calls a hop, and a socket for each pair of processes. A sender increments the doorbell's sequence and wakes
+//! its waiters: one system call, none without waiters. A receiver sleeps while the sequence is the last one seen: one
+//! system call, none if it differs. Or it [polls](poll) the sequence for some microseconds. A process that dies leaves
+//! no lock behind, only numbers ([`DoorbellWord`]).
 
 use crate::clock;
 use crate::error::IpcError;
+use crate::shared_page::{PageContent, SharedPage};
 use core::cell::Cell;
 use core::time::Duration;
 use hapfic_sync::{DoorbellWord, WaiterGuard};
-use rustix::fs::{Mode, OFlags};
 use rustix::io::Errno;
-use rustix::mm::{MapFlags, ProtFlags};
 use rustix::thread::{ClockId, Timespec, futex};
-use std::path::Path;
 use std::sync::Arc;
 
 /// Name of the page in the run's folder.
 const FILE: &str = "doorbells";
 /// Doorbells in the page.
 const DOORBELLS: usize = 16;
-/// Most doorbells that a thread can wait for at once.
+/// Most doorbells that a thread can wait for together.
 const MAX_WAITS: usize = 4;
 /// Interval of polling where the kernel cannot wait for several futexes (before Linux 5.16).
 const POLL_INTERVAL: Duration = Duration::from_micros(500);
-/// A time after all runs.
+/// Time after the end of every run.
 const FAR: Timespec = Timespec { tv_sec: i64::MAX, tv_nsec: 0 };
 
 /// Index of a doorbell; the same in every process.
@@ -34,50 +33,25 @@ pub struct DoorbellId(pub(crate) usize);
 
 type Words = [DoorbellWord; DOORBELLS];
 
-/// The page, mapped.
-#[derive(Debug)]
-pub(crate) struct DoorbellPage(*mut Words);
+// SAFETY: a doorbell word holds atomics only, and zero stands for a doorbell that was never notified.
+unsafe impl PageContent for Words {}
 
-// SAFETY: the page holds atomics only, and stays mapped until the last owner is gone.
-unsafe impl Send for DoorbellPage {}
-// SAFETY: as above.
-unsafe impl Sync for DoorbellPage {}
+/// Page of all doorbells.
+#[derive(Debug)]
+pub(crate) struct DoorbellPage(SharedPage<Words>);
 
 impl DoorbellPage {
-    /// Maps the page in a run's folder; makes it if it is missing.
+    /// Maps the page in a run's folder; creates it if it is missing.
     pub(crate) fn open(folder: &str) -> Result<Arc<Self>, IpcError> {
-        let path = Path::new(folder).join(FILE);
-        let system = |e: Errno| IpcError::System { action: "share the doorbells of the run", cause: e.into() };
-        let file =
-            rustix::fs::open(&path, OFlags::RDWR | OFlags::CREATE | OFlags::CLOEXEC, Mode::RUSR | Mode::WUSR).map_err(system)?;
-        let size = size_of::<Words>();
-        // Never makes it smaller: that would pull the page from under its other users.
-        if rustix::fs::fstat(&file).map_err(system)?.st_size < size as i64 {
-            rustix::fs::ftruncate(&file, size as u64).map_err(system)?;
-        }
-        // SAFETY: a new mapping at an address of the kernel's choice, of a file that is as long.
-        let page = unsafe {
-            rustix::mm::mmap(core::ptr::null_mut(), size, ProtFlags::READ | ProtFlags::WRITE, MapFlags::SHARED, &file, 0)
-        };
-        Ok(Arc::new(Self(page.map_err(system)?.cast())))
+        SharedPage::open(folder, FILE, "share the doorbells of the run").map(|page| Arc::new(Self(page)))
     }
 
     fn word(&self, id: DoorbellId) -> &DoorbellWord {
-        // SAFETY: the page is mapped as long as `self` lives, is as long as `Words`, page-aligned, and holds atomics only, for which
-        // every bit pattern is valid.
-        let words = unsafe { &*self.0 };
-        &words[id.0]
+        &self.0[id.0]
     }
 }
 
-impl Drop for DoorbellPage {
-    fn drop(&mut self) {
-        // SAFETY: mapped in `open` with this size; no reference is left. What cannot be unmapped stays.
-        let _ = unsafe { rustix::mm::munmap(self.0.cast(), size_of::<Words>()) };
-    }
-}
-
-/// Notifies the waiters of one doorbell.
+/// Notifier of one doorbell.
 #[derive(Clone, Debug)]
 pub struct Doorbell {
     page: Arc<DoorbellPage>,
@@ -93,7 +67,7 @@ impl Doorbell {
         self.page.word(self.id)
     }
 
-    /// Wakes all waiters; they look for what has changed.
+    /// Wakes all waiters; they check for changes.
     pub fn notify(&self) {
         self.word().notify(|sequence| {
             // Waking cannot fail on a mapped word.
@@ -113,7 +87,8 @@ impl Doorbell {
         self.word().has_waiters()
     }
 
-    /// Polls until the count differs from `count` or the monotonic clock reads `until_ns`. Returns whether the count differs.
+    /// Polls until the count differs from `count` or the monotonic clock reads `until_ns`. Returns whether the count
+    /// differs.
     #[must_use]
     pub fn spin_until_changed(&self, count: u32, until_ns: u64) -> bool {
         loop {
@@ -134,7 +109,7 @@ impl Doorbell {
     }
 }
 
-/// Waits for one doorbell.
+/// Waiter for one doorbell.
 #[derive(Debug)]
 pub struct Listener {
     doorbell: Doorbell,
@@ -152,8 +127,8 @@ impl Listener {
         self.doorbell.word()
     }
 
-    /// Discards the notifications so far: the next wait does not end by them.
-    pub fn forget(&self) {
+    /// Discards the notifications so far: they do not end the next wait.
+    pub fn discard_notifications(&self) {
         let _ = self.is_notified();
     }
 
@@ -166,7 +141,7 @@ impl Listener {
 
 /// A source of wake-ups. Implemented by [`crate::Input`].
 pub trait Wakes {
-    /// Its listener, if it has one.
+    /// Listener of the source, if any.
     #[doc(hidden)]
     fn listener(&self) -> Option<&Listener>;
 }
@@ -177,11 +152,12 @@ impl Wakes for Listener {
     }
 }
 
-/// Waits until something was sent to one of the inputs, a signal came, or the time is up; returns immediately if something was sent since
-/// the last wait. Wake-ups coalesce, so take everything there is afterwards; and they may be spurious.
+/// Waits for a notification of one of the inputs, a signal or the time-out. Returns whether a notification ended the
+/// wait.
 ///
-/// [`Duration::MAX`] is for ever, and cheaper than any time-out (see [`crate::deadline_timer`]). Inputs opened with [`crate::Wait::No`]
-/// are passed over. At most four can be waited for. Returns whether a notification ended the wait.
+/// A notification since the last wait ends it immediately. Wake-ups coalesce and may be spurious: the caller then takes
+/// all messages. [`Duration::MAX`] means no time-out, which is cheaper than any (see [`crate::deadline_timer`]). The
+/// call ignores inputs opened with [`crate::Wait::No`], and all but the first four.
 ///
 /// # Errors
 /// [`IpcError::System`] if the system cannot wait.
@@ -193,7 +169,7 @@ pub fn wait(inputs: &[&dyn Wakes], timeout: Duration) -> Result<bool, IpcError> 
         count += 1;
     }
     let listeners = || slots[..count].iter().flatten();
-    // Each is asked: a notification that was seen must not end the next wait.
+    // Checks every listener: a notification that was seen must not end the next wait.
     let notified = || listeners().fold(false, |any, l| l.is_notified() | any);
     if notified() {
         return Ok(true);
@@ -211,8 +187,9 @@ pub fn wait(inputs: &[&dyn Wakes], timeout: Duration) -> Result<bool, IpcError> 
     }
 }
 
-/// Polls the inputs until something was sent to one of them or the monotonic clock reads `until_ns`; returns immediately if something was
-/// sent since the last wait. For a thread that keeps no awaited thread from the processor. Returns whether anything was sent.
+/// Polls the inputs until a notification, or until the monotonic clock reads `until_ns`. Returns whether one came.
+///
+/// A notification since the last wait ends the poll immediately. The thread must not share its core with the sender.
 pub fn poll(inputs: &[&dyn Wakes], until_ns: u64) -> bool {
     let listeners = || inputs.iter().filter_map(|i| i.listener());
     let notified = || listeners().fold(false, |any, l| l.is_notified() | any);
@@ -281,7 +258,7 @@ mod tests {
         assert!(wait(&[&listener], LONG).unwrap());
         assert!(!wait(&[&listener], Duration::from_millis(1)).unwrap(), "both notifications were one wake-up");
         Doorbell::new(&other, DoorbellId(4)).notify();
-        assert!(!wait(&[&listener], Duration::from_millis(1)).unwrap(), "that was another doorbell");
+        assert!(!wait(&[&listener], Duration::from_millis(1)).unwrap(), "the notification of another doorbell");
     }
 
     #[test]
@@ -332,17 +309,17 @@ mod tests {
         let (_folder, page) = page();
         let done = AtomicU32::new(0);
         std::thread::scope(|scope| {
-            for who in [0, 1] {
+            for side in [0, 1] {
                 let (page, done) = (&page, &done);
                 scope.spawn(move || {
-                    let (mine, theirs) = (Listener::new(page, DoorbellId(who)), Doorbell::new(page, DoorbellId(1 - who)));
+                    let (mine, theirs) = (Listener::new(page, DoorbellId(side)), Doorbell::new(page, DoorbellId(1 - side)));
                     let begun = Instant::now();
                     loop {
                         let turn = done.load(Ordering::Acquire);
                         if turn >= TURNS {
                             break theirs.notify();
                         }
-                        if turn % 2 == who as u32 {
+                        if turn % 2 == side as u32 {
                             done.store(turn + 1, Ordering::Release);
                             theirs.notify();
                         } else {
@@ -364,7 +341,7 @@ mod tests {
     }
 
     #[test]
-    fn page_missing_folder_is_an_error() {
+    fn page_missing_folder_rejected() {
         let rejected = DoorbellPage::open("/nonexistent/folder").unwrap_err().to_string();
         assert!(rejected.contains("doorbells") && rejected.contains("No such file"), "{rejected}");
     }

@@ -9,7 +9,7 @@ pub enum IpcError {
     /// A call of iceoryx2 failed.
     #[error("cannot {action} '{topic}': {cause}")]
     Messaging {
-        /// What was tried.
+        /// Attempted action.
         action: &'static str,
         /// The topic or node.
         topic: String,
@@ -19,9 +19,9 @@ pub enum IpcError {
     /// A name or path that iceoryx2 cannot use.
     #[error("'{value}' cannot be used as {what}: {cause}")]
     Name {
-        /// What it should be.
+        /// Required kind of name.
         what: &'static str,
-        /// What was given.
+        /// Value given.
         value: String,
         /// Cause from iceoryx2.
         cause: String,
@@ -31,13 +31,13 @@ pub enum IpcError {
     RunFile {
         /// Path of the file.
         path: PathBuf,
-        /// What is wrong.
+        /// Cause.
         cause: String,
     },
     /// A system call failed.
     #[error("cannot {action}: {cause}")]
     System {
-        /// What was tried.
+        /// Attempted action.
         action: &'static str,
         /// Cause from the system.
         cause: std::io::Error,
@@ -47,7 +47,7 @@ pub enum IpcError {
     Message {
         /// The topic.
         topic: &'static str,
-        /// What is wrong with it.
+        /// Defect of the message.
         defect: ValidationError,
     },
     /// A sender with no loan left.

@@ -1,4 +1,4 @@
-//! Real-time set-up of a thread and of the machine: takes what is granted and reports what is not.
+//! Real-time set-up of a thread and of the machine: takes the granted privileges and reports the others.
 
 use crate::memory;
 use rustix::mm::{MlockAllFlags, mlockall};
@@ -71,7 +71,7 @@ pub const SMALL_STACK: usize = 2 * STACK;
 /// A dying process frees its memory at its own priority, on its own core. A controller that takes over immediately must
 /// not queue behind it.
 #[must_use]
-pub fn reserve_core(index: usize) -> Option<u32> {
+pub fn standby_core(index: usize) -> Option<u32> {
     shared_core(index + 1)
 }
 
@@ -169,8 +169,8 @@ pub enum Prefault {
 
 /// Locks all memory of the process, now and in future: a used page stays. To be called before topics are opened.
 ///
-/// A process uses only a part of a topic's segment, which has room for the deepest queue of every possible subscriber,
-/// and of the program's code. Prefaulting all of it would stall a mapping thread, in the middle of a tick, for as long
+/// A process uses only a part of the program's code, and of a topic's segment, which holds the deepest queue of every
+/// possible subscriber. Prefaulting all of it would stall a mapping thread, in the middle of a tick, for as long
 /// as a tick. A process that dies at real-time priority would free all of it before any thread of lower priority runs
 /// again. So this call enables prefaulting of what can be in use, and of nothing else: code, a heap reserve, the
 /// messages in flight.
@@ -195,9 +195,9 @@ pub fn lock_memory(prefault: Prefault) {
 /// Reserves `count` entries in the process's table of open files, or as many as its limit allows. To be called before
 /// the process has threads.
 ///
-/// The kernel doubles a full table. If threads share the table, the thread that opens a file too many waits until all
-/// processors have passed a quiet state (`synchronize_rcu`), some 10 ms. The gate did so when it connected to the first
-/// restarted process.
+/// The kernel doubles a full table. If threads share the table, the thread that exceeds it waits some 10 ms,
+/// until all processors have passed a quiescent state (`synchronize_rcu`). The gate did so when it connected to the
+/// first restarted process.
 ///
 /// # Errors
 /// If the system rejects the call; the table then grows on demand.

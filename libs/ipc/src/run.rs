@@ -1,4 +1,4 @@
-//! Run file: what the supervisor hands to the processes that it starts.
+//! Run file: data from the supervisor for the processes that it starts.
 
 use crate::error::IpcError;
 use hapfic_messages::{Clock, RealtimeMode};
@@ -16,14 +16,14 @@ pub struct RunFile {
     pub root: String,
     /// Process with which all others end.
     pub supervisor_pid: i32,
-    /// How time passes.
+    /// Clock of the run.
     pub clock: Clock,
     /// Whether to request real-time privileges.
     pub realtime: RealtimeMode,
     /// Core of the real-time threads without a configured core; `None`: any.
     pub core: Option<u32>,
     /// Core of the standby without a configured core; `None`: any.
-    pub reserve_core: Option<u32>,
+    pub standby_core: Option<u32>,
     /// Core of the gate, for measurements; `None`: any.
     pub gate_core: Option<u32>,
     /// The effective configuration, TOML.
@@ -46,7 +46,7 @@ impl RunFile {
     /// Reads a run file.
     ///
     /// # Errors
-    /// [`IpcError::RunFile`] naming the file and what is wrong with it.
+    /// [`IpcError::RunFile`] with the file and the cause.
     pub fn read(path: &Path) -> Result<Self, IpcError> {
         let fail = |cause: String| IpcError::RunFile { path: path.to_owned(), cause };
         let text = std::fs::read_to_string(path).map_err(|e| fail(e.to_string()))?;

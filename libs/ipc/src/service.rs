@@ -31,7 +31,7 @@ const MAX_NODES: usize = 32;
 /// Poll interval of a caller for its reply.
 const POLL_INTERVAL: Duration = Duration::from_millis(1);
 
-/// Creates the service and keeps it alive as long as the returned guard lives.
+/// Creates the service and keeps it alive until the returned guard drops.
 ///
 /// # Errors
 /// [`IpcError::Messaging`] with the cause from iceoryx2.
@@ -55,20 +55,20 @@ fn create_service(bus: &Bus) -> Result<Factory, IpcError> {
 }
 
 /// Server of the requests.
-pub struct Requests {
+pub struct RequestServer {
     server: Server<Transport, Wire<OperatorRequest>, (), Wire<OperatorReply>, ()>,
     listener: Listener,
     factory: Factory,
 }
 
 /// Request that waits for its reply.
-pub struct Asked {
+pub struct PendingRequest {
     /// The request, copied out of shared memory and not checked yet.
     pub request: OperatorRequest,
     active: ActiveRequest<Transport, Wire<OperatorRequest>, (), Wire<OperatorReply>, ()>,
 }
 
-impl Requests {
+impl RequestServer {
     /// Opens the service.
     ///
     /// # Errors
@@ -79,7 +79,7 @@ impl Requests {
             .server_builder()
             .backpressure_strategy(BackpressureStrategy::DiscardData)
             .create()
-            .map_err(|e| IpcError::messaging("answer on", NAME, e))?;
+            .map_err(|e| IpcError::messaging("serve", NAME, e))?;
         Ok(Self { server, listener: bus.listener(topic::OPERATOR_REQUEST), factory })
     }
 
@@ -87,25 +87,25 @@ impl Requests {
     ///
     /// # Errors
     /// [`IpcError::Messaging`] if a connection is damaged.
-    pub fn take(&mut self) -> Result<Option<Asked>, IpcError> {
+    pub fn take(&mut self) -> Result<Option<PendingRequest>, IpcError> {
         let received = self.server.receive().map_err(|e| IpcError::messaging("receive on", NAME, e))?;
-        Ok(received.map(|active| Asked { request: active.payload().0, active }))
+        Ok(received.map(|active| PendingRequest { request: active.payload().0, active }))
     }
 
     /// Whether there are so many callers that some are probably dead; [`Bus::clean_up_dead_nodes`] then removes these.
     #[must_use]
-    pub fn crowded(&self) -> bool {
+    pub fn needs_clean_up(&self) -> bool {
         self.factory.dynamic_config().number_of_clients() > CLEAN_UP_ABOVE
     }
 }
 
-impl Wakes for Requests {
+impl Wakes for RequestServer {
     fn listener(&self) -> Option<&Listener> {
         Some(&self.listener)
     }
 }
 
-impl Asked {
+impl PendingRequest {
     /// Sends the reply.
     ///
     /// # Errors
@@ -116,12 +116,12 @@ impl Asked {
 }
 
 /// Client of the requests.
-pub struct Caller {
+pub struct RequestClient {
     client: Client<Transport, Wire<OperatorRequest>, (), Wire<OperatorReply>, ()>,
     doorbell: Doorbell,
 }
 
-impl Caller {
+impl RequestClient {
     /// Opens the service of a run, which must exist.
     ///
     /// # Errors
@@ -136,7 +136,7 @@ impl Caller {
             .client_builder()
             .backpressure_strategy(BackpressureStrategy::DiscardData)
             .create()
-            .map_err(|e| IpcError::messaging("ask on", NAME, e))?;
+            .map_err(|e| IpcError::messaging("send requests on", NAME, e))?;
         Ok(Self { client, doorbell: bus.doorbell(topic::OPERATOR_REQUEST) })
     }
 
@@ -164,6 +164,6 @@ impl Caller {
 }
 
 /// Silences iceoryx2's log below fatal errors: a user need not see services that come and go.
-pub fn quiet() {
+pub fn silence_transport_log() {
     set_log_level(LogLevel::Fatal);
 }

@@ -3,13 +3,13 @@
 //! A test program of its own, since it installs the counting allocator, as the `hapfic` program does.
 #![allow(clippy::unwrap_used, missing_docs)]
 
-use hapfic_ipc::allocations::{Counting, count};
+use hapfic_ipc::allocations::{CountingAllocator, count};
 use hapfic_ipc::{Context, Input, ProcessStart, RunFile, TickTimes, Wait, topic};
 use hapfic_messages::{Clock, Process, RealtimeMode, Timing};
 use std::hint::black_box;
 
 #[global_allocator]
-static ALLOCATOR: Counting = Counting;
+static ALLOCATOR: CountingAllocator = CountingAllocator;
 
 #[test]
 fn allocations_each_heap_request_counts_once() {
@@ -47,7 +47,7 @@ fn context_account_reports_allocations_and_page_faults() {
         clock: Clock::Realtime,
         realtime: RealtimeMode::Off,
         core: None,
-        reserve_core: None,
+        standby_core: None,
         gate_core: None,
         settings: String::new(),
         urdf_name: String::new(),

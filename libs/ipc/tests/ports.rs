@@ -69,3 +69,15 @@ fn ports_with_loan_move_between_threads() {
         });
     }
 }
+
+/// `unsafe impl Send` of `Output` and `Input` rests on iceoryx2's internals, read in this version.
+#[test]
+fn ports_rest_on_the_iceoryx2_that_was_read() {
+    let lock = include_str!("../../../Cargo.lock");
+    let version = lock.split("[[package]]").find(|p| p.contains("name = \"iceoryx2\"\n")).unwrap();
+    assert!(
+        version.contains("version = \"0.10.0\""),
+        "iceoryx2 has changed: check in its sources that ports of `ipc::Service` are kept on one thread by \
+         `arc_sync_policy::SingleThreaded` alone (see the SAFETY comments in bus.rs), then change this test:{version}"
+    );
+}

@@ -12,6 +12,6 @@ pub struct Attachment {
 }
 
 impl Attachment {
-    /// Most bytes of content. The reader takes a longer attachment for a damaged length.
+    /// Most bytes of content. The reader treats a longer attachment as a damaged length.
     pub const LARGEST: usize = 32 << 20;
 }

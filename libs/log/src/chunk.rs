@@ -3,20 +3,20 @@
 //! `mcap` decompresses a chunk and checks its checksum. This module first checks what `mcap` does not: records that
 //! overrun an uncompressed chunk, and sizes that no compressor can produce.
 
-use crate::frames::LONGEST_RECORD;
-use mcap::McapError;
+use crate::frames::MAX_RECORD_BYTES;
+use crate::lengths::{describe, parse};
 use mcap::records::{Record, op};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
 /// Opcode and length.
 const HEAD: u64 = 9;
 /// Upper bound of the compression ratio: LZ4 expands a byte to at most 255.
-const BEST_RATIO: u64 = 256;
+const MAX_RATIO: u64 = 256;
 /// Upper bound of the frame around the data [bytes].
 const FRAME: u64 = 1024;
 
-/// Reads the records of one chunk after the other. Errors are texts; the caller adds the place.
-pub(crate) struct Chunks {
+/// Reads the records of consecutive chunks. Errors are texts; the caller adds the place.
+pub(crate) struct ChunkReader {
     inner: LinearReader,
     /// Chunk record, with opcode and length.
     record: Vec<u8>,
@@ -26,19 +26,19 @@ pub(crate) struct Chunks {
     remaining: u64,
 }
 
-impl Chunks {
+impl ChunkReader {
     pub(crate) fn new() -> Self {
         let options = LinearReaderOptions::default()
             .with_skip_start_magic(true)
             .with_skip_end_magic(true)
             .with_prevalidate_chunk_crcs(true)
-            .with_record_length_limit(LONGEST_RECORD as usize);
+            .with_record_length_limit(MAX_RECORD_BYTES as usize);
         Self { inner: LinearReader::new_with_options(options), record: Vec::new(), given: 0, remaining: 0 }
     }
 
     /// Begins a chunk, given its record without opcode and length. The previous chunk must have been read to its end.
     pub(crate) fn open(&mut self, body: &[u8]) -> Result<(), String> {
-        let Record::Chunk { header, data } = crate::lengths::parse(op::CHUNK, body)? else {
+        let Record::Chunk { header, data } = parse(op::CHUNK, body)? else {
             return Err("found another record, expected a chunk".into());
         };
         match header.compression.as_str() {
@@ -47,10 +47,10 @@ impl Chunks {
             "lz4" => self.remaining = header.uncompressed_size,
             other => return Err(format!("found compression `{other}`, expected `lz4` or none")),
         }
-        let most = header.compressed_size.saturating_mul(BEST_RATIO).saturating_add(FRAME).min(LONGEST_RECORD);
-        if self.remaining > most {
+        let limit = header.compressed_size.saturating_mul(MAX_RATIO).saturating_add(FRAME).min(MAX_RECORD_BYTES);
+        if self.remaining > limit {
             return Err(format!(
-                "found {} bytes that decompress to {}, expected at most {most}",
+                "found {} bytes that decompress to {}, expected at most {limit}",
                 header.compressed_size, self.remaining
             ));
         }
@@ -71,8 +71,10 @@ impl Chunks {
                 Ok(LinearReadEvent::Record { data, opcode }) => {
                     out.clear();
                     out.extend_from_slice(data);
-                    self.remaining =
-                        self.remaining.checked_sub(HEAD + out.len() as u64).ok_or("the chunk is larger than its header says")?;
+                    self.remaining = self
+                        .remaining
+                        .checked_sub(HEAD + out.len() as u64)
+                        .ok_or("the chunk is larger than its header states")?;
                     return Ok(Some(opcode));
                 }
                 Ok(LinearReadEvent::ReadRequest(requested)) => {
@@ -103,12 +105,4 @@ fn is_tiled(data: &[u8]) -> bool {
         rest = next;
     }
     rest.is_empty()
-}
-
-/// Returns the text of an error with its cause, which `mcap` keeps apart.
-pub(crate) fn describe(error: McapError) -> String {
-    match error {
-        McapError::Io(cause) => cause.to_string(),
-        other => other.to_string(),
-    }
 }

@@ -1,4 +1,4 @@
-//! Conversion of the messages between processes to those of the log.
+//! Conversion of the messages between processes to messages of the log.
 //!
 //! Joint lists are cut to the joints of the robot, codes become names. A code without a name becomes `unknown`: the log
 //! records invalid messages, too.
@@ -216,7 +216,9 @@ fn severity(code: u32) -> &'static str {
     Severity::from_code(code).map_or(UNKNOWN, Severity::name)
 }
 
-/// Name of the controller that sent a request. The zeroed request before the first one carries the supervisor's code.
+/// Name of the controller that sent a request.
+///
+/// The zeroed request before the first request carries the supervisor's code.
 fn controller(code: u32) -> &'static str {
     match Process::from_code(code) {
         Some(sender @ (Process::Controller | Process::Standby)) => sender.name(),

@@ -30,7 +30,7 @@ pub enum LogError {
         path: PathBuf,
     },
     /// The file cannot be written any further.
-    #[error("{}: cannot write the log: {cause}. What was flushed before can still be read; check the space left on the disk", .path.display())]
+    #[error("{}: cannot write the log: {cause}. All flushed messages are readable; check the free space on the disk", .path.display())]
     Write {
         /// The log.
         path: PathBuf,

@@ -7,7 +7,7 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 
 /// Longest valid record [bytes]. The writer's chunks are a thousandth of it.
-pub(crate) const LONGEST_RECORD: u64 = 64 << 20;
+pub(crate) const MAX_RECORD_BYTES: u64 = 64 << 20;
 
 /// Size of opcode and length [bytes].
 const HEAD: u64 = 9;
@@ -58,8 +58,8 @@ impl<R: Read> Frames<R> {
         if !(op::HEADER..=op::DATA_END).contains(&opcode) && opcode < 0x80 {
             return Err(self.damaged(start, format!("found opcode {opcode:#04x}, expected 0x01 to 0x0f or 0x80 to 0xff")));
         }
-        if length > LONGEST_RECORD {
-            return Err(self.damaged(start, format!("found a length of {length} bytes, expected at most {LONGEST_RECORD}")));
+        if length > MAX_RECORD_BYTES {
+            return Err(self.damaged(start, format!("found a length of {length} bytes, expected at most {MAX_RECORD_BYTES}")));
         }
         self.fill(length, body)?;
         if opcode == op::FOOTER {
@@ -82,7 +82,7 @@ impl<R: Read> Frames<R> {
         Ok(())
     }
 
-    /// Reads exactly `length` bytes. Memory grows with the bytes read, so a damaged length does no harm.
+    /// Reads exactly `length` bytes. Memory grows with the bytes read, so a damaged length allocates nothing.
     fn fill(&mut self, length: u64, body: &mut Vec<u8>) -> Result<(), LogError> {
         body.clear();
         let result = self.source.by_ref().take(length).read_to_end(body);

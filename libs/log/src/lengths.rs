@@ -1,6 +1,7 @@
 //! Check of the lengths inside a record before it is parsed: the parser allocates what a length claims, and a damaged
 //! length may claim gigabytes.
 
+use mcap::McapError;
 use mcap::records::{Record, op};
 
 /// Parses a record after a check of its inner lengths.
@@ -11,12 +12,20 @@ pub(crate) fn parse(opcode: u8, body: &[u8]) -> Result<Record<'_>, String> {
     if !fit(opcode, body) {
         return Err("a record is shorter than the lengths in it".to_owned());
     }
-    mcap::parse_record(opcode, body).map_err(crate::chunk::describe)
+    mcap::parse_record(opcode, body).map_err(describe)
+}
+
+/// Returns the text of an error with its cause, which `mcap` keeps apart.
+pub(crate) fn describe(error: McapError) -> String {
+    match error {
+        McapError::Io(cause) => cause.to_string(),
+        other => other.to_string(),
+    }
 }
 
 /// Whether every length in a record's body stays inside the body.
 fn fit(opcode: u8, body: &[u8]) -> bool {
-    let mut rest = Rest(body);
+    let mut rest = UnreadBytes(body);
     let all = match opcode {
         op::HEADER => rest.text().and_then(|()| rest.text()),
         op::SCHEMA => rest.skip(2).and_then(|()| rest.text()).and_then(|()| rest.text()).and_then(|()| rest.text()),
@@ -32,9 +41,9 @@ fn fit(opcode: u8, body: &[u8]) -> bool {
 }
 
 /// Unread rest of a record.
-struct Rest<'a>(&'a [u8]);
+struct UnreadBytes<'a>(&'a [u8]);
 
-impl Rest<'_> {
+impl UnreadBytes<'_> {
     fn skip(&mut self, count: usize) -> Option<()> {
         self.0 = self.0.get(count..)?;
         Some(())
@@ -55,7 +64,7 @@ impl Rest<'_> {
     /// Skips a length of 32 bits and as many bytes of pairs of texts.
     fn map(&mut self) -> Option<()> {
         let length = self.length()?;
-        let mut pairs = Rest(self.0.get(..length)?);
+        let mut pairs = UnreadBytes(self.0.get(..length)?);
         while !pairs.0.is_empty() {
             pairs.text()?;
             pairs.text()?;

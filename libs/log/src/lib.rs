@@ -2,15 +2,15 @@
 //!
 //! [`Writer`] takes the messages of `hapfic-messages` and writes them as protobuf. The log carries their schemas, the
 //! names of joints and bodies, and scenario and robot as attachments. [`Reader`] reads a log in bounded memory. If the
-//! writer was killed, it returns every message of the complete chunks, and then an error with the end of the file.
-//! [`viewer`] makes the messages for 3-D views; [`Metrics`] summarizes a run, live or from a log.
+//! writer was killed, the reader returns every message of the complete chunks, and then an error with the end of the
+//! file. [`viewer`] makes the messages for 3-D views; [`Metrics`] summarizes a run, during the run or from a log.
 //!
 //! ```no_run
 //! use hapfic_log::{Metrics, Reader};
 //!
 //! let mut metrics = Metrics::new();
-//! for entry in Reader::open("run.mcap")? {
-//!     metrics.push(&entry?.record);
+//! for message in Reader::open("run.mcap")? {
+//!     metrics.push(&message?.record);
 //! }
 //! let summary = metrics.summary();
 //! assert_eq!(summary.ticks.lost, 0);
@@ -32,6 +32,7 @@ mod run_log;
 pub mod scene;
 pub mod timeline;
 mod topic;
+mod topic_writer;
 pub mod viewer;
 mod writer;
 
@@ -39,12 +40,12 @@ pub use attachment::Attachment;
 pub use error::LogError;
 pub use metrics::{Metrics, MetricsSummary};
 pub use names::Names;
-pub use reader::{Entry, Reader, Record};
-pub use recover::{Loss, RecoverError, Recovery, TickGaps, recover};
+pub use reader::{LogMessage, Reader, Record};
+pub use recover::{DamagedRange, RecoverError, Recovery, TickGaps, recover};
 pub use run_log::{RunLog, create_run_log};
 pub use topic::Topic;
 pub use viewer::Viewer;
-pub use writer::{Totals, Writer, WriterOptions};
+pub use writer::{LogTotals, Writer, WriterOptions};
 
 /// Duration of a tick [ns].
 pub const TICK_NS: i64 = 1_000_000;

@@ -1,7 +1,7 @@
 //! Metrics of a run, in one pass and bounded memory.
 //!
-//! A recorder feeds [`Metrics`] live, a report from a log. Both get the same metrics: the messages of one tick are
-//! collected first, in any order of the topics, as long as these are at most [`WINDOW`] ticks apart.
+//! The recorder feeds [`Metrics`] during the run, the report from a log. Both get the same metrics: [`Metrics`] first
+//! collects the messages of a tick, in any order of the topics. Topics may be at most [`WINDOW`] ticks apart.
 
 mod account;
 mod contacts;
@@ -19,7 +19,7 @@ mod summary;
 mod tracking;
 mod window;
 
-pub use label::{Label, List};
+pub use label::{FixedList, Label};
 pub use latency::Latencies;
 pub use moments::{AirSummary, IntegrationSummary, JointSummary, MAX_PAIRS, MomentsSummary, ObjectSummary, PairSummary};
 pub use objects::angle_between;
@@ -30,7 +30,7 @@ pub use window::WINDOW;
 
 use crate::proto;
 use crate::reader::Record;
-use account::Account;
+use account::MetricSums;
 use hapfic_messages::Process;
 use sample::{CommandSample, ParameterSample, ReferenceSample, StateSample};
 use window::Window;
@@ -39,7 +39,7 @@ use window::Window;
 #[derive(Clone, Debug, Default)]
 pub struct Metrics {
     window: Window,
-    account: Account,
+    sums: MetricSums,
     latency: Latencies,
     wake_lateness: Latencies,
     slipped: u64,
@@ -72,8 +72,8 @@ impl Metrics {
             self.invalid += 1;
             return;
         };
-        let account = &mut self.account;
-        if let Some(slot) = self.window.slot(message.tick, |slot| account.tick(&slot))
+        let sums = &mut self.sums;
+        if let Some(slot) = self.window.slot(message.tick, |slot| sums.tick(&slot))
             && slot.state.is_none()
         {
             slot.state = Some(sample);
@@ -88,8 +88,8 @@ impl Metrics {
             self.invalid += 1;
             return;
         };
-        let account = &mut self.account;
-        if let Some(slot) = self.window.slot(message.tick, |slot| account.tick(&slot)) {
+        let sums = &mut self.sums;
+        if let Some(slot) = self.window.slot(message.tick, |slot| sums.tick(&slot)) {
             slot.reference.get_or_insert(sample);
         }
     }
@@ -100,8 +100,8 @@ impl Metrics {
             self.invalid += 1;
             return;
         };
-        let account = &mut self.account;
-        if let Some(slot) = self.window.slot(message.tick, |slot| account.tick(&slot)) {
+        let sums = &mut self.sums;
+        if let Some(slot) = self.window.slot(message.tick, |slot| sums.tick(&slot)) {
             slot.command.get_or_insert(sample);
         }
     }
@@ -109,7 +109,7 @@ impl Metrics {
     /// Adds a message of `/operator`. It must arrive before its effective tick leaves the window.
     pub fn push_operator(&mut self, message: &proto::Operator) {
         match ParameterSample::new(message) {
-            Some(sample) => self.account.add_set(sample),
+            Some(sample) => self.sums.add_set(sample),
             None => self.invalid += 1,
         }
     }
@@ -125,23 +125,23 @@ impl Metrics {
     /// Returns the metrics of all messages so far.
     #[must_use]
     pub fn summary(&self) -> MetricsSummary {
-        let mut account = self.account.clone();
-        self.window.clone().drain(|slot| account.tick(&slot));
+        let mut sums = self.sums.clone();
+        self.window.clone().drain(|slot| sums.tick(&slot));
         MetricsSummary {
-            tracking: account.tracking(),
-            force: account.force(),
-            force_command: account.force_command(),
-            moments: account.moments(),
-            integration: account.integration(),
+            tracking: sums.tracking(),
+            force: sums.force(),
+            force_command: sums.force_command(),
+            moments: sums.moments(),
+            integration: sums.integration(),
             timing: TimingSummary {
                 latency_us: self.latency.quantiles_us(),
                 late_ticks: self.slipped,
-                missed_ticks: account.missed(),
-                brake_ticks: account.braked(),
+                missed_ticks: sums.missed(),
+                brake_ticks: sums.braked(),
                 wake_lateness_us: self.wake_lateness.quantiles_us(),
                 allocations: self.allocations,
             },
-            ticks: account.ticks(self.invalid),
+            ticks: sums.ticks(self.invalid),
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Reader of a log.
 
 use crate::attachment::Attachment;
-use crate::chunk::Chunks;
+use crate::chunk::ChunkReader;
 use crate::error::LogError;
 use crate::frames::Frames;
 use crate::lengths;
@@ -18,9 +18,9 @@ use std::ops::ControlFlow;
 use std::path::Path;
 use std::sync::Arc;
 
-/// One message of a log.
+/// Message of a log.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Entry {
+pub struct LogMessage {
     /// Name of the topic.
     pub topic: Arc<str>,
     /// Tick, cut to 32 bits.
@@ -38,7 +38,7 @@ pub enum Record {
     State(proto::State),
     /// From `/reference`.
     Reference(proto::Reference),
-    /// From `/request` or `/request/standby`, as its `controller` says.
+    /// From `/request` or `/request/standby`, depending on its `controller`.
     Request(proto::Request),
     /// From `/command`.
     Command(proto::Command),
@@ -48,7 +48,7 @@ pub enum Record {
     Event(proto::Event),
     /// From `/timing`.
     Timing(proto::Timing),
-    /// Message of another schema, such as those for viewers.
+    /// Message of another schema, such as a message for viewers.
     Other {
         /// Full name of the message.
         schema: Arc<str>,
@@ -59,10 +59,10 @@ pub enum Record {
 
 /// Iterator over the messages of a log from start to end, with one chunk in memory.
 ///
-/// A truncated or damaged log gives its valid messages first, then one error, and then ends.
+/// A truncated or damaged log gives its valid messages first, then a single error.
 pub struct Reader<R: Read = BufReader<File>> {
     frames: Frames<R>,
-    chunks: Chunks,
+    chunks: ChunkReader,
     /// First byte of the present chunk.
     chunk: Option<u64>,
     schemas: BTreeMap<u16, Arc<str>>,
@@ -71,7 +71,7 @@ pub struct Reader<R: Read = BufReader<File>> {
     attachments: Vec<Attachment>,
     record: Vec<u8>,
     /// Message or error found during the search for metadata and attachments.
-    pending: Option<Result<Entry, LogError>>,
+    pending: Option<Result<LogMessage, LogError>>,
     finished: bool,
 }
 
@@ -102,7 +102,7 @@ impl<R: Read> Reader<R> {
     pub fn new(source: R, path: &Path) -> Result<Self, LogError> {
         let mut reader = Self {
             frames: Frames::new(source, path)?,
-            chunks: Chunks::new(),
+            chunks: ChunkReader::new(),
             chunk: None,
             schemas: BTreeMap::new(),
             channels: BTreeMap::new(),
@@ -146,7 +146,7 @@ impl<R: Read> Reader<R> {
     }
 
     /// Reads one record: a message, `None` for anything else, a break at the end of the log.
-    fn step(&mut self) -> Result<ControlFlow<(), Option<Entry>>, LogError> {
+    fn step(&mut self) -> Result<ControlFlow<(), Option<LogMessage>>, LogError> {
         if let Some(byte) = self.chunk {
             let opcode = self.chunks.read_record(&mut self.record);
             return match opcode.map_err(|what| LogError::damaged(self.frames.path(), byte, what))? {
@@ -172,7 +172,7 @@ impl<R: Read> Reader<R> {
     }
 
     /// Processes the present record; the record or its chunk begins at `byte`.
-    fn accept(&mut self, opcode: u8, byte: u64) -> Result<Option<Entry>, LogError> {
+    fn accept(&mut self, opcode: u8, byte: u64) -> Result<Option<LogMessage>, LogError> {
         let damaged = |what: String| LogError::damaged(self.frames.path(), byte, what);
         match opcode {
             op::SCHEMA | op::CHANNEL | op::MESSAGE | op::METADATA | op::ATTACHMENT => {}
@@ -203,7 +203,7 @@ impl<R: Read> Reader<R> {
                     .ok_or_else(|| damaged(format!("a message has channel {id}, which is not in the log")))?;
                 let record = decode(channel, &data)
                     .map_err(|error| damaged(format!("a message of {} does not decode: {error}", channel.topic)))?;
-                return Ok(Some(Entry {
+                return Ok(Some(LogMessage {
                     topic: Arc::clone(&channel.topic),
                     sequence: header.sequence,
                     log_time_ns: header.log_time,
@@ -224,7 +224,7 @@ impl<R: Read> Reader<R> {
 }
 
 impl<R: Read> Iterator for Reader<R> {
-    type Item = Result<Entry, LogError>;
+    type Item = Result<LogMessage, LogError>;
 
     fn next(&mut self) -> Option<Self::Item> {
         if let Some(item) = self.pending.take() {

@@ -3,18 +3,19 @@
 //! Guarantees for a log of [`Writer`](crate::Writer) with damage in one or many places:
 //!
 //! - The original is opened read-only and stays unchanged. A complete log is not copied.
-//! - Every message of an intact chunk, before or after the damage, is kept bit for bit, in the order of the file and
-//!   with its times. Intact means that the checksum of the chunk is right; the length of its record may be wrong.
+//! - Every message of an intact chunk, before or after the damage, is kept bit for bit, with its times. The order is
+//!   that of the file. Intact means that the checksum of the chunk is right; the length of its record may be wrong.
 //! - Of a damaged chunk, every message before the damaged byte is kept, as far as its compression allows: LZ4 is
 //!   decoded up to the byte at which the chunk ends or is invalid. A checksum does not locate the damage. So later
 //!   messages are kept too if they decode, have the number and time of their tick, and finite values: such a message
 //!   may carry a wrong value. They are counted as `unchecked`, and the record `recovery` lists their ticks.
 //! - No message is kept twice.
 //! - Attachments are kept if their checksum is right, metadata if it can be read (MCAP has no checksum for it). Only
-//!   the first chunk holds schemas and channels: if it is damaged, those of this program replace them.
+//!   the first chunk holds schemas and channels: if it is damaged, the schemas and channels of this program replace
+//!   them.
 //!
-//! After damage, the scan looks for the next record whose inner lengths agree with its outer length. Memory is bounded
-//! to one chunk, for any length of the log.
+//! After damage, the scan searches for the next record whose inner lengths agree with its outer length. Memory is
+//! bounded to one chunk, for any length of the log.
 
 mod bytes;
 mod copy;
@@ -27,16 +28,16 @@ mod records;
 mod scan;
 
 pub use error::RecoverError;
-pub use found::{Loss, Recovery, TickGaps};
+pub use found::{DamagedRange, Recovery, TickGaps};
 
 use crate::error::LogError;
-use crate::frames::LONGEST_RECORD;
-use bytes::Source;
+use crate::frames::MAX_RECORD_BYTES;
+use bytes::SourceFile;
 use copy::Copier;
 use mcap::MAGIC;
 use mcap::records::op;
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
-use output::Output;
+use output::RecoveryWriter;
 use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
@@ -47,16 +48,16 @@ const READ_BYTES: usize = 256 * 1024;
 /// Copies the readable part of a damaged log to a new log: `output`, or `NAME.recovered.mcap` beside the original.
 ///
 /// A complete log gives [`Recovery::output`] `None`, and nothing is written. The new log appears under its name only
-/// when it is complete and on the disk; after an error there is none.
+/// when it is complete and on the disk; an error leaves none.
 ///
 /// # Errors
 /// [`RecoverError`]: the log cannot be read, is still being written, is another kind of file or holds nothing; the
 /// output exists already or cannot be written.
 pub fn recover(log: &Path, output: Option<&Path>) -> Result<Recovery, RecoverError> {
-    let source = Source::open(log)?;
+    let source = SourceFile::open(log)?;
     let complete = is_complete(source.file(), log)?;
     let target = output.map_or_else(|| log.with_extension("recovered.mcap"), Path::to_owned);
-    let mut copier = Copier::new(if complete { None } else { Some(Output::create(log, &target)?) });
+    let mut copier = Copier::new(if complete { None } else { Some(RecoveryWriter::create(log, &target)?) });
     scan::scan(&source, &mut copier)?;
     let (output, mut found) = copier.into_parts();
     found.file_bytes = source.length();
@@ -73,7 +74,7 @@ pub fn recover(log: &Path, output: Option<&Path>) -> Result<Recovery, RecoverErr
 }
 
 /// Returns the error for a file without recoverable content.
-fn empty_error(source: &Source) -> Result<RecoverError, LogError> {
+fn empty_error(source: &SourceFile) -> Result<RecoverError, LogError> {
     let mut start = Vec::new();
     source.read(0, MAGIC.len() as u64, &mut start)?;
     let path = source.path().to_owned();
@@ -91,7 +92,7 @@ fn is_complete(mut file: &File, path: &Path) -> Result<bool, LogError> {
         .with_validate_data_section_crc(true)
         .with_validate_summary_section_crc(true)
         .with_check_finishes_after_end_magic(true)
-        .with_record_length_limit(LONGEST_RECORD as usize);
+        .with_record_length_limit(MAX_RECORD_BYTES as usize);
     let mut reader = LinearReader::new_with_options(options);
     let mut byte = 0;
     // A checksum of zero stands for none.

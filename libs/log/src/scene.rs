@@ -1,6 +1,6 @@
 //! Scene of a scenario for viewers: the robot's links, the objects and the floor.
 
-use crate::viewer::{Scene, SceneBody, SceneShape, ViewerShape};
+use crate::viewer::{SceneBody, SceneShape, ViewerScene, ViewerShape};
 use hapfic_config::{ObjectShape, Settings};
 use hapfic_messages::State;
 use hapfic_robot::{Chain, Shape as RobotShape};
@@ -15,7 +15,7 @@ const WORLD: &str = "world";
 
 /// Makes the scene of a scenario. Each moving body of the chain is a frame with the name of its link.
 #[must_use]
-pub fn scene(settings: &Settings, chain: &Chain) -> Scene {
+pub fn scene(settings: &Settings, chain: &Chain) -> ViewerScene {
     let mut bodies: Vec<_> = chain
         .joints()
         .iter()
@@ -55,7 +55,7 @@ pub fn scene(settings: &Settings, chain: &Chain) -> Scene {
             }],
         });
     }
-    Scene { bodies }
+    ViewerScene { bodies }
 }
 
 fn shape(shape: &RobotShape, origin: &nalgebra::Isometry3<f64>, color: [f64; 4]) -> SceneShape {
@@ -71,16 +71,16 @@ fn shape(shape: &RobotShape, origin: &nalgebra::Isometry3<f64>, color: [f64; 4])
 }
 
 /// Position [m] and unit quaternion x y z w.
-pub type Pose = ([f64; 3], [f64; 4]);
+pub type BodyPose = ([f64; 3], [f64; 4]);
 
-fn pose(p: &nalgebra::Isometry3<f64>) -> Pose {
+fn pose(p: &nalgebra::Isometry3<f64>) -> BodyPose {
     let q = p.rotation;
     (p.translation.vector.into(), [q.i, q.j, q.k, q.w])
 }
 
 /// Returns the poses of the moving bodies, in the order of [`scene`].
 #[must_use]
-pub fn poses(chain: &Chain, state: &State) -> Vec<Pose> {
+pub fn poses(chain: &Chain, state: &State) -> Vec<BodyPose> {
     let n = chain.dof();
     let kin = chain.kinematics(&state.joint_position[..n]);
     let links = (0..n).map(|i| pose(&kin.body_pose(i)));

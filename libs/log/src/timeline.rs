@@ -1,7 +1,7 @@
 //! Parameter sets of a log as the `[[operator]]` entries of a scenario.
 //!
-//! The log holds sets changed during the run beside those of the script. Written as a script, all of them take effect
-//! at the same ticks again. A lockstep run of the same scenario with these entries instead of its own is the same run.
+//! The log holds the sets of the script and those changed during the run. Written as a script, all sets take effect at
+//! the same ticks again. A lockstep run of the same scenario with these entries instead of its own is the same run.
 
 use crate::proto::Operator;
 use crate::{LogError, TICK_NS};
@@ -17,7 +17,7 @@ const TICKS_PER_S: f64 = 1e9 / TICK_NS as f64;
 
 /// Returns the sets of a log in the order of their versions, and the read error, if any.
 #[must_use]
-pub fn sets(reader: impl Iterator<Item = Result<crate::Entry, LogError>>) -> (Vec<Operator>, Option<LogError>) {
+pub fn sets(reader: impl Iterator<Item = Result<crate::LogMessage, LogError>>) -> (Vec<Operator>, Option<LogError>) {
     let mut sets = Vec::new();
     for entry in reader {
         match entry {
@@ -38,7 +38,7 @@ fn sorted(mut sets: Vec<Operator>) -> Vec<Operator> {
     sets
 }
 
-/// Formats the entries: the first names every parameter, each later one those that differ from the set before.
+/// Formats the entries: the first names every parameter, each later entry those that differ from the previous set.
 ///
 /// Numbers keep all their digits.
 #[must_use]
@@ -52,7 +52,7 @@ pub fn entries(sets: &[Operator]) -> String {
         if lines.is_empty() {
             lines.extend(changed(None, set).into_iter().filter(|change| change.name == UNCHANGED));
         }
-        for Changed { name, now, .. } in lines {
+        for ParameterChange { name, now, .. } in lines {
             let _ = writeln!(out, "{name} = {}", toml(&now));
         }
         before = Some(set);
@@ -62,24 +62,24 @@ pub fn entries(sets: &[Operator]) -> String {
 
 /// Parameter in which two sets differ.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Changed {
+pub struct ParameterChange {
     /// Name in the log and in scenarios.
     pub name: String,
-    /// Value in the set before; null if there is none.
+    /// Value in the previous set; null if there is none.
     pub before: Value,
     /// Present value.
     pub now: Value,
 }
 
-/// Lists the parameters that differ between two sets; all of `set` without a set before. Excludes version and tick.
+/// Lists the parameters that differ between two sets; all of `set` without a previous set. Excludes version and tick.
 #[must_use]
-pub fn changed(before: Option<&Operator>, set: &Operator) -> Vec<Changed> {
+pub fn changed(before: Option<&Operator>, set: &Operator) -> Vec<ParameterChange> {
     let mut old = before.map(parameters);
     let list = parameters(set).into_iter().filter_map(|(name, now)| match &mut old {
-        None => Some(Changed { name, before: Value::Null, now }),
+        None => Some(ParameterChange { name, before: Value::Null, now }),
         Some(old) => {
             let before = old.remove(&name).unwrap_or_default();
-            (before != now).then_some(Changed { name, before, now })
+            (before != now).then_some(ParameterChange { name, before, now })
         }
     });
     list.collect()

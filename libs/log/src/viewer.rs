@@ -1,7 +1,7 @@
 //! Messages for 3-D views of a run: moving bodies, contact forces, reference and target.
 //!
-//! The messages are those of Foxglove, which other viewers read too. They are thinned out to about 60 Hz by integer
-//! arithmetic on the tick alone, so that the log of a lockstep run remains a function of scenario and seed.
+//! The messages are those of Foxglove, which other viewers read too. Integer arithmetic on the tick alone thins them
+//! out to about 60 Hz. So the log of a lockstep run remains a function of scenario and seed.
 
 use crate::{proto, time_of};
 use foxglove::messages::log::Level;
@@ -19,7 +19,7 @@ const TICKS_PER_SECOND: i64 = 1000;
 /// Scale of an arrow [m/N]: 10 N are 1 cm.
 const ARROW_M_PER_N: f64 = 1e-3;
 /// Smallest force with an arrow [N].
-const SMALLEST_FORCE_N: f64 = 0.01;
+const MIN_FORCE_N: f64 = 0.01;
 /// Longest head of an arrow [m].
 const HEAD_M: f64 = 0.02;
 /// Diameter of an arrow's shaft [m].
@@ -35,7 +35,7 @@ const TARGET_COLOR: [f64; 4] = [0.1, 0.3, 0.9, 0.7];
 
 /// Static description of the scene.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Scene {
+pub struct ViewerScene {
     /// Bodies, each with the frame of its shapes.
     pub bodies: Vec<SceneBody>,
 }
@@ -84,7 +84,7 @@ pub enum ViewerShape {
         /// Edges along x, y and z [m].
         size: [f64; 3],
     },
-    /// Infinite plane z = 0, drawn as a square.
+    /// Infinite plane z = 0, displayed as a square.
     Plane {
         /// Edge of the square [m].
         size: f64,
@@ -94,7 +94,7 @@ pub enum ViewerShape {
 /// Generator of the messages for viewers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Viewer {
-    scene: Scene,
+    scene: ViewerScene,
     rate_hz: u32,
     start_unix_ns: u64,
 }
@@ -104,7 +104,7 @@ impl Viewer {
     ///
     /// `start_unix_ns` is the time of tick 0, as in the log [ns].
     #[must_use]
-    pub fn new(scene: Scene, rate_hz: u32, start_unix_ns: u64) -> Self {
+    pub fn new(scene: ViewerScene, rate_hz: u32, start_unix_ns: u64) -> Self {
         Self { scene, rate_hz, start_unix_ns }
     }
 
@@ -136,7 +136,9 @@ impl Viewer {
         FrameTransforms { transforms: transforms.collect() }
     }
 
-    /// Makes contact forces, reference and target, in the world; once a second also the bodies, for late viewers.
+    /// Makes contact forces, reference and target, in the world.
+    ///
+    /// Once a second it adds the bodies, for viewers that connect late.
     #[must_use]
     pub fn scene_update(
         &self,
@@ -149,7 +151,7 @@ impl Viewer {
         if tick.rem_euclid(TICKS_PER_SECOND) == 0 {
             entities.extend(self.scene.bodies.iter().map(|body| self.body(tick, body)));
         }
-        // Always sent: an entity without a shape removes the one before.
+        // Always sent: an entity without a shape removes the previous shapes.
         let mut forces = self.entity(tick, WORLD, "contacts");
         forces.arrows = contacts.iter().filter_map(arrow).collect();
         entities.push(forces);
@@ -229,7 +231,7 @@ fn arrow(contact: &proto::Contact) -> Option<ArrowPrimitive> {
     let point: [f64; 3] = contact.point.as_slice().try_into().ok()?;
     let force: [f64; 3] = contact.force.as_slice().try_into().ok()?;
     let size = force.iter().map(|f| f * f).sum::<f64>().sqrt();
-    if !size.is_finite() || size < SMALLEST_FORCE_N {
+    if !size.is_finite() || size < MIN_FORCE_N {
         return None;
     }
     let length = size * ARROW_M_PER_N;
@@ -305,7 +307,7 @@ mod tests {
 
     #[test]
     fn viewer_rate_gives_due_frames_and_every_whole_second() {
-        let viewer = |rate_hz| Viewer::new(Scene::default(), rate_hz, 0);
+        let viewer = |rate_hz| Viewer::new(ViewerScene::default(), rate_hz, 0);
         for (rate_hz, expected) in [(0, 0), (1, 3), (60, 180), (999, 2997), (1000, 3000), (5000, 3000)] {
             assert_eq!((0..3000).filter(|&tick| viewer(rate_hz).due(tick)).count(), expected, "{rate_hz} Hz");
         }

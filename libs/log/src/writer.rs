@@ -1,12 +1,13 @@
 //! Writer of a log.
 
+mod counting;
+
 use crate::attachment::Attachment;
 use crate::error::LogError;
 use crate::names::Names;
+use crate::time_of;
 use crate::topic::Topic;
-use crate::{convert, proto, time_of};
-use foxglove::messages::{FrameTransforms, Log, SceneUpdate};
-use hapfic_messages::{Command, Event, Parameters, Process, Reference, Request, State, Timing};
+use counting::CountingWriter;
 use mcap::records::{MessageHeader, Metadata};
 use mcap::write::NoSeek;
 use prost::Message;
@@ -18,15 +19,15 @@ use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 /// Largest chunk [bytes]: its buffer is allocated as a whole.
-const LARGEST_CHUNK: u64 = 16 << 20;
+const MAX_CHUNK_BYTES: u64 = 16 << 20;
 
 /// Options of a log.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WriterOptions {
     /// Time of tick 0 [ns since the Unix epoch]. Zero in lockstep, so that a log is a function of scenario and seed.
     pub start_unix_ns: u64,
-    /// Uncompressed size at which a chunk is closed, at most 16 MiB [bytes]. A larger chunk compresses better, and more
-    /// is lost when the writer is killed.
+    /// Uncompressed size at which a chunk is closed, at most 16 MiB [bytes]. A larger chunk compresses better, but a
+    /// killed writer loses more.
     pub chunk_bytes: u64,
 }
 
@@ -38,7 +39,7 @@ impl Default for WriterOptions {
 
 /// Totals of a finished log.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Totals {
+pub struct LogTotals {
     messages: [u64; Topic::COUNT],
     /// Size of the encoded messages, before compression [bytes].
     pub message_bytes: u64,
@@ -46,7 +47,7 @@ pub struct Totals {
     pub file_bytes: u64,
 }
 
-impl Totals {
+impl LogTotals {
     /// Number of messages of a topic.
     #[must_use]
     pub const fn messages(&self, topic: Topic) -> u64 {
@@ -56,11 +57,11 @@ impl Totals {
 
 /// Writer of a log.
 ///
-/// Chunks are compressed in memory and written as a whole: a file cut off at any moment loses only what was not
-/// flushed. After an error the writer writes nothing more. Dropping it finishes the file as far as possible and never
+/// ChunkReader are compressed in memory and written as a whole: a file cut off at any byte loses only unflushed
+/// messages. After an error the writer writes nothing more. Dropping it finishes the file as far as possible and never
 /// panics. Writing may block as long as the disk does: never call it from a real-time thread.
 pub struct Writer<W: Write = BufWriter<File>> {
-    mcap: mcap::Writer<NoSeek<Output<W>>>,
+    mcap: mcap::Writer<NoSeek<CountingWriter<W>>>,
     path: PathBuf,
     /// Second handle of the file, for syncing; `None` without a regular file.
     disk: Option<File>,
@@ -76,7 +77,7 @@ pub struct Writer<W: Write = BufWriter<File>> {
 impl Writer<BufWriter<File>> {
     /// Creates or replaces the file `path` and writes metadata and attachments.
     ///
-    /// So a path or disk that is not writable fails here, before anything else starts. `header` holds metadata records
+    /// A path or disk that is not writable fails here, before the processes start. `header` holds metadata records
     /// by name; [`Names::METADATA`] is added to them.
     ///
     /// # Errors
@@ -125,10 +126,10 @@ impl<W: Write> Writer<W> {
             .compression(Some(mcap::Compression::Lz4))
             .profile("")
             .library(concat!("hapfic ", env!("CARGO_PKG_VERSION")))
-            .chunk_size(Some(options.chunk_bytes.min(LARGEST_CHUNK)))
-            // Chunks are assembled in memory: otherwise the file would hold an unfinished chunk most of the time.
+            .chunk_size(Some(options.chunk_bytes.min(MAX_CHUNK_BYTES)))
+            // ChunkReader are assembled in memory: otherwise the file would hold an unfinished chunk most of the time.
             .disable_seeking(true)
-            .create(NoSeek::new(Output { inner: output, bytes: 0 }))
+            .create(NoSeek::new(CountingWriter { inner: output, bytes: 0 }))
             .map_err(failed)?;
         let name_record = (Names::METADATA.to_owned(), names.to_metadata());
         for (name, metadata) in header.iter().chain([&name_record]) {
@@ -173,102 +174,6 @@ impl<W: Write> Writer<W> {
     #[must_use]
     pub fn time_of(&self, tick: i64) -> u64 {
         time_of(self.start_unix_ns, tick)
-    }
-
-    /// Writes to `/state`; returns the written message.
-    ///
-    /// # Errors
-    /// [`LogError::Write`], as for every method that writes.
-    pub fn state(&mut self, state: &State) -> Result<proto::State, LogError> {
-        let message = convert::state(state, &self.names);
-        self.put(Topic::State, message.tick, self.time_of(message.tick), &message)?;
-        Ok(message)
-    }
-
-    /// Writes to `/reference`; returns the written message.
-    ///
-    /// # Errors
-    /// [`LogError::Write`].
-    pub fn reference(&mut self, reference: &Reference) -> Result<proto::Reference, LogError> {
-        let message = convert::reference(reference);
-        self.put(Topic::Reference, message.tick, self.time_of(message.tick), &message)?;
-        Ok(message)
-    }
-
-    /// Writes to `/request/standby` for a request of the standby, else to `/request`; returns the written message.
-    ///
-    /// # Errors
-    /// [`LogError::Write`].
-    pub fn request(&mut self, request: &Request) -> Result<proto::Request, LogError> {
-        let message = convert::request(request);
-        let topic = if request.controller == Process::Standby.code() { Topic::StandbyRequest } else { Topic::Request };
-        self.put(topic, message.tick, self.time_of(message.tick), &message)?;
-        Ok(message)
-    }
-
-    /// Writes to `/command`; returns the written message.
-    ///
-    /// # Errors
-    /// [`LogError::Write`].
-    pub fn command(&mut self, command: &Command) -> Result<proto::Command, LogError> {
-        let message = convert::command(command);
-        self.put(Topic::Command, message.tick, self.time_of(message.tick), &message)?;
-        Ok(message)
-    }
-
-    /// Writes to `/operator`, at the tick from which the set is in force; returns the written message.
-    ///
-    /// # Errors
-    /// [`LogError::Write`].
-    pub fn operator(&mut self, parameters: &Parameters) -> Result<proto::Operator, LogError> {
-        let message = convert::operator(parameters);
-        let tick = message.effective_tick;
-        self.put(Topic::Operator, tick, self.time_of(tick), &message)?;
-        Ok(message)
-    }
-
-    /// Writes to `/event`; returns the written message.
-    ///
-    /// # Errors
-    /// [`LogError::Write`].
-    pub fn event(&mut self, event: &Event) -> Result<proto::Event, LogError> {
-        let message = convert::event(event);
-        self.put(Topic::Event, message.tick, self.time_of(message.tick), &message)?;
-        Ok(message)
-    }
-
-    /// Writes to `/timing` with its own time [ns]: a waiting process has no tick. Returns the written message.
-    ///
-    /// # Errors
-    /// [`LogError::Write`].
-    pub fn timing(&mut self, timing: &Timing, log_time_ns: u64) -> Result<proto::Timing, LogError> {
-        let message = convert::timing(timing);
-        self.put(Topic::Timing, message.tick, log_time_ns, &message)?;
-        Ok(message)
-    }
-
-    /// Writes to `/tf`.
-    ///
-    /// # Errors
-    /// [`LogError::Write`].
-    pub fn transforms(&mut self, tick: i64, transforms: &FrameTransforms) -> Result<(), LogError> {
-        self.put(Topic::Transforms, tick, self.time_of(tick), transforms)
-    }
-
-    /// Writes to `/scene`.
-    ///
-    /// # Errors
-    /// [`LogError::Write`].
-    pub fn scene(&mut self, tick: i64, scene: &SceneUpdate) -> Result<(), LogError> {
-        self.put(Topic::Scene, tick, self.time_of(tick), scene)
-    }
-
-    /// Writes to `/log`.
-    ///
-    /// # Errors
-    /// [`LogError::Write`].
-    pub fn log(&mut self, tick: i64, line: &Log) -> Result<(), LogError> {
-        self.put(Topic::Log, tick, self.time_of(tick), line)
     }
 
     /// Number of messages written to a topic so far.
@@ -322,15 +227,16 @@ impl<W: Write> Writer<W> {
     ///
     /// # Errors
     /// [`LogError::Write`].
-    pub fn finish(self) -> Result<Totals, LogError> {
+    pub fn finish(self) -> Result<LogTotals, LogError> {
         let Self { mut mcap, path, messages, message_bytes, .. } = self;
         mcap.finish().map_err(|error| LogError::write(&path, error))?;
         let mut output = mcap.into_inner().into_inner();
         output.flush().map_err(|cause| LogError::Write { path, cause })?;
-        Ok(Totals { messages, message_bytes, file_bytes: output.bytes })
+        Ok(LogTotals { messages, message_bytes, file_bytes: output.bytes })
     }
 
-    fn put(&mut self, topic: Topic, tick: i64, log_time: u64, message: &impl Message) -> Result<(), LogError> {
+    /// Writes a message with its number and times.
+    pub(crate) fn put(&mut self, topic: Topic, tick: i64, log_time: u64, message: &impl Message) -> Result<(), LogError> {
         self.buffer.clear();
         message
             .encode(&mut self.buffer)
@@ -354,23 +260,5 @@ impl<W: Write> Writer<W> {
 impl<W: Write> fmt::Debug for Writer<W> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Writer").field("path", &self.path).field("messages", &self.messages).finish_non_exhaustive()
-    }
-}
-
-/// Counts the written bytes.
-struct Output<W> {
-    inner: W,
-    bytes: u64,
-}
-
-impl<W: Write> Write for Output<W> {
-    fn write(&mut self, buffer: &[u8]) -> io::Result<usize> {
-        let written = self.inner.write(buffer)?;
-        self.bytes += written as u64;
-        Ok(written)
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        self.inner.flush()
     }
 }

@@ -5,69 +5,69 @@ use crate::{
     Operator, Parameters, Phase, Process, Reference, Request, ResetPolicy, Saturation, Search, Severity, Source, State, Timing,
 };
 
-/// What is wrong with a message.
+/// Defect of a message.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum ValidationError {
     /// Not a number, or infinite.
     #[error("'{field}' is {found}, expected a finite number")]
     NotFinite {
-        /// Which field.
+        /// Name of the field.
         field: &'static str,
-        /// Its value.
+        /// Value found.
         found: f64,
     },
     /// An unknown code.
     #[error("'{field}' has code {found}, expected a known code")]
     Code {
-        /// Which field.
+        /// Name of the field.
         field: &'static str,
-        /// Its value.
+        /// Value found.
         found: u32,
     },
     /// A count above the capacity, or another number than agreed.
     #[error("'{field}' is {found}, expected {expected}")]
     Count {
-        /// Which field.
+        /// Name of the field.
         field: &'static str,
-        /// Its value.
+        /// Value found.
         found: u64,
-        /// What it may be.
+        /// Value expected.
         expected: u64,
     },
     /// Out of its range.
     #[error("'{field}' is {found}, expected {expected}")]
     Range {
-        /// Which field.
+        /// Name of the field.
         field: &'static str,
-        /// Its value.
+        /// Value found.
         found: f64,
-        /// What it may be.
+        /// Value expected.
         expected: &'static str,
     },
     /// Bytes that are not text.
     #[error("'{field}' is not UTF-8 text")]
     Text {
-        /// Which field.
+        /// Name of the field.
         field: &'static str,
     },
     /// A torque that does not match the request's own force.
     #[error("'torque[{joint}]' is {found} N m, expected {expected} N m: J^T F of the request's own force")]
     Torque {
-        /// Which joint, from the base.
+        /// Index of the joint, from the base.
         joint: usize,
-        /// Its torque.
+        /// Torque found [N m].
         found: f64,
-        /// What it should be.
+        /// Torque expected [N m].
         expected: f64,
     },
     /// Another tick than the expected one.
     #[error("'{field}' is {found}, expected {expected}")]
     Tick {
-        /// Which field.
+        /// Name of the field.
         field: &'static str,
-        /// Its value.
+        /// Value found.
         found: i64,
-        /// What it should be.
+        /// Value expected.
         expected: i64,
     },
 }
@@ -239,7 +239,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn check_nan_or_unknown_code_is_rejected() {
+    fn check_nan_or_unknown_code_rejected() {
         let valid = State { joints: 3, ..State::default() };
         assert_eq!(valid.check(), Ok(()));
         let mut invalid = valid;
@@ -252,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn check_count_above_capacity_is_rejected() {
+    fn check_count_above_capacity_rejected() {
         let state = State { joints: 9, ..State::default() };
         assert_eq!(state.check(), Err(ValidationError::Count { field: "joints", found: 9, expected: 8 }));
         let event =
@@ -262,7 +262,7 @@ mod tests {
     }
 
     #[test]
-    fn event_long_text_is_cut_between_characters() {
+    fn event_long_text_cut_between_characters() {
         let text = "é".repeat(EVENT_TEXT);
         let event = Event::new(3, Process::Planner, EventKind::Note, Severity::Nominal, Detector::None, &text);
         assert_eq!(event.check(), Ok(()));

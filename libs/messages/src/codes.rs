@@ -3,7 +3,7 @@
 use crate::wire_enum::wire_enum;
 
 wire_enum! {
-    /// What happens to the searched offset when the force is matched or no force is desired (Algorithm 1, `Reset`).
+    /// Treatment of the searched offset when the force is matched or no force is desired (Algorithm 1, `Reset`).
     ResetPolicy {
         /// dx returns to zero when no force is desired and is kept while the force is matched.
         ContactLoss = 0, "contact_loss";
@@ -15,7 +15,7 @@ wire_enum! {
 }
 
 wire_enum! {
-    /// How the force profile saturates (eq. 4).
+    /// Saturation of the force profile (eq. 4).
     Saturation {
         /// S = 0.05 / (2 pi): saturates in the last 5 % of x_b, as the paper's text states.
         Continuous = 0, "continuous";
@@ -25,17 +25,17 @@ wire_enum! {
 }
 
 wire_enum! {
-    /// The step of the haptic search (Algorithm 1).
+    /// Step of the haptic search (Algorithm 1).
     Search {
         /// min(step, taper |F_d - F| / K0): settles.
         Tapered = 0, "tapered";
-        /// A full step every tick, the paper's: leaves a limit cycle of one step.
+        /// A full step every tick, as in the paper: leaves a limit cycle of one step.
         Sign = 1, "sign";
     }
 }
 
 wire_enum! {
-    /// Mode of a command: what the drive has to do.
+    /// Mode of a command: the action of the drive.
     Mode {
         /// The drive's brakes hold the joints: no torque has been commanded yet.
         Hold = 0, "hold";
@@ -58,12 +58,12 @@ wire_enum! {
         /// No valid request: before the first request, or braking.
         None = 2, "none";
         /// A valid request of this tick that the gate suppresses, since a brake has not cleared yet.
-        Suppressed = 3, "withheld";
+        Suppressed = 3, "suppressed";
     }
 }
 
 wire_enum! {
-    /// What the drive (the plant's joints) does with its command.
+    /// Action of the drive (the plant's joints) on its command.
     Drive {
         /// Brakes on: no command with a torque has arrived yet.
         Held = 0, "held";
@@ -91,15 +91,15 @@ wire_enum! {
 }
 
 wire_enum! {
-    /// The phase of a process's life.
+    /// Phase of a process.
     Phase {
-        /// Its ports are open; it waits for the first message.
+        /// The ports are open; the process waits for the first message.
         Ready = 0, "ready";
-        /// It works tick by tick.
+        /// The process works tick by tick.
         Running = 1, "running";
-        /// It is alive and waits for input that is overdue.
+        /// The process is alive and waits for overdue input.
         Waiting = 2, "waiting";
-        /// It has done its last tick.
+        /// The process has run its last tick.
         Finished = 3, "finished";
     }
 }
@@ -109,7 +109,7 @@ wire_enum! {
     Severity {
         /// No fault.
         Nominal = 0, "nominal";
-        /// Works on without a process or a request.
+        /// The stack works without a process or a request.
         Degraded = 1, "degraded";
         /// The drive brakes.
         Brake = 2, "brake";
@@ -119,7 +119,7 @@ wire_enum! {
 }
 
 wire_enum! {
-    /// What an event reports.
+    /// Kind of an event.
     EventKind {
         /// A run, process or phase began.
         Started = 0, "started";
@@ -132,7 +132,7 @@ wire_enum! {
         /// No valid request came by the deadline.
         Missed = 4, "missed";
         /// The plant's timer was a period or more late; simulated time slipped.
-        TimebaseSlip = 5, "slipped";
+        TimebaseSlip = 5, "timebase_slip";
         /// The severity changed.
         Transition = 6, "transition";
         /// A parameter set took effect.
@@ -151,7 +151,7 @@ wire_enum! {
         Discontinuity = 13, "discontinuity";
         /// A fault was injected.
         Injected = 14, "injected";
-        /// A restarted process has done its first tick.
+        /// A restarted process has run its first tick.
         Joined = 15, "joined";
         /// The operator re-armed after a latched stop.
         Rearmed = 16, "rearmed";

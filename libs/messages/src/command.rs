@@ -9,7 +9,7 @@ use zerocopy::{FromBytes, Immutable, IntoBytes};
 #[derive(Clone, Copy, Debug, Default, PartialEq, FromBytes, IntoBytes, Immutable)]
 #[repr(C)]
 pub struct Command {
-    /// When it was published.
+    /// Publication time [ns].
     pub stamp_ns: u64,
     /// Tick of the state that it answers.
     pub tick: i64,

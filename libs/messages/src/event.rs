@@ -1,19 +1,19 @@
-//! Events: what happened to which process, and its detector.
+//! Events: kind, process and detector of each.
 
 use crate::codes::{Detector, EventKind, Process, Severity};
 use crate::limits::EVENT_TEXT;
 use crate::message::Message;
 use zerocopy::{FromBytes, Immutable, IntoBytes};
 
-/// Something that happened.
+/// Event of the stack.
 #[derive(Clone, Copy, Debug, PartialEq, FromBytes, IntoBytes, Immutable)]
 #[repr(C)]
 pub struct Event {
-    /// When it was published.
+    /// Publication time [ns].
     pub stamp_ns: u64,
-    /// The tick it belongs to.
+    /// Tick of the event.
     pub tick: i64,
-    /// Code of the [`Process`] it is about.
+    /// Code of the [`Process`] concerned.
     pub process: u32,
     /// Code of [`EventKind`].
     pub kind: u32,
@@ -49,7 +49,7 @@ impl Event {
         }
     }
 
-    /// The text, with U+FFFD in place of what is not UTF-8.
+    /// The text, with U+FFFD in place of invalid UTF-8.
     #[must_use]
     pub fn text(&self) -> std::borrow::Cow<'_, str> {
         String::from_utf8_lossy(&self.text[..(self.text_len as usize).min(EVENT_TEXT)])

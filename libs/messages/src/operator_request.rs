@@ -34,7 +34,7 @@ wire_enum! {
         /// The request is done, or will be at the tick that the reply names.
         Done = 1, "done";
         /// The request is rejected and nothing has changed; the text gives the cause.
-        Refused = 2, "rejected";
+        Rejected = 2, "rejected";
     }
 }
 
@@ -160,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn reply_long_text_is_cut_between_characters() {
+    fn reply_long_text_cut_between_characters() {
         let reply = OperatorReply::new(ReplyCode::Done, &"é".repeat(REPLY_TEXT));
         assert_eq!(reply.check(), Ok(()));
         assert_eq!(reply.parts().unwrap().1.len(), REPLY_TEXT);
@@ -168,7 +168,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn request_garbage_is_rejected_without_panic(
+        fn request_garbage_rejected_without_panic(
             kind in any::<u32>(),
             text_len in any::<u32>(),
             bytes in proptest::collection::vec(any::<u8>(), 64),

@@ -7,9 +7,9 @@ use zerocopy::{FromBytes, Immutable, IntoBytes};
 #[derive(Clone, Copy, Debug, Default, PartialEq, FromBytes, IntoBytes, Immutable)]
 #[repr(C)]
 pub struct Parameters {
-    /// Counts up from 1.
+    /// Version, counted from 1.
     pub version: u64,
-    /// First tick at which it is in force.
+    /// First tick of the set.
     pub effective_tick: i64,
     /// x_t [m].
     pub target_position: [f64; 3],
@@ -31,9 +31,9 @@ pub struct Parameters {
     pub gravity_compensation: u32,
     /// 1: dx does not wind up at F_max, and keeps its force when K0 changes.
     pub offset_anti_windup: u32,
-    /// 1: a stalled convergence starts anew from its position.
+    /// 1: a stalled convergence restarts from its position.
     pub stall_release: u32,
-    /// Share of the force error that the tapered search works off in 1 ms, as if against K0.
+    /// Share of the force error that the tapered search removes in 1 ms, as if against K0.
     pub taper: f64,
     /// sigma as the scale of the search step, Algorithm 1.
     pub search_scale: f64,
@@ -49,9 +49,9 @@ pub struct Parameters {
 #[derive(Clone, Copy, Debug, Default, PartialEq, FromBytes, IntoBytes, Immutable)]
 #[repr(C)]
 pub struct Operator {
-    /// In force at publication.
+    /// Set in force at publication.
     pub current: Parameters,
-    /// In force from its `effective_tick` on; equal to `current` if nothing is announced.
+    /// Set in force from its `effective_tick` on; equal to `current` if nothing is announced.
     pub next: Parameters,
 }
 

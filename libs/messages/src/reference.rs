@@ -28,7 +28,7 @@ pub struct AxisPlan {
     pub phase: f64,
 }
 
-/// The planner's whole state: what it needs to continue after a restart.
+/// Whole state of the planner, from which it continues after a restart.
 #[derive(Clone, Copy, Debug, Default, PartialEq, FromBytes, IntoBytes, Immutable)]
 #[repr(C)]
 pub struct PlannerState {
@@ -42,11 +42,11 @@ pub struct PlannerState {
 #[derive(Clone, Copy, Debug, Default, PartialEq, FromBytes, IntoBytes, Immutable)]
 #[repr(C)]
 pub struct Reference {
-    /// When it was published.
+    /// Publication time [ns].
     pub stamp_ns: u64,
-    /// The tick it is for.
+    /// Tick of the reference.
     pub tick: i64,
-    /// Version of the parameters it was made with.
+    /// Version of its parameters.
     pub parameters_version: u64,
     /// x_d [m].
     pub position: [f64; 3],

@@ -4,7 +4,7 @@ use crate::limits::MAX_JOINTS;
 use crate::message::Message;
 use zerocopy::{FromBytes, Immutable, IntoBytes};
 
-/// The controller's whole state. It travels in requests and commands; controllers keep none.
+/// Whole state of the controller. It travels in requests and commands; controllers keep none.
 #[derive(Clone, Copy, Debug, Default, PartialEq, FromBytes, IntoBytes, Immutable)]
 #[repr(C)]
 pub struct ControllerState {
@@ -30,15 +30,15 @@ pub struct ControllerState {
 #[derive(Clone, Copy, Debug, Default, PartialEq, FromBytes, IntoBytes, Immutable)]
 #[repr(C)]
 pub struct Request {
-    /// When it was published.
+    /// Publication time [ns].
     pub stamp_ns: u64,
-    /// The tick it is for.
+    /// Tick of the request.
     pub tick: i64,
-    /// Tick of the state it was made from.
+    /// Tick of its state.
     pub state_tick: i64,
-    /// Version of the parameters it was made with.
+    /// Version of its parameters.
     pub parameters_version: u64,
-    /// Code of the [`Process`](crate::Process) that made it.
+    /// Code of the [`Process`](crate::Process) that sends it.
     pub controller: u32,
     /// Joints that count.
     pub joints: u32,

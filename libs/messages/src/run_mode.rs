@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// How time passes.
+/// Clock of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Clock {
@@ -27,10 +27,10 @@ impl Clock {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum RealtimeMode {
-    /// Takes what is granted.
+    /// Takes the granted privileges.
     Auto,
     /// Does not start without all of them.
     Require,
-    /// Asks for none.
+    /// Requests none.
     Off,
 }

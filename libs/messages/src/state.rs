@@ -48,8 +48,8 @@ pub struct Physics {
     pub contact_substeps: u32,
     /// Kinetic and potential energy of robot and objects [J].
     pub energy_j: f64,
-    /// Work done by the contacts (without joint stops) on the bodies since the start [J]: falls, except for what a
-    /// compressed contact gives back.
+    /// Work done by the contacts (without joint stops) on the bodies since the start [J]: falls, except for the energy
+    /// that a compressed contact returns.
     pub contact_work_j: f64,
     /// Elastic energy in the contacts now [J]: its sum with `contact_work_j` may only fall; any rise comes from the
     /// integration.
@@ -60,21 +60,21 @@ pub struct Physics {
 #[derive(Clone, Copy, Debug, Default, PartialEq, FromBytes, IntoBytes, Immutable)]
 #[repr(C)]
 pub struct State {
-    /// When it was published.
+    /// Publication time [ns].
     pub stamp_ns: u64,
     /// Number of the sample; the first is 0.
     pub tick: i64,
-    /// Simulated time, `tick` times the period.
+    /// Simulated time [ns], `tick` times the period.
     pub time_ns: u64,
     /// Tick of the command that was applied until this sample; -1 before the first.
     pub command_tick: i64,
-    /// How late the plant's timer was; zero in lockstep.
+    /// Lateness of the plant's timer [ns]; zero in lockstep.
     pub wake_lateness_ns: u64,
     /// Periods by which simulated time has slipped since the start, because the timer was late.
     pub slipped: u64,
     /// Joints that count.
     pub joints: u32,
-    /// Code of [`Drive`](crate::Drive): what the drive did until this sample.
+    /// Code of [`Drive`](crate::Drive): action of the drive until this sample.
     pub drive: u32,
     /// Objects that count.
     pub object_count: u32,

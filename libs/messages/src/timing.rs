@@ -13,13 +13,13 @@ pub struct Timing {
     pub phase: u32,
     /// Tick of the report; -1 before the first.
     pub tick: i64,
-    /// When the input that started the tick was published (plant: when its timer should have fired).
+    /// Publication time of the input that started the tick; for the plant the due time of its timer [ns].
     pub due_ns: u64,
-    /// When the process woke up.
+    /// Wake-up time [ns].
     pub wake_ns: u64,
-    /// When the process had published its output; zero if it published none.
+    /// Publication time of the output [ns]; zero if there is none.
     pub publish_ns: u64,
-    /// From state published to command published (gate), or to command received (plant); zero if the command was late.
+    /// Time from the state to its command, published (gate) or received (plant) [ns]; zero if the command was late.
     pub latency_ns: u64,
     /// Heap allocations of the thread between receiving and sending, in this tick.
     pub allocations: u32,
@@ -43,7 +43,7 @@ impl Message for Timing {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, FromBytes, IntoBytes, Immutable)]
 #[repr(C)]
 pub struct Injection {
-    /// Counts up from 1, so that a process takes each order once.
+    /// Counts up from 1, so that a process takes each injection once.
     pub number: u64,
     /// First tick of the fault; the next tick if that has passed.
     pub tick: i64,

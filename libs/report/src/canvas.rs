@@ -1,17 +1,17 @@
 //! Canvas for shapes and text on white, in pixels, y down.
 
+use crate::color::Color;
 use crate::error::ReportError;
-use crate::figure::Color;
 use crate::label;
 use ab_glyph::{Font, FontRef, GlyphId, OutlineCurve};
 use tiny_skia::{FillRule, LineCap, LineJoin, Paint, Path, PathBuilder, Pixmap, Rect, Shader, Stroke, StrokeDash, Transform};
 
 /// Point [px].
-pub(crate) type Spot = (f32, f32);
+pub(crate) type PixelPoint = (f32, f32);
 
 /// Size of a subscript and its distance below the line, relative to the size of the text.
 const SUBSCRIPT: (f32, f32) = (0.72, 0.2);
-/// Widening of the strokes, relative to the size of the text: the font is a light one.
+/// Widening of the strokes, relative to the size of the text: the font is light.
 const WEIGHT: f32 = 0.025;
 
 /// Position of the given point in a text.
@@ -66,7 +66,7 @@ impl Canvas {
     }
 
     /// Draws a line through points.
-    pub(crate) fn line(&mut self, points: &[Spot], pen: Pen) {
+    pub(crate) fn line(&mut self, points: &[PixelPoint], pen: Pen) {
         let Some(path) = polyline(points, false) else { return };
         let dash = if pen.dashed { StrokeDash::new(vec![4.0 * pen.width, 3.0 * pen.width], 0.0) } else { None };
         let cap = if pen.dashed { LineCap::Butt } else { LineCap::Round };
@@ -75,28 +75,28 @@ impl Canvas {
     }
 
     /// Draws a filled polygon.
-    pub(crate) fn polygon(&mut self, points: &[Spot], color: Color, opacity: u8) {
+    pub(crate) fn polygon(&mut self, points: &[PixelPoint], color: Color, opacity: u8) {
         if let Some(path) = polyline(points, true) {
             self.pixmap.fill_path(&path, &paint(color, opacity), FillRule::Winding, Transform::identity(), None);
         }
     }
 
     /// Draws a filled rectangle.
-    pub(crate) fn rectangle(&mut self, at: Spot, size: Spot, color: Color, opacity: u8) {
+    pub(crate) fn rectangle(&mut self, at: PixelPoint, size: PixelPoint, color: Color, opacity: u8) {
         if let Some(rect) = Rect::from_xywh(at.0, at.1, size.0, size.1) {
             self.pixmap.fill_rect(rect, &paint(color, opacity), Transform::identity(), None);
         }
     }
 
     /// Draws a filled circle.
-    pub(crate) fn disc(&mut self, centre: Spot, radius: f32, color: Color) {
+    pub(crate) fn disc(&mut self, centre: PixelPoint, radius: f32, color: Color) {
         if let Some(path) = PathBuilder::from_circle(centre.0, centre.1, radius) {
             self.pixmap.fill_path(&path, &paint(color, 255), FillRule::Winding, Transform::identity(), None);
         }
     }
 
     /// Draws the outline of a circle.
-    pub(crate) fn circle(&mut self, centre: Spot, radius: f32, pen: Pen) {
+    pub(crate) fn circle(&mut self, centre: PixelPoint, radius: f32, pen: Pen) {
         if let Some(path) = PathBuilder::from_circle(centre.0, centre.1, radius) {
             let stroke = Stroke { width: pen.width, ..Stroke::default() };
             self.pixmap.stroke_path(&path, &paint(pen.color, 255), &stroke, Transform::identity(), None);
@@ -105,25 +105,25 @@ impl Canvas {
 
     /// Width of a label with the font size `size` [px].
     pub(crate) fn text_width(&self, text: &str, size: f32) -> f32 {
-        self.set(text, size).1
+        self.outlines(text, size).1
     }
 
     /// Draws a label with its base line through `at`.
-    pub(crate) fn text(&mut self, at: Spot, anchor: Anchor, size: f32, color: Color, text: &str) {
-        let (path, width) = self.set(text, size);
+    pub(crate) fn text(&mut self, at: PixelPoint, anchor: Anchor, size: f32, color: Color, text: &str) {
+        let (path, width) = self.outlines(text, size);
         let transform = Transform::from_translate(at.0 - shift(anchor, width), at.1);
-        self.ink(path, size, color, transform);
+        self.fill_text(path, size, color, transform);
     }
 
     /// Draws an upward label with its middle at `at`.
-    pub(crate) fn text_upwards(&mut self, at: Spot, size: f32, color: Color, text: &str) {
-        let (path, width) = self.set(text, size);
+    pub(crate) fn text_upwards(&mut self, at: PixelPoint, size: f32, color: Color, text: &str) {
+        let (path, width) = self.outlines(text, size);
         // Right becomes up, and down becomes right.
         let transform = Transform::from_row(0.0, -1.0, 1.0, 0.0, at.0, at.1 + shift(Anchor::Middle, width));
-        self.ink(path, size, color, transform);
+        self.fill_text(path, size, color, transform);
     }
 
-    fn ink(&mut self, path: Option<Path>, size: f32, color: Color, transform: Transform) {
+    fn fill_text(&mut self, path: Option<Path>, size: f32, color: Color, transform: Transform) {
         let Some(path) = path.and_then(|path| path.transform(transform)) else { return };
         let paint = paint(color, 255);
         self.pixmap.fill_path(&path, &paint, FillRule::Winding, Transform::identity(), None);
@@ -132,12 +132,12 @@ impl Canvas {
     }
 
     /// Outlines of a label from the origin, and its width.
-    fn set(&self, text: &str, size: f32) -> (Option<Path>, f32) {
+    fn outlines(&self, text: &str, size: f32) -> (Option<Path>, f32) {
         let mut builder = PathBuilder::new();
         let mut x = 0.0;
-        for run in label::runs(text) {
-            let (size, y) = if run.subscript { (size * SUBSCRIPT.0, size * SUBSCRIPT.1) } else { (size, 0.0) };
-            for c in run.text.chars() {
+        for part in label::parts(text) {
+            let (size, y) = if part.subscript { (size * SUBSCRIPT.0, size * SUBSCRIPT.1) } else { (size, 0.0) };
+            for c in part.text.chars() {
                 let (font, id) = self.glyph(c);
                 let scale = size / font.units_per_em().unwrap_or(1000.0);
                 if let Some(outline) = font.outline(id) {
@@ -156,28 +156,28 @@ impl Canvas {
 }
 
 /// Adds a glyph's curves, which are in units of the font, y up.
-fn trace(builder: &mut PathBuilder, curves: &[OutlineCurve], at: Spot, scale: f32) {
-    let spot = |p: &ab_glyph::Point| (at.0 + p.x * scale, at.1 - p.y * scale);
+fn trace(builder: &mut PathBuilder, curves: &[OutlineCurve], at: PixelPoint, scale: f32) {
+    let to_pixel = |p: &ab_glyph::Point| (at.0 + p.x * scale, at.1 - p.y * scale);
     let mut end = None;
     for curve in curves {
         let (OutlineCurve::Line(start, _) | OutlineCurve::Quad(start, ..) | OutlineCurve::Cubic(start, ..)) = curve;
-        let start = spot(start);
+        let start = to_pixel(start);
         if end != Some(start) {
             builder.move_to(start.0, start.1);
         }
         let stop = match curve {
             OutlineCurve::Line(_, p) => {
-                let p = spot(p);
+                let p = to_pixel(p);
                 builder.line_to(p.0, p.1);
                 p
             }
             OutlineCurve::Quad(_, a, p) => {
-                let (a, p) = (spot(a), spot(p));
+                let (a, p) = (to_pixel(a), to_pixel(p));
                 builder.quad_to(a.0, a.1, p.0, p.1);
                 p
             }
             OutlineCurve::Cubic(_, a, b, p) => {
-                let (a, b, p) = (spot(a), spot(b), spot(p));
+                let (a, b, p) = (to_pixel(a), to_pixel(b), to_pixel(p));
                 builder.cubic_to(a.0, a.1, b.0, b.1, p.0, p.1);
                 p
             }
@@ -186,7 +186,7 @@ fn trace(builder: &mut PathBuilder, curves: &[OutlineCurve], at: Spot, scale: f3
     }
 }
 
-fn polyline(points: &[Spot], closed: bool) -> Option<Path> {
+fn polyline(points: &[PixelPoint], closed: bool) -> Option<Path> {
     let mut builder = PathBuilder::with_capacity(points.len() + 1, points.len());
     let (first, rest) = points.split_first()?;
     builder.move_to(first.0, first.1);

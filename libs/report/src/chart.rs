@@ -1,9 +1,10 @@
 //! Drawing of a figure as a picture.
 
 use crate::canvas::{Anchor, Canvas, Pen};
+use crate::color::Color;
 use crate::error::ReportError;
-use crate::figure::{Color, Content, Curve, Figure, MarkKind, Panel, Scale, Style, TimelineRow, pieces};
-use crate::ticks::{Tick, decades, linear};
+use crate::figure::{Curve, Figure, MarkKind, Panel, PanelContent, Scale, Style, TimelineRow, pieces};
+use crate::ticks::{TickMark, decades, linear};
 
 /// Width of every picture [px].
 pub(crate) const WIDTH: u32 = 1600;
@@ -20,12 +21,22 @@ const CURVES: f32 = 330.0;
 const HISTOGRAM: f32 = 600.0;
 const ROW: f32 = 34.0;
 /// Smallest height of curves, relative to their natural height.
-const LEAST_STRETCH: f32 = 0.3;
+const MIN_STRETCH: f32 = 0.3;
 /// Free space to the right, and between elements [px].
 const MARGIN: f32 = 40.0;
 const GAP: f32 = 12.0;
 /// Longest name [characters].
-const LONGEST_NAME: usize = 36;
+const MAX_NAME_CHARS: usize = 36;
+
+impl Figure {
+    /// Draws the figure as PNG.
+    ///
+    /// # Errors
+    /// [`ReportError::Draw`] if it cannot be drawn.
+    pub fn png(&self) -> Result<Vec<u8>, ReportError> {
+        draw(self, None)
+    }
+}
 
 /// Draws a figure as PNG. A given `height` [px] is shared among its curves; otherwise, or if it is too small, the
 /// natural or smallest height applies.
@@ -35,8 +46,8 @@ pub(crate) fn draw(figure: &Figure, height: Option<u32>) -> Result<Vec<u8>, Repo
     let rows: f32 = figure.panels.iter().zip(&natural).filter(|(panel, _)| is_timeline(panel)).map(|(_, height)| height).sum();
     let curves: f32 = natural.iter().sum::<f32>() - rows;
     // A lower bound for any requested height: flat curves are illegible, and rows have a fixed height.
-    let least = around + rows + LEAST_STRETCH * curves;
-    let total = height.map_or(around + rows + curves, |height| (height as f32).max(least));
+    let minimum = around + rows + MIN_STRETCH * curves;
+    let total = height.map_or(around + rows + curves, |height| (height as f32).max(minimum));
     let stretch = if height.is_some() && curves > 0.0 { (total - around - rows) / curves } else { 1.0 };
     let mut canvas = Canvas::new(figure.name, WIDTH, total.round() as u32)?;
     canvas.text((MARGIN, 44.0), Anchor::Start, HEADING, Color::INK, &figure.title);
@@ -60,11 +71,11 @@ pub(crate) fn draw(figure: &Figure, height: Option<u32>) -> Result<Vec<u8>, Repo
                 let middle = (0.5 * (axes.left + axes.right), axes.top + 0.5 * axes.height);
                 canvas.text(middle, Anchor::Middle, FONT, Color::GREY, note);
             }
-            Content::Curves { areas, curves } => {
+            PanelContent::Curves { areas, curves } => {
                 for area in areas {
                     for outline in area.outlines() {
-                        let spots: Vec<_> = outline.iter().map(|point| axes.spot(*point)).collect();
-                        canvas.polygon(&spots, area.color, 70);
+                        let points: Vec<_> = outline.iter().map(|point| axes.to_pixel(*point)).collect();
+                        canvas.polygon(&points, area.color, 70);
                     }
                 }
                 marks(&mut canvas, panel, &axes);
@@ -72,7 +83,7 @@ pub(crate) fn draw(figure: &Figure, height: Option<u32>) -> Result<Vec<u8>, Repo
                     draw_curve(&mut canvas, curve, &axes);
                 }
             }
-            Content::Timelines(rows) => {
+            PanelContent::Timelines(rows) => {
                 marks(&mut canvas, panel, &axes);
                 draw_rows(&mut canvas, rows, &axes);
             }
@@ -104,7 +115,7 @@ impl Axes {
         let (x, y) = match panel.scale {
             Scale::Time => {
                 let x = if time.1 > time.0 { time } else { (time.0, time.0 + 1e-3) };
-                // A constant still needs an axis.
+                // A constant also needs an axis.
                 let pad = if high > low { 0.06 * (high - low) } else { (0.1 * high.abs()).max(1e-3) };
                 (x, (low - pad, high + pad))
             }
@@ -130,26 +141,26 @@ impl Axes {
         share.clamp(0.0, 1.0) as f32
     }
 
-    fn across(&self, x: f64) -> f32 {
+    fn x_pixel(&self, x: f64) -> f32 {
         self.left + self.share(x, self.x) * (self.right - self.left)
     }
 
-    fn up(&self, y: f64) -> f32 {
+    fn y_pixel(&self, y: f64) -> f32 {
         self.bottom() - self.share(y, self.y) * self.height
     }
 
-    fn spot(&self, (x, y): (f64, f64)) -> (f32, f32) {
-        (self.across(x), self.up(y))
+    fn to_pixel(&self, (x, y): (f64, f64)) -> (f32, f32) {
+        (self.x_pixel(x), self.y_pixel(y))
     }
 
-    fn x_ticks(&self) -> Vec<Tick> {
+    fn x_ticks(&self) -> Vec<TickMark> {
         match self.scale {
             Scale::Time => linear(self.x.0, self.x.1, 12),
             Scale::Logarithmic => decades(self.x.0, self.x.1),
         }
     }
 
-    fn y_ticks(&self) -> Vec<Tick> {
+    fn y_ticks(&self) -> Vec<TickMark> {
         match self.scale {
             Scale::Time => linear(self.y.0, self.y.1, ((self.height / 60.0) as usize).clamp(2, 8)),
             Scale::Logarithmic => decades(self.y.0, self.y.1),
@@ -158,12 +169,12 @@ impl Axes {
 }
 
 fn is_timeline(panel: &Panel) -> bool {
-    matches!(panel.content, Content::Timelines(_))
+    matches!(panel.content, PanelContent::Timelines(_))
 }
 
 fn natural_height(panel: &Panel) -> f32 {
     match (&panel.content, panel.scale) {
-        (Content::Timelines(rows), _) => ROW * rows.len().max(2) as f32,
+        (PanelContent::Timelines(rows), _) => ROW * rows.len().max(2) as f32,
         (_, Scale::Logarithmic) => HISTOGRAM,
         _ => CURVES,
     }
@@ -172,10 +183,10 @@ fn natural_height(panel: &Panel) -> f32 {
 /// Width of numbers, names and label to the left of the axes [px].
 fn margin(canvas: &Canvas, panel: &Panel, axes: &Axes) -> f32 {
     match &panel.content {
-        Content::Timelines(rows) => {
+        PanelContent::Timelines(rows) => {
             rows.iter().map(|row| canvas.text_width(&short(&row.name), FONT)).fold(0.0, f32::max) + MARGIN
         }
-        Content::Curves { .. } => {
+        PanelContent::Curves { .. } => {
             let numbers = axes.y_ticks().iter().map(|tick| canvas.text_width(&tick.text, FONT)).fold(0.0, f32::max);
             numbers + 2.0 * GAP + MARGIN + FONT
         }
@@ -187,15 +198,15 @@ fn heading(canvas: &mut Canvas, panel: &Panel, axes: &Axes, first: bool) {
     let line = axes.top - GAP;
     canvas.text((axes.left, line), Anchor::Start, FONT + 2.0, Color::INK, &panel.title);
     let mut entries = Vec::new();
-    if let Content::Curves { areas, curves } = &panel.content {
-        entries.extend(areas.iter().map(|area| (area.name.as_str(), area.color, Key::Area)));
+    if let PanelContent::Curves { areas, curves } = &panel.content {
+        entries.extend(areas.iter().map(|area| (area.name.as_str(), area.color, LegendKey::Area)));
         let named = curves.iter().filter(|curve| !curve.name.is_empty() && !curve.points.is_empty());
-        entries.extend(named.map(|curve| (curve.name.as_str(), curve.color, Key::Line(pen(curve)))));
+        entries.extend(named.map(|curve| (curve.name.as_str(), curve.color, LegendKey::Line(pen(curve)))));
     }
     if first {
         for kind in MarkKind::ALL {
             let mark = panel.marks.iter().find(|mark| mark.kind == kind);
-            entries.extend(mark.map(|mark| (kind.name(), mark.color(), Key::Mark)));
+            entries.extend(mark.map(|mark| (kind.name(), mark.color(), LegendKey::Mark)));
         }
     }
     let mut right = axes.right;
@@ -209,16 +220,16 @@ fn heading(canvas: &mut Canvas, panel: &Panel, axes: &Axes, first: bool) {
         canvas.text((start, line), Anchor::Start, FONT, Color::INK, &name);
         let (from, to, y) = (start - 52.0, start - GAP, line - 0.3 * FONT);
         match key {
-            Key::Area => canvas.rectangle((from, y - 9.0), (to - from, 18.0), color, 90),
-            Key::Line(pen) => canvas.line(&[(from, y), (to, y)], Pen { width: pen.width + 1.0, ..pen }),
-            Key::Mark => canvas.line(&[(to - 10.0, y - 12.0), (to - 10.0, y + 12.0)], Pen::solid(color, 2.0)),
+            LegendKey::Area => canvas.rectangle((from, y - 9.0), (to - from, 18.0), color, 90),
+            LegendKey::Line(pen) => canvas.line(&[(from, y), (to, y)], Pen { width: pen.width + 1.0, ..pen }),
+            LegendKey::Mark => canvas.line(&[(to - 10.0, y - 12.0), (to - 10.0, y + 12.0)], Pen::solid(color, 2.0)),
         }
         right = from - 1.5 * GAP;
     }
 }
 
 #[derive(Clone, Copy)]
-enum Key {
+enum LegendKey {
     Area,
     Line(Pen),
     Mark,
@@ -228,13 +239,13 @@ fn grid(canvas: &mut Canvas, panel: &Panel, axes: &Axes) {
     let (left, right, top, bottom) = (axes.left, axes.right, axes.top, axes.bottom());
     let thin = Pen::solid(Color::LIGHT, 1.0);
     for tick in axes.x_ticks() {
-        let x = axes.across(tick.value);
+        let x = axes.x_pixel(tick.value);
         canvas.line(&[(x, top), (x, bottom)], thin);
         canvas.text((x, bottom + FONT + 6.0), Anchor::Middle, FONT, Color::INK, &tick.text);
     }
     if !is_timeline(panel) {
         for tick in axes.y_ticks() {
-            let y = axes.up(tick.value);
+            let y = axes.y_pixel(tick.value);
             canvas.line(&[(left, y), (right, y)], thin);
             canvas.text((left - GAP, y + 0.35 * FONT), Anchor::End, FONT, Color::INK, &tick.text);
         }
@@ -245,7 +256,7 @@ fn grid(canvas: &mut Canvas, panel: &Panel, axes: &Axes) {
 
 fn marks(canvas: &mut Canvas, panel: &Panel, axes: &Axes) {
     for mark in panel.marks.iter().filter(|mark| (axes.x.0..=axes.x.1).contains(&mark.time_s)) {
-        let x = axes.across(mark.time_s);
+        let x = axes.x_pixel(mark.time_s);
         let pen = Pen { color: mark.color(), width: 1.5, dashed: mark.kind != MarkKind::Fault };
         canvas.line(&[(x, axes.top), (x, axes.bottom())], pen);
     }
@@ -255,11 +266,11 @@ fn marks(canvas: &mut Canvas, panel: &Panel, axes: &Axes) {
 fn draw_curve(canvas: &mut Canvas, curve: &Curve, axes: &Axes) {
     let (path, pen) = (curve.path(), pen(curve));
     for piece in pieces(&path) {
-        let spots: Vec<_> = piece.iter().map(|point| axes.spot(*point)).collect();
-        match spots.as_slice() {
-            // A line through one point leaves no ink.
-            [spot] => canvas.disc(*spot, 0.5 * pen.width, pen.color),
-            spots => canvas.line(spots, pen),
+        let points: Vec<_> = piece.iter().map(|point| axes.to_pixel(*point)).collect();
+        match points.as_slice() {
+            // A line through a single point would be invisible.
+            [point] => canvas.disc(*point, 0.5 * pen.width, pen.color),
+            points => canvas.line(points, pen),
         }
     }
 }
@@ -270,7 +281,7 @@ fn draw_rows(canvas: &mut Canvas, rows: &[TimelineRow], axes: &Axes) {
         let name = short(&row.name);
         canvas.text((axes.left - GAP, top + 0.5 * ROW + 0.35 * FONT), Anchor::End, FONT, Color::INK, &name);
         for (from, to) in &row.spans {
-            let (from, to) = (axes.across(*from), axes.across(*to));
+            let (from, to) = (axes.x_pixel(*from), axes.x_pixel(*to));
             // Wide enough to be visible.
             canvas.rectangle((from, top + 5.0), ((to - from).max(1.5), ROW - 10.0), row.color, 255);
         }
@@ -285,10 +296,10 @@ fn pen(curve: &Curve) -> Pen {
     }
 }
 
-/// Shortens a name to [`LONGEST_NAME`] characters.
+/// Shortens a name to [`MAX_NAME_CHARS`] characters.
 fn short(name: &str) -> String {
-    if name.chars().count() <= LONGEST_NAME {
+    if name.chars().count() <= MAX_NAME_CHARS {
         return name.to_owned();
     }
-    name.chars().take(LONGEST_NAME - 1).chain(['…']).collect()
+    name.chars().take(MAX_NAME_CHARS - 1).chain(['…']).collect()
 }

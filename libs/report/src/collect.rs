@@ -1,23 +1,23 @@
 //! Data that a report collects from a log.
 
 use crate::events::Events;
-use crate::frames::Frames;
-use crate::geometry::{Vector, norm};
+use crate::frames::SnapshotCandidates;
 use crate::incidents::Incidents;
-use crate::parameters::{ParameterSet, Sets};
-use crate::scene::{self, Update};
+use crate::parameters::{ParameterSet, ParameterSets};
+use crate::scene::{self, SceneContent};
 use crate::series::Series;
 use crate::timelines::Timelines;
 use crate::timing::Histogram;
 use crate::{LATEST_TICK, is_plausible, vector};
 use foxglove::messages::{FrameTransforms, SceneUpdate};
 use hapfic_log::metrics::angle_between;
-use hapfic_log::{Entry, Metrics, Record, Topic, proto};
+use hapfic_log::{LogMessage, Metrics, Record, Topic, proto};
+use nalgebra::{Point3, Vector3};
 use prost::Message as _;
 
 /// Most joints and objects in figures.
-const MOST_JOINTS: usize = 16;
-const MOST_OBJECTS: usize = 8;
+const MAX_PLOTTED_JOINTS: usize = 16;
+const MAX_PLOTTED_OBJECTS: usize = 8;
 /// Process whose timing has the latency from state to command.
 const GATE: &str = "supervisor";
 
@@ -72,22 +72,22 @@ pub(crate) struct Collected {
     pub(crate) incidents: Incidents,
     pub(crate) latency: Histogram,
     pub(crate) lateness: Histogram,
-    pub(crate) frames: Frames,
+    pub(crate) frames: SnapshotCandidates,
     /// Number of valid states.
     pub(crate) states: u64,
     /// Number of messages of any kind.
     pub(crate) messages: u64,
     pub(crate) last_tick: i64,
-    sets: Sets,
+    sets: ParameterSets,
     /// Pairs with their first contact since the last viewer frame; at most as many as rows.
     touched: Vec<(String, String)>,
     /// Last position of the foot [m] and the force on it [N].
-    foot: Option<(Vector, f64)>,
+    foot: Option<(Point3<f64>, f64)>,
 }
 
 impl Collected {
     /// Adds a message of the log.
-    pub(crate) fn push(&mut self, entry: &Entry) {
+    pub(crate) fn push(&mut self, entry: &LogMessage) {
         self.messages += 1;
         self.metrics.push(&entry.record);
         match &entry.record {
@@ -118,9 +118,9 @@ impl Collected {
                     axis.desired.push(tick, desired[i]);
                 }
             }
-            self.foot = Some((position, norm(force)));
+            self.foot = Some((position.into(), Vector3::from(force).norm()));
         }
-        for (i, object) in state.objects.iter().take(MOST_OBJECTS).enumerate() {
+        for (i, object) in state.objects.iter().take(MAX_PLOTTED_OBJECTS).enumerate() {
             self.object(i, tick, object);
         }
         for contact in &state.contacts {
@@ -180,7 +180,7 @@ impl Collected {
                 axis.limit.push(tick, limit);
             }
         }
-        let joints = command.torque.len().min(MOST_JOINTS);
+        let joints = command.torque.len().min(MAX_PLOTTED_JOINTS);
         if self.joints.len() < joints {
             self.joints.resize_with(joints, JointSeries::default);
         }
@@ -221,7 +221,7 @@ impl Collected {
         {
             let objects = self.objects.iter().map(|object| object.name.as_str());
             let touched = std::mem::take(&mut self.touched);
-            self.frames.add(tick, Update::new(&message), objects, self.foot, touched);
+            self.frames.add(tick, SceneContent::new(&message), objects, self.foot, touched);
         }
     }
 }

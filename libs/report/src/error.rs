@@ -12,7 +12,7 @@ pub enum ReportError {
     #[error(transparent)]
     Log(#[from] LogError),
     /// The log holds no state.
-    #[error("{}: nothing to report: found {found}, expected messages of /state. Give the log of a run that got as far as its first tick", .path.display())]
+    #[error("{}: nothing to report: found {found}, expected messages of /state. Give the log of a run that reached its first tick", .path.display())]
     Empty {
         /// The log.
         path: PathBuf,
@@ -60,7 +60,7 @@ pub enum ReportError {
 impl ReportError {
     /// Whether the request itself is invalid, as opposed to a failure of its execution.
     #[must_use]
-    pub const fn is_refusal(&self) -> bool {
+    pub const fn is_invalid_request(&self) -> bool {
         !matches!(self, Self::Write { .. } | Self::Draw { .. } | Self::Log(LogError::Read { .. }))
     }
 }

@@ -9,19 +9,19 @@ use std::collections::BTreeMap;
 
 /// Most events in a list, of each class: faults, changes by the operator, actions of the supervisor, and others. All
 /// are counted.
-pub const MOST_EVENTS: usize = 500;
+pub const MAX_EVENTS: usize = 500;
 /// Kind of a change by the operator.
 const PARAMETERS: &str = "parameters";
 /// Other kinds of operator actions.
-const BY_OPERATOR: [&str; 1] = ["rearmed"];
+const OPERATOR_ACTIONS: [&str; 1] = ["rearmed"];
 /// Kinds of faults.
-const FAULTS: [&str; 6] = ["lost", "rejected", "missed", "slipped", "injected", "differs"];
+const FAULTS: [&str; 6] = ["lost", "rejected", "missed", "timebase_slip", "injected", "differs"];
 /// Kinds of supervisor actions, and of their consequences.
 const ACTIONS: [&str; 4] = ["promoted", "restarted", "joined", "discontinuity"];
 /// Most kinds with a separate count.
-const MOST_KINDS: usize = 32;
+const MAX_KINDS: usize = 32;
 /// Longest text of an event [characters].
-const LONGEST_TEXT: usize = 400;
+const MAX_TEXT_CHARS: usize = 400;
 
 /// Event of the log, or change by the operator.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -65,7 +65,7 @@ impl Events {
             return;
         }
         let fault = FAULTS.contains(&event.kind.as_str()) || (event.kind == "transition" && self.is_worse(&event.severity));
-        self.keep(LoggedEvent {
+        self.insert(LoggedEvent {
             time_s: 0.0,
             tick: event.tick,
             process: cut(&event.process),
@@ -85,7 +85,7 @@ impl Events {
 
     /// Adds a change by the operator.
     pub(crate) fn changed(&mut self, tick: i64, version: u64, changes: &str) {
-        self.keep(LoggedEvent {
+        self.insert(LoggedEvent {
             time_s: 0.0,
             tick,
             process: "operator".to_owned(),
@@ -97,11 +97,11 @@ impl Events {
         });
     }
 
-    fn keep(&mut self, event: LoggedEvent) {
+    fn insert(&mut self, event: LoggedEvent) {
         self.total += 1;
         if let Some(count) = self.counts.get_mut(&event.kind) {
             *count += 1;
-        } else if self.counts.len() < MOST_KINDS {
+        } else if self.counts.len() < MAX_KINDS {
             self.counts.insert(event.kind.clone(), 1);
         }
         // Every class has its own limit.
@@ -111,7 +111,7 @@ impl Events {
             Some(MarkKind::Action) => 2,
             None => 3,
         };
-        if self.kept_of[class] < MOST_EVENTS {
+        if self.kept_of[class] < MAX_EVENTS {
             self.kept_of[class] += 1;
             let tick = event.tick.clamp(0, LATEST_TICK);
             self.kept.push(LoggedEvent { time_s: seconds(tick), ..event });
@@ -153,7 +153,7 @@ fn mark_kind(event: &LoggedEvent) -> Option<MarkKind> {
     let kind = event.kind.as_str();
     if event.fault {
         Some(MarkKind::Fault)
-    } else if kind == PARAMETERS || BY_OPERATOR.contains(&kind) {
+    } else if kind == PARAMETERS || OPERATOR_ACTIONS.contains(&kind) {
         Some(MarkKind::Operator)
     } else {
         ACTIONS.contains(&kind).then_some(MarkKind::Action)
@@ -161,7 +161,7 @@ fn mark_kind(event: &LoggedEvent) -> Option<MarkKind> {
 }
 
 fn cut(text: &str) -> String {
-    text.chars().take(LONGEST_TEXT).collect()
+    text.chars().take(MAX_TEXT_CHARS).collect()
 }
 
 #[cfg(test)]
@@ -180,9 +180,9 @@ mod tests {
             events.changed(20_000 + tick, tick as u64, "F_d (0, 0, 50) N");
         }
         events.sort();
-        assert_eq!(events.kept().len(), 2 * MOST_EVENTS + 1);
+        assert_eq!(events.kept().len(), 2 * MAX_EVENTS + 1);
         assert_eq!((events.total(), events.counts()["note"], events.counts()["parameters"]), (10_601, 10_000, 600));
-        assert_eq!(events.marks().len(), MOST_EVENTS + 1);
+        assert_eq!(events.marks().len(), MAX_EVENTS + 1);
         assert_eq!(events.marks().iter().filter(|mark| mark.kind == MarkKind::Fault).count(), 1);
         assert!(events.kept().is_sorted_by_key(|event| event.tick));
     }
@@ -190,7 +190,7 @@ mod tests {
     #[test]
     fn events_faults_actions_and_operator_changes_are_marked() {
         let mut events = Events::default();
-        let kinds = "lost missed rejected slipped injected differs promoted restarted joined discontinuity rearmed \
+        let kinds = "lost missed rejected timebase_slip injected differs promoted restarted joined discontinuity rearmed \
                      note limited contact started ended";
         for (tick, kind) in (0..).zip(kinds.split(' ')) {
             events.push(&proto::Event { tick, kind: kind.to_owned(), ..proto::Event::default() });

@@ -1,42 +1,8 @@
 //! Content of a figure, independent of its drawing: pictures and page show the same.
 
-/// Colour: red, green, blue.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Color(pub u8, pub u8, pub u8);
+pub use crate::color::Color;
 
-/// Okabe and Ito's palette, which colour-blind readers can distinguish, and greys.
-impl Color {
-    /// Almost black.
-    pub const INK: Self = Self(34, 34, 34);
-    /// Grey, for the background.
-    pub const GREY: Self = Self(130, 130, 130);
-    /// Light grey, for grids.
-    pub const LIGHT: Self = Self(225, 225, 225);
-    /// Blue.
-    pub const BLUE: Self = Self(0, 114, 178);
-    /// Vermillion.
-    pub const VERMILLION: Self = Self(213, 94, 0);
-    /// Bluish green.
-    pub const GREEN: Self = Self(0, 158, 115);
-    /// Orange.
-    pub const ORANGE: Self = Self(230, 159, 0);
-    /// Light orange, for a curve behind another.
-    pub const SAND: Self = Self(250, 205, 120);
-    /// Sky blue.
-    pub const SKY: Self = Self(86, 180, 233);
-    /// Reddish purple.
-    pub const PURPLE: Self = Self(204, 121, 167);
-
-    /// Colour of the item `index` in a list without own colours.
-    #[must_use]
-    pub const fn cycle(index: usize) -> Self {
-        const CYCLE: [Color; 7] =
-            [Color::BLUE, Color::ORANGE, Color::GREEN, Color::VERMILLION, Color::PURPLE, Color::SKY, Color::GREY];
-        CYCLE[index % CYCLE.len()]
-    }
-}
-
-/// Figure: panels one below the other.
+/// Figure: a column of panels.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Figure {
     /// Name of the file, without the extension.
@@ -61,7 +27,7 @@ pub struct Panel {
     /// Scale of the axes.
     pub scale: Scale,
     /// Content.
-    pub content: Content,
+    pub content: PanelContent,
     /// Events marked on the time axis.
     pub marks: Vec<Mark>,
 }
@@ -77,7 +43,7 @@ pub enum Scale {
 
 /// Content of a panel.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Content {
+pub enum PanelContent {
     /// Quantities.
     Curves {
         /// Shaded areas, behind the curves.
@@ -92,7 +58,7 @@ pub enum Content {
 /// Quantity.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Curve {
-    /// Label in the legend; empty for a curve that belongs to the one before.
+    /// Label in the legend; empty for a curve that belongs to the previous curve.
     pub name: String,
     /// Colour.
     pub color: Color,
@@ -120,7 +86,7 @@ pub struct Area {
     pub name: String,
     /// Colour.
     pub color: Color,
-    /// Lower bound; gaps are as those of a curve.
+    /// Lower bound; gaps as in a curve.
     pub low: Vec<(f64, f64)>,
     /// Upper bound.
     pub high: Vec<(f64, f64)>,
@@ -160,7 +126,7 @@ pub enum MarkKind {
 }
 
 impl MarkKind {
-    /// All kinds, the most important last: it is drawn over the others.
+    /// All kinds, the most important last: it covers the others.
     pub const ALL: [Self; 3] = [Self::Operator, Self::Action, Self::Fault];
 
     /// Name in legends.
@@ -186,20 +152,10 @@ impl Mark {
     }
 }
 
-impl Figure {
-    /// Draws the figure as PNG.
-    ///
-    /// # Errors
-    /// [`ReportError::Draw`](crate::ReportError::Draw) if it cannot be drawn.
-    pub fn png(&self) -> Result<Vec<u8>, crate::ReportError> {
-        crate::chart::draw(self, None)
-    }
-}
-
 impl Panel {
     /// Creates a panel over time.
     #[must_use]
-    pub fn over_time(title: impl Into<String>, y_label: impl Into<String>, content: Content) -> Self {
+    pub fn over_time(title: impl Into<String>, y_label: impl Into<String>, content: PanelContent) -> Self {
         Self {
             title: title.into(),
             x_label: "time in s".to_owned(),
@@ -214,8 +170,8 @@ impl Panel {
     #[must_use]
     pub fn is_empty(&self) -> bool {
         match &self.content {
-            Content::Curves { curves, .. } => curves.iter().all(|curve| curve.points.is_empty()),
-            Content::Timelines(rows) => rows.is_empty(),
+            PanelContent::Curves { curves, .. } => curves.iter().all(|curve| curve.points.is_empty()),
+            PanelContent::Timelines(rows) => rows.is_empty(),
         }
     }
 
@@ -223,8 +179,8 @@ impl Panel {
     #[must_use]
     pub fn x_range(&self) -> Option<(f64, f64)> {
         match &self.content {
-            Content::Curves { curves, .. } => range(curves.iter().flat_map(|curve| &curve.points).map(|point| point.0)),
-            Content::Timelines(rows) => range(rows.iter().flat_map(|row| &row.spans).flat_map(|span| [span.0, span.1])),
+            PanelContent::Curves { curves, .. } => range(curves.iter().flat_map(|curve| &curve.points).map(|point| point.0)),
+            PanelContent::Timelines(rows) => range(rows.iter().flat_map(|row| &row.spans).flat_map(|span| [span.0, span.1])),
         }
     }
 
@@ -232,12 +188,12 @@ impl Panel {
     #[must_use]
     pub fn y_range(&self) -> Option<(f64, f64)> {
         match &self.content {
-            Content::Curves { areas, curves } => {
+            PanelContent::Curves { areas, curves } => {
                 let lines = curves.iter().map(|curve| &curve.points);
                 let bounds = areas.iter().flat_map(|area| [&area.low, &area.high]);
                 range(lines.chain(bounds).flatten().map(|point| point.1))
             }
-            Content::Timelines(_) => None,
+            PanelContent::Timelines(_) => None,
         }
     }
 }

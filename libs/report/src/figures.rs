@@ -1,7 +1,8 @@
 //! The paper's figures, from any log.
 
 use crate::collect::{Collected, JointSeries, ObjectSeries};
-use crate::figure::{Area, Color, Content, Curve, Figure, Panel, Scale, Style, TimelineRow};
+use crate::color::Color;
+use crate::figure::{Area, Curve, Figure, Panel, PanelContent, Scale, Style, TimelineRow};
 use crate::run::RunInfo;
 use crate::series::Series;
 use hapfic_log::Names;
@@ -71,7 +72,7 @@ fn position(collected: &Collected, axis: usize) -> Panel {
         curve("foot x", Color::BLUE, Style::Line, &series.position, MM_PER_M),
     ];
     let y_label = format!("{} in mm", AXES[axis]);
-    Panel::over_time(format!("position, {} axis", AXES[axis]), y_label, Content::Curves { areas, curves })
+    Panel::over_time(format!("position, {} axis", AXES[axis]), y_label, PanelContent::Curves { areas, curves })
 }
 
 fn force(collected: &Collected, axis: usize) -> Panel {
@@ -80,7 +81,7 @@ fn force(collected: &Collected, axis: usize) -> Panel {
         curve("contact force F", Color::BLUE, Style::Line, &series.force, 1.0),
         curve("desired force F_{d}", Color::VERMILLION, Style::DashedSteps, &series.desired, 1.0),
     ];
-    let content = Content::Curves { areas: Vec::new(), curves };
+    let content = PanelContent::Curves { areas: Vec::new(), curves };
     Panel::over_time(format!("contact force, {} axis", AXES[axis]), format!("F_{{{}}} in N", AXES[axis]), content)
 }
 
@@ -91,7 +92,7 @@ fn command(collected: &Collected, axis: usize) -> Panel {
         curve("± F_{max}", Color::VERMILLION, Style::DashedSteps, &series.limit, 1.0),
         curve("", Color::VERMILLION, Style::DashedSteps, &series.limit, -1.0),
     ];
-    let content = Content::Curves { areas: Vec::new(), curves };
+    let content = PanelContent::Curves { areas: Vec::new(), curves };
     Panel::over_time(format!("force of the controller, {} axis", AXES[axis]), "F_{c} in N", content)
 }
 
@@ -102,7 +103,7 @@ fn torque(collected: &Collected, names: &Names) -> Vec<Panel> {
             curve("raw", Color::SAND, Style::Wide, &series.raw, 1.0),
             curve("conditioned", Color::BLUE, Style::Line, &series.conditioned, 1.0),
         ];
-        Panel::over_time(name, "torque in N m", Content::Curves { areas: Vec::new(), curves })
+        Panel::over_time(name, "torque in N m", PanelContent::Curves { areas: Vec::new(), curves })
     };
     collected.joints.iter().enumerate().map(panel).collect()
 }
@@ -113,7 +114,7 @@ fn contacts(collected: &Collected) -> Panel {
         color: Color::cycle(i),
         spans: spans.seconds(),
     });
-    Panel::over_time("contact pairs", "", Content::Timelines(rows.collect()))
+    Panel::over_time("contact pairs", "", PanelContent::Timelines(rows.collect()))
 }
 
 fn mode_color(mode: &str) -> Color {
@@ -135,7 +136,7 @@ fn severity(collected: &Collected) -> Option<Panel> {
         Some(TimelineRow { name: mode.to_owned(), color: mode_color(mode), spans: spans.seconds() })
     };
     let rows: Vec<_> = ["degraded", "brake", "stopped"].into_iter().filter_map(row).collect();
-    (!rows.is_empty()).then(|| Panel::over_time("severity", "", Content::Timelines(rows)))
+    (!rows.is_empty()).then(|| Panel::over_time("severity", "", PanelContent::Timelines(rows)))
 }
 
 fn modes(collected: &Collected) -> Panel {
@@ -146,12 +147,12 @@ fn modes(collected: &Collected) -> Panel {
     });
     let mut rows: Vec<_> = rows.collect();
     rows.sort_by(|a, b| a.name.cmp(&b.name));
-    Panel::over_time("modes", "", Content::Timelines(rows))
+    Panel::over_time("modes", "", PanelContent::Timelines(rows))
 }
 
 fn objects(collected: &Collected) -> Vec<Panel> {
-    let height = Content::Curves { areas: Vec::new(), curves: object_curves(collected, MM_PER_M, |object| &object.height) };
-    let tilt = Content::Curves { areas: Vec::new(), curves: object_curves(collected, 1.0, |object| &object.tilt) };
+    let height = PanelContent::Curves { areas: Vec::new(), curves: object_curves(collected, MM_PER_M, |object| &object.height) };
+    let tilt = PanelContent::Curves { areas: Vec::new(), curves: object_curves(collected, 1.0, |object| &object.tilt) };
     vec![
         Panel::over_time("height of the centre of mass", "z in mm", height),
         Panel::over_time("rotation from the start orientation", "angle in degrees", tilt),
@@ -186,7 +187,7 @@ fn timing(collected: &Collected, run: &RunInfo) -> Figure {
         x_label: "duration in µs".to_owned(),
         y_label: "ticks".to_owned(),
         scale: Scale::Logarithmic,
-        content: Content::Curves { areas: Vec::new(), curves },
+        content: PanelContent::Curves { areas: Vec::new(), curves },
         marks: Vec::new(),
     });
     figure

@@ -1,4 +1,4 @@
-//! Interactive page: one self-contained file that works without a network.
+//! Interactive page: a self-contained file that works without a network.
 
 use crate::events::{Events, LoggedEvent};
 use crate::figure::{Figure, Scale};
@@ -16,7 +16,7 @@ const POLICY: &str =
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:; font-src data:";
 
 /// Content of a page.
-pub(crate) struct Parts<'a> {
+pub(crate) struct PageContent<'a> {
     pub(crate) run: &'a RunInfo,
     pub(crate) metrics: &'a Value,
     pub(crate) events: &'a Events,
@@ -26,14 +26,14 @@ pub(crate) struct Parts<'a> {
 }
 
 /// Makes the page.
-pub(crate) fn page(parts: &Parts<'_>) -> String {
+pub(crate) fn page(parts: &PageContent<'_>) -> String {
     let mut out = String::with_capacity(8 << 20);
     // Writing to a string cannot fail.
     let _ = write(&mut out, parts);
     out
 }
 
-fn write(out: &mut String, parts: &Parts<'_>) -> fmt::Result {
+fn write(out: &mut String, parts: &PageContent<'_>) -> fmt::Result {
     let run = parts.run;
     let name = if run.scenario.is_empty() { "run" } else { run.scenario.as_str() };
     writeln!(out, "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">")?;
@@ -87,7 +87,7 @@ fn header(out: &mut String, run: &RunInfo, name: &str) -> fmt::Result {
     writeln!(out, "</dl></header>")
 }
 
-fn contents(out: &mut String, parts: &Parts<'_>) -> fmt::Result {
+fn contents(out: &mut String, parts: &PageContent<'_>) -> fmt::Result {
     write!(out, "<nav>")?;
     if parts.snapshots.is_some() {
         write!(out, "<a href=\"#snapshots\">Snapshots</a> ")?;
@@ -98,7 +98,7 @@ fn contents(out: &mut String, parts: &Parts<'_>) -> fmt::Result {
     writeln!(out, "<a href=\"#metrics\">Metrics</a> <a href=\"#events\">Events</a></nav>")
 }
 
-fn snapshots(out: &mut String, parts: &Parts<'_>) -> fmt::Result {
+fn snapshots(out: &mut String, parts: &PageContent<'_>) -> fmt::Result {
     let Some(png) = parts.snapshots else { return Ok(()) };
     let times: Vec<_> = parts.snapshot_times.iter().map(|(time, reason)| format!("{time:.2} s ({reason})")).collect();
     let times = escape(&times.join(", "));

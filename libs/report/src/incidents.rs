@@ -6,7 +6,7 @@ use hapfic_messages::Severity;
 use serde::Serialize;
 
 /// Most incidents in a list; all are counted.
-pub const MOST_INCIDENTS: usize = 500;
+pub const MAX_INCIDENTS: usize = 500;
 /// Longest time from the cause to the incident [ticks].
 const CAUSE_TICKS: i64 = 50;
 /// Kinds of events that can begin an incident.
@@ -59,7 +59,7 @@ impl Incidents {
         if !self.open && severity >= Severity::Brake {
             self.open = true;
             self.total += 1;
-            if self.periods.len() < MOST_INCIDENTS {
+            if self.periods.len() < MAX_INCIDENTS {
                 self.periods.push(Period { from: tick, to: tick, worst: severity, recovered: false });
             }
         }
@@ -186,7 +186,7 @@ mod tests {
             incidents.push(tick, if tick % 2 == 0 { "nominal" } else { "brake" });
         }
         let listed = incidents.listed(&[]);
-        assert_eq!((incidents.total(), listed.len()), (5000, MOST_INCIDENTS));
+        assert_eq!((incidents.total(), listed.len()), (5000, MAX_INCIDENTS));
         assert!(listed.iter().all(|incident| incident.from_tick == incident.to_tick && incident.recovered));
     }
 }

@@ -2,31 +2,31 @@
 
 /// Piece of a label.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Run<'a> {
+pub(crate) struct LabelPart<'a> {
     pub(crate) text: &'a str,
     pub(crate) subscript: bool,
 }
 
 /// Splits a label into its pieces, in order; none is empty.
-pub(crate) fn runs(label: &str) -> Vec<Run<'_>> {
-    let mut runs = Vec::new();
+pub(crate) fn parts(label: &str) -> Vec<LabelPart<'_>> {
+    let mut parts = Vec::new();
     let mut rest = label;
     while let Some((before, after)) = rest.split_once("_{") {
         let Some((inside, remainder)) = after.split_once('}') else { break };
-        runs.push(Run { text: before, subscript: false });
-        runs.push(Run { text: inside, subscript: true });
+        parts.push(LabelPart { text: before, subscript: false });
+        parts.push(LabelPart { text: inside, subscript: true });
         rest = remainder;
     }
-    runs.push(Run { text: rest, subscript: false });
-    runs.retain(|run| !run.text.is_empty());
-    runs
+    parts.push(LabelPart { text: rest, subscript: false });
+    parts.retain(|part| !part.text.is_empty());
+    parts
 }
 
 /// Converts a label to HTML and escapes its text.
 pub(crate) fn html(label: &str) -> String {
-    runs(label)
+    parts(label)
         .into_iter()
-        .map(|run| if run.subscript { format!("<sub>{}</sub>", escape(run.text)) } else { escape(run.text) })
+        .map(|part| if part.subscript { format!("<sub>{}</sub>", escape(part.text)) } else { escape(part.text) })
         .collect()
 }
 
@@ -56,6 +56,6 @@ mod tests {
     fn html_converts_only_subscripts() {
         assert_eq!(html("F_{d} <b> & F_{max}"), "F<sub>d</sub> &lt;b&gt; &amp; F<sub>max</sub>");
         assert_eq!(html("hip_pitch _{open"), "hip_pitch _{open");
-        assert!(runs("").is_empty());
+        assert!(parts("").is_empty());
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! [`Report::read`] reads a log once, in bounded memory. The result is available as a self-contained interactive page
 //! ([`Report::html`]), as pictures for print ([`Report::pictures`]), as JSON ([`Report::json`]) and as text
-//! ([`Report::text`]). For a truncated log, the report covers the readable part and says so.
+//! ([`Report::text`]). For a truncated log, the report covers the readable part and gives the cause.
 //!
 //! ```no_run
 //! use hapfic_report::Report;
@@ -17,12 +17,12 @@
 mod canvas;
 mod chart;
 mod collect;
+mod color;
 mod error;
 mod events;
 pub mod figure;
 mod figures;
 mod frames;
-mod geometry;
 mod html;
 mod incidents;
 mod label;
@@ -41,10 +41,10 @@ pub mod timing;
 mod view;
 
 pub use error::ReportError;
-pub use events::{LoggedEvent, MOST_EVENTS};
+pub use events::{LoggedEvent, MAX_EVENTS};
 pub use figure::Figure;
-pub use incidents::{Incident, MOST_INCIDENTS};
-pub use output::{FigureImage, Places};
+pub use incidents::{Incident, MAX_INCIDENTS};
+pub use output::{FigureImage, OutputPaths};
 pub use report::Report;
 pub use run::RunInfo;
 pub use snapshots::SNAPSHOTS;

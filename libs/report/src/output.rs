@@ -16,9 +16,9 @@ pub struct FigureImage {
     pub png: Vec<u8>,
 }
 
-/// Output paths of the parts of a report. A part without a path is not made.
+/// Output paths of the parts of a report. A part without a path is omitted.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Places {
+pub struct OutputPaths {
     /// File of the interactive page.
     pub page: Option<PathBuf>,
     /// Folder of the figures for print; created if necessary.
@@ -32,7 +32,7 @@ pub(crate) const PAGE: &str = "page";
 pub(crate) const JSON: &str = "JSON";
 const PICTURES: &str = "pictures";
 
-impl Places {
+impl OutputPaths {
     /// Checks all paths before the first is written.
     ///
     /// # Errors
@@ -154,24 +154,24 @@ mod tests {
     }
 
     #[test]
-    fn places_invalid_path_is_rejected_before_writing() {
+    fn paths_invalid_path_is_rejected_before_writing() {
         let folder = tempfile::tempdir().unwrap();
         let at = |name: &str| Some(folder.path().join(name));
         let log = folder.path().join("run.mcap");
         fs::write(&log, b"log").unwrap();
         fs::write(folder.path().join("file"), b"").unwrap();
-        let valid = Places { page: at("a.html"), pictures: at("deep/figures"), json: at("a.json") };
+        let valid = OutputPaths { page: at("a.html"), pictures: at("deep/figures"), json: at("a.json") };
         assert!(valid.check(&log).is_ok());
         for invalid in [
-            Places { page: at("missing/a.html"), ..valid.clone() },
-            Places { page: Some(folder.path().to_owned()), ..valid.clone() },
-            Places { page: at("./a.json"), ..valid.clone() },
-            Places { pictures: at("file"), ..valid.clone() },
+            OutputPaths { page: at("missing/a.html"), ..valid.clone() },
+            OutputPaths { page: Some(folder.path().to_owned()), ..valid.clone() },
+            OutputPaths { page: at("./a.json"), ..valid.clone() },
+            OutputPaths { pictures: at("file"), ..valid.clone() },
         ] {
             let error = invalid.check(&log).unwrap_err();
-            assert!(matches!(error, ReportError::OutputPath { .. }) && error.is_refusal(), "{invalid:?}: {error}");
+            assert!(matches!(error, ReportError::OutputPath { .. }) && error.is_invalid_request(), "{invalid:?}: {error}");
         }
-        let same = Places { json: at("run.mcap"), ..valid };
+        let same = OutputPaths { json: at("run.mcap"), ..valid };
         assert!(matches!(same.check(&log), Err(ReportError::SameFile { .. })));
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2);
     }

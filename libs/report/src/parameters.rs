@@ -5,7 +5,7 @@ use hapfic_log::{proto, timeline};
 use serde_json::Value;
 
 /// Most sets ahead of their tick; the operator announces a single set at a time.
-const MOST_SETS: usize = 64;
+const MAX_SETS: usize = 64;
 
 /// Parameters with their short names and units.
 const SHORT: [(&str, &str, &str); 9] = [
@@ -48,7 +48,7 @@ impl ParameterSet {
         })
     }
 
-    /// Describes the changes against the set before.
+    /// Describes the changes against the previous set.
     pub(crate) fn changes(&self, before: Option<&Self>) -> String {
         let salient = |name: &str| before.is_some() || SHORT[..SALIENT].iter().any(|short| short.0 == name);
         let changed = timeline::changed(before.map(|before| &before.message), &self.message);
@@ -57,7 +57,7 @@ impl ParameterSet {
     }
 }
 
-fn words(change: &timeline::Changed) -> String {
+fn words(change: &timeline::ParameterChange) -> String {
     let short = SHORT.iter().find(|short| short.0 == change.name);
     let (name, unit) = short.map_or((change.name.as_str(), ""), |short| (short.1, short.2));
     format!("{name} {}{unit}", text(&change.now))
@@ -76,17 +76,17 @@ fn text(value: &Value) -> String {
 
 /// The set in force and the later sets.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Sets {
+pub(crate) struct ParameterSets {
     sets: Vec<ParameterSet>,
 }
 
-impl Sets {
+impl ParameterSets {
     /// Adds an announced set; returns a description of its changes.
     pub(crate) fn add_set(&mut self, set: ParameterSet) -> String {
         let at = self.sets.partition_point(|other| (other.effective_tick, other.version) <= (set.effective_tick, set.version));
         let changes = set.changes(at.checked_sub(1).and_then(|before| self.sets.get(before)));
         self.sets.insert(at, set);
-        if self.sets.len() > MOST_SETS {
+        if self.sets.len() > MAX_SETS {
             self.sets.remove(0);
         }
         changes
@@ -122,13 +122,13 @@ mod tests {
         }
     }
 
-    fn add_set(sets: &mut Sets, message: &proto::Operator) -> Option<String> {
+    fn add_set(sets: &mut ParameterSets, message: &proto::Operator) -> Option<String> {
         ParameterSet::new(message).map(|set| sets.add_set(set))
     }
 
     #[test]
     fn sets_set_is_in_force_from_its_tick_and_lists_changes() {
-        let mut sets = Sets::default();
+        let mut sets = ParameterSets::default();
         let start = add_set(&mut sets, &message(1, 0, 10.0)).unwrap_or_default();
         assert!(start.contains("F_d (0, 0, 10) N") && !start.contains("search"), "{start}");
         assert_eq!(add_set(&mut sets, &message(2, 100, 50.0)).as_deref(), Some("F_d (0, 0, 50) N"));
@@ -140,7 +140,7 @@ mod tests {
 
     #[test]
     fn sets_policy_and_speed_changes_are_listed() {
-        let mut sets = Sets::default();
+        let mut sets = ParameterSets::default();
         let mut next = message(1, 0, 10.0);
         let mut change = |alter: fn(&mut proto::Operator)| {
             alter(&mut next);

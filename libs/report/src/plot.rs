@@ -1,6 +1,7 @@
 //! Figures in the format of the page's plotting library: traces and layout.
 
-use crate::figure::{Area, Color, Content, Curve, Figure, MarkKind, Panel, Scale, Style, TimelineRow};
+use crate::color::Color;
+use crate::figure::{Area, Curve, Figure, MarkKind, Panel, PanelContent, Scale, Style, TimelineRow};
 use crate::label;
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
@@ -19,7 +20,7 @@ pub(crate) fn figure(figure: &Figure, time: (f64, f64)) -> Value {
     let inner = heights.iter().sum::<f64>() + BETWEEN * heights.len() as f64;
     let timed = figure.panels.iter().all(|panel| panel.scale == Scale::Time);
     let count = figure.panels.len();
-    let mut plot = Plot { traces: Vec::new(), named: BTreeSet::new() };
+    let mut plot = PlotTraces { traces: Vec::new(), named: BTreeSet::new() };
     let mut layout = json!({
         "height": inner + AROUND,
         "margin": { "l": 90, "r": 30, "t": 10, "b": 60 },
@@ -57,7 +58,7 @@ pub(crate) fn figure(figure: &Figure, time: (f64, f64)) -> Value {
         }));
         layout[layout_key(i)] = vertical(panel, [bottom, top]);
         match &panel.content {
-            Content::Curves { areas, curves } => {
+            PanelContent::Curves { areas, curves } => {
                 for area in areas {
                     plot.area(area, &x, &y);
                 }
@@ -65,7 +66,7 @@ pub(crate) fn figure(figure: &Figure, time: (f64, f64)) -> Value {
                     plot.curve(curve, &x, &y);
                 }
             }
-            Content::Timelines(rows) => {
+            PanelContent::Timelines(rows) => {
                 for row in rows {
                     plot.traces.push(row_trace(row, &x, &y));
                 }
@@ -90,13 +91,13 @@ pub(crate) fn figure(figure: &Figure, time: (f64, f64)) -> Value {
     json!({ "name": figure.name, "timed": timed, "data": plot.traces, "layout": layout })
 }
 
-struct Plot {
+struct PlotTraces {
     traces: Vec<Value>,
     /// Names in the legend so far: the legend switches equal names in all panels together.
     named: BTreeSet<String>,
 }
 
-impl Plot {
+impl PlotTraces {
     fn push(&mut self, mut trace: Value, name: &str, x: &str, y: &str) {
         let first = !name.is_empty() && self.named.insert(name.to_owned());
         trace["type"] = json!("scatter");
@@ -109,50 +110,50 @@ impl Plot {
     }
 
     fn area(&mut self, area: &Area, x: &str, y: &str) {
-        let (mut across, mut up) = (Vec::new(), Vec::new());
+        let (mut x_values, mut y_values) = (Vec::new(), Vec::new());
         for outline in area.outlines() {
             // A gap separates the pieces.
-            if let Some(first) = outline.first().filter(|_| !across.is_empty()) {
-                across.push(digits(first.0, 9.0));
-                up.push(f64::NAN);
+            if let Some(first) = outline.first().filter(|_| !x_values.is_empty()) {
+                x_values.push(digits(first.0, 9.0));
+                y_values.push(f64::NAN);
             }
             let (xs, ys) = columns(&outline);
-            across.extend(xs);
-            up.extend(ys);
+            x_values.extend(xs);
+            y_values.extend(ys);
         }
         let trace = json!({
-            "x": across, "y": up, "mode": "lines", "line": { "width": 0 }, "fill": "toself",
+            "x": x_values, "y": y_values, "mode": "lines", "line": { "width": 0 }, "fill": "toself",
             "fillcolor": css(area.color, 0.28), "hoverinfo": "skip",
         });
         self.push(trace, &area.name, x, y);
     }
 
     fn curve(&mut self, curve: &Curve, x: &str, y: &str) {
-        let (across, up) = columns(&curve.path());
+        let (x_values, y_values) = columns(&curve.path());
         let (width, dash) = match curve.style {
             Style::Line => (1.6, "solid"),
             Style::Wide => (5.0, "solid"),
             Style::DashedSteps => (1.6, "dash"),
         };
         let line = json!({ "color": css(curve.color, 1.0), "width": width, "dash": dash });
-        let trace = json!({ "x": across, "y": up, "mode": "lines", "line": line });
-        // A curve without a name belongs to the one before it.
+        let trace = json!({ "x": x_values, "y": y_values, "mode": "lines", "line": line });
+        // A curve without a name belongs to the previous curve.
         let before = self.traces.last().and_then(|trace| trace["legendgroup"].as_str()).unwrap_or_default().to_owned();
         self.push(trace, if curve.name.is_empty() { &before } else { &curve.name }, x, y);
     }
 
     fn marks(&mut self, panel: &Panel, x: &str, y: &str) {
         for kind in MarkKind::ALL {
-            let (mut across, mut up, mut texts) = (Vec::new(), Vec::new(), Vec::new());
+            let (mut x_values, mut y_values, mut texts) = (Vec::new(), Vec::new(), Vec::new());
             let mut color = Color::GREY;
             for mark in panel.marks.iter().filter(|mark| mark.kind == kind) {
                 let text = label::escape(&mark.text);
-                across.extend([json!(mark.time_s), json!(mark.time_s), Value::Null]);
-                up.extend([json!(0), json!(1), Value::Null]);
+                x_values.extend([json!(mark.time_s), json!(mark.time_s), Value::Null]);
+                y_values.extend([json!(0), json!(1), Value::Null]);
                 texts.extend([text.clone(), text, String::new()]);
                 color = mark.color();
             }
-            if across.is_empty() {
+            if x_values.is_empty() {
                 continue;
             }
             let dash = match kind {
@@ -161,7 +162,7 @@ impl Plot {
                 MarkKind::Fault => "solid",
             };
             let trace = json!({
-                "x": across, "y": up, "text": texts, "hoverinfo": "x+text", "mode": "lines+markers",
+                "x": x_values, "y": y_values, "text": texts, "hoverinfo": "x+text", "mode": "lines+markers",
                 "line": { "color": css(color, 0.8), "width": 1, "dash": dash },
                 "marker": { "color": css(color, 1.0), "size": 6 },
             });
@@ -172,7 +173,7 @@ impl Plot {
 
 fn height(panel: &Panel) -> f64 {
     match (&panel.content, panel.scale) {
-        (Content::Timelines(rows), _) => ROW * rows.len().max(2) as f64,
+        (PanelContent::Timelines(rows), _) => ROW * rows.len().max(2) as f64,
         (_, Scale::Logarithmic) => HISTOGRAM,
         _ => CURVES,
     }
@@ -197,7 +198,7 @@ fn vertical(panel: &Panel, domain: [f64; 2]) -> Value {
         "zeroline": false,
         "automargin": true,
     });
-    if let Content::Timelines(rows) = &panel.content {
+    if let PanelContent::Timelines(rows) = &panel.content {
         let names: Vec<_> = rows.iter().map(|row| label::escape(&row.name)).collect();
         vertical["type"] = json!("category");
         vertical["categoryorder"] = json!("array");
@@ -212,10 +213,10 @@ fn vertical(panel: &Panel, domain: [f64; 2]) -> Value {
 
 fn row_trace(row: &TimelineRow, x: &str, y: &str) -> Value {
     let name = label::escape(&row.name);
-    let across: Vec<_> = row.spans.iter().flat_map(|(from, to)| [json!(from), json!(to), Value::Null]).collect();
-    let up: Vec<_> = row.spans.iter().flat_map(|_| [json!(name), json!(name), Value::Null]).collect();
+    let x_values: Vec<_> = row.spans.iter().flat_map(|(from, to)| [json!(from), json!(to), Value::Null]).collect();
+    let y_values: Vec<_> = row.spans.iter().flat_map(|_| [json!(name), json!(name), Value::Null]).collect();
     json!({
-        "type": "scatter", "x": across, "y": up, "mode": "lines+markers", "name": name, "showlegend": false,
+        "type": "scatter", "x": x_values, "y": y_values, "mode": "lines+markers", "name": name, "showlegend": false,
         "line": { "color": css(row.color, 1.0), "width": 12 },
         "marker": { "color": css(row.color, 1.0), "size": 4, "symbol": "square" },
         "xaxis": x, "yaxis": y, "hoverinfo": "x+y",
@@ -227,7 +228,7 @@ fn columns(points: &[(f64, f64)]) -> (Vec<f64>, Vec<f64>) {
     points.iter().map(|(x, y)| (digits(*x, 9.0), digits(*y, 7.0))).unzip()
 }
 
-/// Rounds to `count` digits: the page looks the same in a third of the size.
+/// Rounds to `count` digits, which makes the page three times smaller without a visible change.
 fn digits(value: f64, count: f64) -> f64 {
     if value == 0.0 {
         return 0.0;
@@ -246,8 +247,8 @@ mod tests {
 
     #[test]
     fn columns_gap_is_null() {
-        let (_, up) = columns(&[(0.0, 1.0), (0.001, f64::NAN), (0.5, 2.0)]);
-        assert_eq!(json!(up), json!([1.0, null, 2.0]));
+        let (_, y_values) = columns(&[(0.0, 1.0), (0.001, f64::NAN), (0.5, 2.0)]);
+        assert_eq!(json!(y_values), json!([1.0, null, 2.0]));
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use crate::collect::Collected;
 use crate::error::ReportError;
 use crate::figure::Figure;
-use crate::output::{self, FigureImage, Places};
+use crate::output::{self, FigureImage, OutputPaths};
 use crate::run::RunInfo;
 use crate::{Incident, LoggedEvent, figures, html, snapshots, table};
 use hapfic_log::{Names, Reader};
@@ -23,7 +23,8 @@ pub struct Report {
 impl Report {
     /// Reads a log, once from its start to its end.
     ///
-    /// For a truncated or damaged log, the report covers the part before; [`RunInfo::cut_off`] says so.
+    /// For a truncated or damaged log, the report covers the part before the damage. [`RunInfo::cut_off`] holds the
+    /// cause.
     ///
     /// # Errors
     /// [`ReportError::Log`] if the file cannot be opened or is no log, [`ReportError::Empty`] if it holds no state.
@@ -70,14 +71,14 @@ impl Report {
         &self.metrics
     }
 
-    /// Listed events, in the order of time: at most [`crate::MOST_EVENTS`] faults, changes by the operator, actions of
+    /// Listed events, in the order of time: at most [`crate::MAX_EVENTS`] faults, changes by the operator, actions of
     /// the supervisor and others each.
     #[must_use]
     pub fn events(&self) -> &[LoggedEvent] {
         self.collected.events.kept()
     }
 
-    /// Periods with a braking or stopped drive, in the order of time; the first [`crate::MOST_INCIDENTS`].
+    /// Periods with a braking or stopped drive, in the order of time; the first [`crate::MAX_INCIDENTS`].
     #[must_use]
     pub fn incidents(&self) -> Vec<Incident> {
         self.collected.incidents.listed(self.events())
@@ -131,7 +132,7 @@ impl Report {
     /// [`ReportError::Draw`], for the snapshots.
     pub fn html(&self) -> Result<String, ReportError> {
         let snapshots = self.snapshots()?;
-        Ok(html::page(&html::Parts {
+        Ok(html::page(&html::PageContent {
             run: &self.run,
             metrics: &self.metrics,
             events: &self.collected.events,
@@ -178,10 +179,10 @@ impl Report {
     /// # Errors
     /// [`ReportError::SameFile`], [`ReportError::OutputPath`], [`ReportError::Draw`], with nothing written;
     /// [`ReportError::Write`].
-    pub fn write(&self, places: &Places, mut written: impl FnMut(&str, &Path)) -> Result<(), ReportError> {
-        places.check(&self.run.log)?;
-        let page = places.page.as_deref().map(|path| Ok::<_, ReportError>((path, self.html()?))).transpose()?;
-        let pictures = places.pictures.as_deref().map(|folder| Ok::<_, ReportError>((folder, self.pictures()?))).transpose()?;
+    pub fn write(&self, paths: &OutputPaths, mut written: impl FnMut(&str, &Path)) -> Result<(), ReportError> {
+        paths.check(&self.run.log)?;
+        let page = paths.page.as_deref().map(|path| Ok::<_, ReportError>((path, self.html()?))).transpose()?;
+        let pictures = paths.pictures.as_deref().map(|folder| Ok::<_, ReportError>((folder, self.pictures()?))).transpose()?;
         if let Some((path, page)) = page {
             output::write(path, page.as_bytes())?;
             written("page", path);
@@ -190,7 +191,7 @@ impl Report {
             output::pictures(folder, &pictures)?;
             written(&format!("{} pictures", pictures.len()), folder);
         }
-        if let Some(path) = places.json.as_deref() {
+        if let Some(path) = paths.json.as_deref() {
             output::write(path, self.json_text().as_bytes())?;
             written("JSON", path);
         }

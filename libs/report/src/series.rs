@@ -7,20 +7,20 @@ pub const CAPACITY: usize = 2048;
 
 /// Quantity over time as an envelope: smallest and largest value of each bucket, with their ticks.
 ///
-/// A bucket is one tick wide at first, and twice as wide each time their number exceeds [`CAPACITY`]. So a run of twice
-/// as many ticks keeps every value, and a run of any length every peak, at its tick. An empty bucket between others is
-/// a gap: lost ticks, if they are wide enough to be visible.
+/// A bucket is one tick wide at first, and twice as wide each time their number exceeds [`CAPACITY`]. A run of
+/// twice as many ticks keeps every value; a run of any length keeps every peak at its tick. An empty bucket between
+/// others is a gap: lost ticks, if they are wide enough to be visible.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Series {
     /// Width of a bucket: 2^shift ticks.
     shift: u32,
     buckets: Vec<Bucket>,
-    first: Option<Sample>,
-    last: Option<Sample>,
+    first: Option<TickValue>,
+    last: Option<TickValue>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Sample {
+struct TickValue {
     tick: i64,
     value: f64,
 }
@@ -29,17 +29,17 @@ struct Sample {
 struct Bucket {
     /// Ticks of the bucket, divided by the width.
     key: i64,
-    least: Sample,
-    most: Sample,
+    min: TickValue,
+    max: TickValue,
 }
 
 impl Bucket {
-    fn merge(&mut self, least: Sample, most: Sample) {
-        if least.value < self.least.value {
-            self.least = least;
+    fn merge(&mut self, min: TickValue, max: TickValue) {
+        if min.value < self.min.value {
+            self.min = min;
         }
-        if most.value > self.most.value {
-            self.most = most;
+        if max.value > self.max.value {
+            self.max = max;
         }
     }
 }
@@ -50,7 +50,7 @@ impl Series {
         if !(0..=LATEST_TICK).contains(&tick) || !is_plausible(value) {
             return;
         }
-        let sample = Sample { tick, value };
+        let sample = TickValue { tick, value };
         if self.first.is_none_or(|first| tick < first.tick) {
             self.first = Some(sample);
         }
@@ -64,7 +64,7 @@ impl Series {
         };
         match self.buckets.get_mut(at) {
             Some(bucket) if bucket.key == key => bucket.merge(sample, sample),
-            _ => self.buckets.insert(at, Bucket { key, least: sample, most: sample }),
+            _ => self.buckets.insert(at, Bucket { key, min: sample, max: sample }),
         }
         while self.buckets.len() > CAPACITY {
             self.halve();
@@ -77,7 +77,7 @@ impl Series {
         for bucket in self.buckets.drain(..) {
             let key = bucket.key >> 1;
             match merged.last_mut() {
-                Some(last) if last.key == key => last.merge(bucket.least, bucket.most),
+                Some(last) if last.key == key => last.merge(bucket.min, bucket.max),
                 _ => merged.push(Bucket { key, ..bucket }),
             }
         }
@@ -111,7 +111,7 @@ impl Series {
                 points.gap();
             }
             before = Some(bucket.key);
-            let (a, b) = (bucket.least, bucket.most);
+            let (a, b) = (bucket.min, bucket.max);
             for sample in if a.tick <= b.tick { [a, b] } else { [b, a] } {
                 points.add(sample);
             }
@@ -131,7 +131,7 @@ struct Points {
 }
 
 impl Points {
-    fn add(&mut self, sample: Sample) {
+    fn add(&mut self, sample: TickValue) {
         if sample.tick <= self.newest {
             return;
         }
@@ -194,8 +194,8 @@ mod tests {
         for bucket in &series.buckets {
             let ticks = (bucket.key << series.shift)..((bucket.key + 1) << series.shift);
             let values: Vec<_> = ticks.filter(|tick| *tick < 50_000).map(value).collect();
-            assert_eq!(bucket.least.value, values.iter().copied().fold(f64::MAX, f64::min));
-            assert_eq!(bucket.most.value, values.iter().copied().fold(f64::MIN, f64::max));
+            assert_eq!(bucket.min.value, values.iter().copied().fold(f64::MAX, f64::min));
+            assert_eq!(bucket.max.value, values.iter().copied().fold(f64::MIN, f64::max));
         }
     }
 

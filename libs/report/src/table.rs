@@ -5,19 +5,19 @@ use serde_json::Value;
 use std::fmt::Write;
 
 /// Most elements of a list in a table.
-const MOST_ELEMENTS: usize = 32;
+const MAX_ELEMENTS: usize = 32;
 
 /// Row of the table.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct Row {
+pub(crate) struct MetricRow {
     /// Name of the metric, without its section.
     pub(crate) name: String,
-    /// One value, or one for each element of a list, such as the axes x, y and z.
+    /// A value, or the values of a list, such as the axes x, y and z.
     pub(crate) cells: Vec<String>,
 }
 
 /// Splits the metrics into sections of rows. Metrics without data are left out.
-pub(crate) fn sections(metrics: &Value) -> Vec<(String, Vec<Row>)> {
+pub(crate) fn sections(metrics: &Value) -> Vec<(String, Vec<MetricRow>)> {
     let Value::Object(sections) = metrics else { return Vec::new() };
     let rows = |value: &Value| {
         let mut rows = Vec::new();
@@ -27,7 +27,7 @@ pub(crate) fn sections(metrics: &Value) -> Vec<(String, Vec<Row>)> {
     sections.iter().map(|(name, value)| (words(name), rows(value))).filter(|(_, rows)| !rows.is_empty()).collect()
 }
 
-fn flatten(name: String, value: &Value, rows: &mut Vec<Row>) {
+fn flatten(name: String, value: &Value, rows: &mut Vec<MetricRow>) {
     let inner = |key: &str| if name.is_empty() { words(key) } else { format!("{name}, {}", words(key)) };
     match value {
         Value::Object(fields) => {
@@ -36,14 +36,14 @@ fn flatten(name: String, value: &Value, rows: &mut Vec<Row>) {
             }
         }
         Value::Array(list) if list.iter().any(|value| value.is_object() || value.is_array()) => {
-            for (i, value) in list.iter().enumerate().take(MOST_ELEMENTS) {
+            for (i, value) in list.iter().enumerate().take(MAX_ELEMENTS) {
                 flatten(inner(&i.to_string()), value, rows);
             }
         }
         Value::Array(list) if list.iter().all(Value::is_null) => {}
-        Value::Array(list) => rows.push(Row { name, cells: list.iter().take(MOST_ELEMENTS).map(cell).collect() }),
+        Value::Array(list) => rows.push(MetricRow { name, cells: list.iter().take(MAX_ELEMENTS).map(cell).collect() }),
         Value::Null => {}
-        value => rows.push(Row { name, cells: vec![cell(value)] }),
+        value => rows.push(MetricRow { name, cells: vec![cell(value)] }),
     }
 }
 

@@ -2,13 +2,13 @@
 
 /// Tick mark of an axis.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Tick {
+pub(crate) struct TickMark {
     pub(crate) value: f64,
     pub(crate) text: String,
 }
 
 /// Places about `about` tick marks on a linear axis.
-pub(crate) fn linear(low: f64, high: f64, about: usize) -> Vec<Tick> {
+pub(crate) fn linear(low: f64, high: f64, about: usize) -> Vec<TickMark> {
     let span = high - low;
     if !(span > 0.0 && span.is_finite()) {
         return Vec::new();
@@ -24,13 +24,13 @@ pub(crate) fn linear(low: f64, high: f64, about: usize) -> Vec<Tick> {
         .map(|i| {
             // Zero has no sign.
             let value = (first + i as f64) * step + 0.0;
-            Tick { value, text: format!("{value:.decimals$}") }
+            TickMark { value, text: format!("{value:.decimals$}") }
         })
         .collect()
 }
 
 /// Places tick marks at the powers of ten of a logarithmic axis from `low` to `high`, both above zero.
-pub(crate) fn decades(low: f64, high: f64) -> Vec<Tick> {
+pub(crate) fn decades(low: f64, high: f64) -> Vec<TickMark> {
     if !(low > 0.0 && high >= low && high.is_finite()) {
         return Vec::new();
     }
@@ -39,7 +39,7 @@ pub(crate) fn decades(low: f64, high: f64) -> Vec<Tick> {
         .map(|power| {
             let value = 10_f64.powi(power);
             let decimals = usize::try_from(-power).unwrap_or(0);
-            Tick { value, text: format!("{value:.decimals$}") }
+            TickMark { value, text: format!("{value:.decimals$}") }
         })
         .collect()
 }
@@ -48,7 +48,7 @@ pub(crate) fn decades(low: f64, high: f64) -> Vec<Tick> {
 mod tests {
     use super::*;
 
-    fn texts(ticks: &[Tick]) -> Vec<&str> {
+    fn texts(ticks: &[TickMark]) -> Vec<&str> {
         ticks.iter().map(|tick| tick.text.as_str()).collect()
     }
 

@@ -3,9 +3,9 @@
 use crate::{LATEST_TICK, seconds};
 
 /// Most spans of a row. A full row joins the closest spans.
-pub const MOST_SPANS: usize = 2048;
-/// Most rows; a foreign log may hold any number of names.
-pub const MOST_ROWS: usize = 48;
+pub const MAX_SPANS: usize = 2048;
+/// Most rows; a log of another program may hold any number of names.
+pub const MAX_ROWS: usize = 48;
 
 /// Periods of one state: spans of ticks, both ends included.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -32,10 +32,10 @@ impl Spans {
             Some((_, to)) if tick - *to <= self.gap => *to = tick,
             _ => self.spans.push((tick, tick)),
         }
-        while self.spans.len() > MOST_SPANS {
+        while self.spans.len() > MAX_SPANS {
             self.gap *= 2;
             let gap = self.gap;
-            let mut joined: Vec<(i64, i64)> = Vec::with_capacity(MOST_SPANS + 1);
+            let mut joined: Vec<(i64, i64)> = Vec::with_capacity(MAX_SPANS + 1);
             for (from, to) in self.spans.drain(..) {
                 match joined.last_mut() {
                     Some(last) if from - last.1 <= gap => last.1 = to,
@@ -66,7 +66,7 @@ impl Timelines {
             spans.push(tick);
             return false;
         }
-        if self.rows.len() == MOST_ROWS {
+        if self.rows.len() == MAX_ROWS {
             return false;
         }
         let mut spans = Spans::default();
@@ -107,7 +107,7 @@ mod tests {
             spans.push(tick);
         }
         spans.push(5_000_000);
-        assert!(spans.spans.len() <= MOST_SPANS);
+        assert!(spans.spans.len() <= MAX_SPANS);
         assert_eq!(spans.spans.first().map(|span| span.0), Some(0));
         assert_eq!(spans.spans.last(), Some(&(5_000_000, 5_000_000)));
     }
@@ -120,6 +120,6 @@ mod tests {
         for i in 0..1000 {
             rows.push("foot", &format!("thing {i}"), 3);
         }
-        assert_eq!(rows.iter().count(), MOST_ROWS);
+        assert_eq!(rows.iter().count(), MAX_ROWS);
     }
 }

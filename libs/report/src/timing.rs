@@ -5,7 +5,7 @@ const PER_DECADE: usize = 20;
 /// Decades: 0.1 us to 10 s.
 const DECADES: usize = 8;
 /// Lower end of the first bin [us].
-const LEAST_US: f64 = 0.1;
+const MIN_US: f64 = 0.1;
 const BINS: usize = PER_DECADE * DECADES;
 
 /// Logarithmic histogram of durations. Values outside the range count in the nearest bin.
@@ -25,7 +25,7 @@ impl Default for Histogram {
 impl Histogram {
     /// Adds a duration [ns].
     pub fn push(&mut self, ns: u64) {
-        let decades = (ns as f64 * 1e-3 / LEAST_US).log10();
+        let decades = (ns as f64 * 1e-3 / MIN_US).log10();
         // Zero gives minus infinity, which the cast makes zero.
         let bin = ((decades * PER_DECADE as f64).floor() as usize).min(BINS - 1);
         self.bins[bin] += 1;
@@ -45,12 +45,12 @@ impl Histogram {
         self.largest_ns as f64 * 1e-3
     }
 
-    /// Outline of the bins from the first to the last non-empty one: duration [us] and count.
+    /// Outline of the bins from the first to the last non-empty bin: duration [us] and count.
     ///
     /// `floor` replaces a count of zero, which a logarithmic axis cannot show.
     #[must_use]
     pub fn outline(&self, floor: f64) -> Vec<(f64, f64)> {
-        let edge = |bin: usize| LEAST_US * 10_f64.powf(bin as f64 / PER_DECADE as f64);
+        let edge = |bin: usize| MIN_US * 10_f64.powf(bin as f64 / PER_DECADE as f64);
         let filled = |count: &u64| *count > 0;
         let (Some(first), Some(last)) = (self.bins.iter().position(filled), self.bins.iter().rposition(filled)) else {
             return Vec::new();

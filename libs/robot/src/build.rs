@@ -1,34 +1,33 @@
-//! From a checked URDF tree to a chain: picks the path, lumps what is fixed, checks every number.
+//! Builds a chain from a checked URDF tree: picks the path, lumps fixed links, checks every number.
 
-use crate::chain::{Body, Chain, Joint, JointKind, MAX_JOINTS};
+use crate::chain::{Chain, ChainBody, Joint, JointKind, MAX_JOINTS};
 use crate::collision::{Collision, Shape};
 use crate::error::RobotError;
 use crate::inertia::RigidInertia;
-use crate::urdf::{Tree, type_name};
+use crate::urdf::{UrdfTree, type_name};
 use arrayvec::ArrayVec;
 use nalgebra::{Isometry3, IsometryMatrix3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use urdf_rs::{Geometry, JointLimit, JointType, Pose};
 
-/// Share of the sum of the principal moments by which they may break the laws of inertia: rounding in the file.
+/// Tolerance of the checks of inertia, relative to the sum of the principal moments: rounding in the file.
 const INERTIA_TOLERANCE: f64 = 1e-6;
-/// An axis shorter than this has no direction.
+/// Length below which an axis has no direction.
 const SHORTEST_AXIS: f64 = 1e-9;
-/// Moments of inertia up to this are zero but for rounding, kg m^2.
+/// Largest moment of inertia that counts as zero [kg m^2].
 const ZERO_INERTIA: f64 = 1e-15;
 
 impl Chain {
     /// The chain from `base_link` to `tip_link` of a URDF; `name_of_source`, such as a path, is for messages.
     ///
-    /// Fixed joints on the way are lumped into the body they are fixed to, and so are links that hang off the way by fixed
-    /// joints, such as a cover, with all that is fixed to them: their inertia and their collision shapes. Links that hang
-    /// off by a movable joint belong to another limb and are left out, and so is what is above the base. Links without
-    /// `<inertial>` have no mass. The base link stands still, so only its shapes count; it is placed at the world's origin
-    /// ([`Chain::with_base`] moves it).
+    /// Links that fixed joints connect to a body, on the path or off it, are lumped into that body: their inertia and
+    /// their collision shapes. Links off the path behind a movable joint are left out, and so is everything above the
+    /// base. Links without `<inertial>` have no mass. The base link does not move, so only its shapes count. It is at
+    /// the world's origin; [`Chain::with_base`] moves it.
     ///
     /// # Errors
     /// Every [`RobotError`]. Names, parents and loops are checked in the whole file, all the rest only in the chain.
     pub fn from_urdf(text: &str, name_of_source: &str, base_link: &str, tip_link: &str) -> Result<Self, RobotError> {
-        let tree = Tree::read(text, name_of_source)?;
+        let tree = UrdfTree::read(text, name_of_source)?;
         let base = tree.find("base", base_link)?;
         let tip = tree.find("tip", tip_link)?;
         let path = tree.path(base, tip)?;
@@ -47,9 +46,9 @@ impl Chain {
             return Err(RobotError::TooManyJoints { file: file(), base, tip, found: movable });
         }
 
-        let mut builder = Builder { tree: &tree, path: &path, tip_link, joints: ArrayVec::new(), collisions: Vec::new() };
-        let mut bodies: ArrayVec<Body, MAX_JOINTS> = ArrayVec::new();
-        // Of the current link, in the frame of the body it belongs to.
+        let mut builder = ChainBuilder { tree: &tree, path: &path, tip_link, joints: ArrayVec::new(), collisions: Vec::new() };
+        let mut bodies: ArrayVec<ChainBody, MAX_JOINTS> = ArrayVec::new();
+        // Pose of the current link in the frame of its body.
         let mut pose = IsometryMatrix3::identity();
         builder.lump(None, base, pose)?;
         for (&index, kind) in path.iter().zip(kinds) {
@@ -81,8 +80,8 @@ impl Chain {
     }
 }
 
-/// How a joint on the way moves; `None` if it is fixed.
-fn kind(tree: &Tree<'_>, index: usize) -> Result<Option<JointKind>, RobotError> {
+/// Kind of a joint on the path; `None` if it is fixed.
+fn kind(tree: &UrdfTree<'_>, index: usize) -> Result<Option<JointKind>, RobotError> {
     let joint = tree.joint(index);
     let kind = match joint.joint_type {
         JointType::Fixed => return Ok(None),
@@ -103,22 +102,22 @@ fn kind(tree: &Tree<'_>, index: usize) -> Result<Option<JointKind>, RobotError> 
     Ok(Some(kind))
 }
 
-/// What grows while the path is walked.
-struct Builder<'t> {
-    tree: &'t Tree<'t>,
+/// Joints and collision shapes collected along the path.
+struct ChainBuilder<'t> {
+    tree: &'t UrdfTree<'t>,
     path: &'t [usize],
     tip_link: &'t str,
     joints: ArrayVec<Joint, MAX_JOINTS>,
     collisions: Vec<Collision>,
 }
 
-impl Builder<'_> {
+impl ChainBuilder<'_> {
     fn file(&self) -> String {
         self.tree.file().to_owned()
     }
 
-    /// Takes in a movable joint whose frame is at `pose` in the body before; its body has no mass yet.
-    fn joint(&mut self, index: usize, kind: JointKind, pose: &IsometryMatrix3<f64>) -> Result<Body, RobotError> {
+    /// Adds a movable joint whose frame is at `pose` in the previous body; returns its body, still without mass.
+    fn joint(&mut self, index: usize, kind: JointKind, pose: &IsometryMatrix3<f64>) -> Result<ChainBody, RobotError> {
         let joint = self.tree.joint(index);
         let name = &joint.name;
         let written = joint.axis.xyz.0;
@@ -129,7 +128,7 @@ impl Builder<'_> {
         let axis = Vector3::from(written) / length;
 
         let limit = &joint.limit;
-        // The reader fills a missing <limit> with zeros; one of zeros would not do either.
+        // The reader fills a missing <limit> with zeros, which are invalid anyway.
         if *limit == JointLimit::default() {
             let expected = match kind {
                 JointKind::Continuous => "<limit effort=.. velocity=../>",
@@ -153,7 +152,7 @@ impl Builder<'_> {
         if limit.effort <= 0.0 {
             return Err(RobotError::Effort { file: self.file(), joint: name.clone(), found: limit.effort });
         }
-        // Infinite is what URDF 1.2 makes of an omitted speed limit.
+        // URDF 1.2 defines an omitted speed limit as infinite.
         if limit.velocity != f64::INFINITY {
             self.not_negative(limit.velocity, || format!("joint '{name}' <limit velocity>"))?;
         }
@@ -172,7 +171,7 @@ impl Builder<'_> {
         });
         let rotation = *pose.rotation.matrix();
         let cross = axis.cross_matrix();
-        Ok(Body {
+        Ok(ChainBody {
             rotational: kind != JointKind::Prismatic,
             joint_position: pose.translation.vector,
             joint_rotation: rotation,
@@ -183,8 +182,9 @@ impl Builder<'_> {
         })
     }
 
-    /// A link at `pose` in a body's frame together with all that is fixed to it off the path: takes in their collision
-    /// shapes, and gives their inertia in the body's frame.
+    /// Lumps a link at `pose` in a body's frame with all links fixed to it off the path.
+    ///
+    /// Adds their collision shapes and returns their inertia in the body's frame.
     fn lump(&mut self, body: Option<usize>, link: usize, pose: IsometryMatrix3<f64>) -> Result<RigidInertia, RobotError> {
         let tree = self.tree;
         let mut inertia = RigidInertia::zero();
@@ -194,7 +194,7 @@ impl Builder<'_> {
             inertia = inertia.plus(&self.inertia(index)?.placed(&pose));
             for collision in &link.collision {
                 let own = self.pose(&collision.origin, || format!("link '{}' <collision><origin>", link.name))?;
-                // Only what the tip touches with must be known exactly; a mesh elsewhere is left out.
+                // Only the tip needs an exact shape; other meshes are left out.
                 if matches!(collision.geometry, Geometry::Mesh { .. }) && link.name != self.tip_link {
                     continue;
                 }
@@ -203,7 +203,7 @@ impl Builder<'_> {
                 let origin = Isometry3::from_parts(placed.translation, UnitQuaternion::from_rotation_matrix(&placed.rotation));
                 self.collisions.push(Collision { link: link.name.clone(), body, origin, shape });
             }
-            // Backwards onto the stack: taken from it in the order of the file.
+            // Reversed, so that the stack returns them in the order of the file.
             for &below in tree.below(index).iter().rev() {
                 let joint = tree.joint(below);
                 if joint.joint_type == JointType::Fixed && !self.path.contains(&below) {
@@ -234,32 +234,32 @@ impl Builder<'_> {
         Ok(about_center.placed(&pose))
     }
 
-    /// A body's principal moments are not negative, and none is above the sum of the other two.
+    /// Checks that no principal moment is negative or above the sum of the other two.
     fn check_moments(&self, link: &str, inertia: &Matrix3<f64>) -> Result<(), RobotError> {
-        let refuse = |principal: [f64; 3], expected: &'static str| {
+        let reject = |principal: [f64; 3], expected: &'static str| {
             Err(RobotError::Inertia { file: self.file(), link: link.to_owned(), principal, expected })
         };
         if *inertia == Matrix3::zeros() {
             return Ok(());
         }
         let Some(eigen) = inertia.try_symmetric_eigen(f64::EPSILON, 1000) else {
-            return refuse([f64::NAN; 3], "numbers that have principal moments");
+            return reject([f64::NAN; 3], "numbers that have principal moments");
         };
         let mut principal = [eigen.eigenvalues[0], eigen.eigenvalues[1], eigen.eigenvalues[2]];
         principal.sort_by(f64::total_cmp);
         let [small, middle, large] = principal;
         let tolerance = INERTIA_TOLERANCE * inertia.trace().abs().max(large.abs());
         if small < -tolerance {
-            return refuse(principal, "none of them negative");
+            return reject(principal, "none of them negative");
         }
         if large > small + middle + tolerance {
-            return refuse(principal, "none of them above the sum of the other two");
+            return reject(principal, "none of them above the sum of the other two");
         }
         Ok(())
     }
 
-    /// The mass matrix must not be singular.
-    fn check_masses(&self, bodies: &[Body]) -> Result<(), RobotError> {
+    /// Checks that the mass matrix is not singular.
+    fn check_masses(&self, bodies: &[ChainBody]) -> Result<(), RobotError> {
         for (body, joint) in bodies.iter().zip(&self.joints) {
             if body.inertia.mass_kg <= 0.0 {
                 return Err(RobotError::Massless {
@@ -270,7 +270,7 @@ impl Builder<'_> {
             }
         }
         if let (Some(body), Some(joint)) = (bodies.last(), self.joints.last()) {
-            // In the frame of the body; turning about the axis does not change it.
+            // In the frame of the body; rotation about the axis does not change it.
             let axis = body.joint_rotation.tr_mul(&body.axis);
             let found = body.inertia.about_axis(&axis);
             if body.rotational && found <= ZERO_INERTIA {

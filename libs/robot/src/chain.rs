@@ -1,4 +1,4 @@
-//! The model itself: joints, bodies, collision shapes and where the base stands.
+//! The model: joints, bodies, collision shapes and the pose of the base.
 
 use crate::collision::Collision;
 use crate::inertia::RigidInertia;
@@ -6,13 +6,13 @@ use crate::kinematics::Kinematics;
 use arrayvec::ArrayVec;
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
-/// Most movable joints of a chain.
+/// Maximum number of movable joints of a chain.
 pub const MAX_JOINTS: usize = 8;
 
-/// One number a joint; the first [`Chain::dof`] count.
+/// One number per joint; the first [`Chain::dof`] are valid.
 pub type JointVector = [f64; MAX_JOINTS];
 
-/// How a joint moves.
+/// Kind of a movable joint.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum JointKind {
     /// Turns between limits.
@@ -23,57 +23,57 @@ pub enum JointKind {
     Prismatic,
 }
 
-/// What the description says of a movable joint.
+/// Description of a movable joint.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Joint {
     /// Name in the URDF.
     pub name: String,
     /// Name of the link it moves.
     pub child_link: String,
-    /// How it moves.
+    /// Kind.
     pub kind: JointKind,
-    /// Lower limit, rad or m; finite, or minus infinity for a continuous joint.
+    /// Lower limit [rad or m]; finite, or minus infinity for a continuous joint.
     pub lower: f64,
-    /// Upper limit, rad or m; finite and not below `lower`, or infinity for a continuous joint.
+    /// Upper limit [rad or m]; finite and not below `lower`, or infinity for a continuous joint.
     pub upper: f64,
-    /// Peak torque, N m, or force, N; finite, above zero.
+    /// Peak torque [N m] or force [N]; finite, above zero.
     pub effort: f64,
-    /// Speed limit, rad/s or m/s; zero or more, infinite where URDF 1.2 omits it.
+    /// Speed limit [rad/s or m/s]; zero or more, infinite where URDF 1.2 omits it.
     pub velocity_limit: f64,
-    /// Viscous damping, N m s/rad or N s/m; finite, zero or more.
+    /// Viscous damping [N m s/rad or N s/m]; finite, zero or more.
     pub damping: f64,
 }
 
-/// The numbers of a movable joint and of the body behind it, up to the next movable joint.
+/// Constants of a movable joint and of the body behind it, up to the next movable joint.
 ///
 /// The body's frame is that of the joint's child link.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Body {
-    /// Turns (revolute, continuous) rather than slides.
+pub(crate) struct ChainBody {
+    /// Whether the joint rotates (revolute, continuous); a prismatic joint slides.
     pub(crate) rotational: bool,
-    /// Place of the joint in the frame of the body before.
+    /// Position of the joint in the frame of the previous body [m].
     pub(crate) joint_position: Vector3<f64>,
-    /// Orientation of the joint in the frame of the body before, R.
+    /// Orientation R of the joint in the frame of the previous body.
     pub(crate) joint_rotation: Matrix3<f64>,
-    /// R K, K the cross-product matrix of the axis: R (1 + sin K + (1 - cos) K^2) is the turned frame (Rodrigues).
+    /// R K, K the cross-product matrix of the axis: R (1 + sin K + (1 - cos) K^2) is the rotated frame (Rodrigues).
     pub(crate) joint_rotation_sin: Matrix3<f64>,
     /// R K^2.
     pub(crate) joint_rotation_versin: Matrix3<f64>,
-    /// Axis (unit vector) in the frame of the body before.
+    /// Axis (unit vector) in the frame of the previous body.
     pub(crate) axis: Vector3<f64>,
-    /// Everything fixed to the body.
+    /// Inertia of the body with everything fixed to it.
     pub(crate) inertia: RigidInertia,
 }
 
 /// A serial chain of 1 to [`MAX_JOINTS`] movable joints from a base link, fixed in the world, to a tip link.
 ///
-/// Built by [`Chain::from_urdf`]; no function of it uses the heap after that.
+/// [`Chain::from_urdf`] builds it; its other functions do not allocate.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Chain {
     pub(crate) base_link: String,
     pub(crate) tip_link: String,
     pub(crate) joints: ArrayVec<Joint, MAX_JOINTS>,
-    pub(crate) bodies: ArrayVec<Body, MAX_JOINTS>,
+    pub(crate) bodies: ArrayVec<ChainBody, MAX_JOINTS>,
     pub(crate) collisions: Vec<Collision>,
     pub(crate) base_position: Vector3<f64>,
     pub(crate) base_rotation: Matrix3<f64>,
@@ -83,8 +83,9 @@ pub struct Chain {
 }
 
 impl Chain {
-    /// The same chain with its base link at this pose in the world: position in m; roll, pitch, yaw in rad about the
-    /// fixed x, y, z axes, in this order, as in URDF. All finite. A chain from URDF stands at the origin.
+    /// Places the base link in the world: position [m]; roll, pitch, yaw [rad] as in URDF, all finite.
+    ///
+    /// The angles are about the fixed x, y, z axes, in this order. A chain from URDF is at the origin.
     #[must_use]
     pub fn with_base(mut self, position: [f64; 3], rpy_rad: [f64; 3]) -> Self {
         let [roll, pitch, yaw] = rpy_rad;
@@ -93,7 +94,7 @@ impl Chain {
         self
     }
 
-    /// Movable joints, 1 to [`MAX_JOINTS`].
+    /// Number of movable joints, 1 to [`MAX_JOINTS`].
     #[inline]
     #[must_use]
     pub fn dof(&self) -> usize {
@@ -106,7 +107,7 @@ impl Chain {
         &self.joints
     }
 
-    /// Collision shapes of all links of the chain and of what is fixed to them: the base's first, then body by body.
+    /// Collision shapes of all links of the chain with everything fixed to them: the base first, then body by body.
     #[must_use]
     pub fn collisions(&self) -> &[Collision] {
         &self.collisions
@@ -124,19 +125,20 @@ impl Chain {
         &self.tip_link
     }
 
-    /// Pose of the base link in the world, m.
+    /// Pose of the base link in the world [m].
     #[must_use]
     pub fn base_pose(&self) -> Isometry3<f64> {
         isometry(&self.base_rotation, &self.base_position)
     }
 
-    /// Pose of the tip link in the frame of the last body, m.
+    /// Pose of the tip link in the frame of the last body [m].
     #[must_use]
     pub fn tip_offset(&self) -> Isometry3<f64> {
         isometry(&self.tip_rotation, &self.tip_position)
     }
 
-    /// Mass, centre and inertia of a body with all that is fixed to it, in the frame of the link that joint `body` moves.
+    /// Mass, centre and inertia of a body with everything fixed to it, in the frame of the link that joint `body`
+    /// moves.
     ///
     /// Panics if `body` is not below [`Chain::dof`].
     #[must_use]
@@ -144,7 +146,7 @@ impl Chain {
         &self.bodies[body].inertia
     }
 
-    /// Pose of a collision shape of this chain in the world, m.
+    /// Pose of a collision shape of this chain in the world [m].
     #[must_use]
     pub fn collision_pose(&self, kin: &Kinematics, collision: &Collision) -> Isometry3<f64> {
         let body = match collision.body {
@@ -155,7 +157,7 @@ impl Chain {
     }
 }
 
-/// Rotation matrix and position as a pose.
+/// Pose of a rotation matrix and a position.
 pub(crate) fn isometry(rotation: &Matrix3<f64>, position: &Vector3<f64>) -> Isometry3<f64> {
     let rotation = Rotation3::from_matrix_unchecked(*rotation);
     Isometry3::from_parts(Translation3::from(*position), UnitQuaternion::from_rotation_matrix(&rotation))

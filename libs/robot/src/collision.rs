@@ -2,20 +2,20 @@
 
 use nalgebra::Isometry3;
 
-/// A collision shape of a link and where it sits on its body.
+/// A collision shape of a link, and its pose on its body.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Collision {
-    /// Name of the URDF link that declares it; not always the link that a joint moves, as fixed links are lumped.
+    /// Name of the URDF link that declares it. Fixed links are lumped, so a joint need not move this very link.
     pub link: String,
-    /// The body it is fixed to: index of the joint that moves it, 0-based; `None` for the base, which no joint moves.
+    /// Body of the shape: 0-based index of the joint that moves it; `None` for the base.
     pub body: Option<usize>,
-    /// Pose of the shape in the frame of that body, m. [`crate::Chain::collision_pose`] gives it in the world.
+    /// Pose of the shape in the frame of that body [m]. [`crate::Chain::collision_pose`] returns the pose in the world.
     pub origin: Isometry3<f64>,
     /// The shape.
     pub shape: Shape,
 }
 
-/// A shape centred on its own frame. All lengths in m, finite and above zero.
+/// A shape centred on its own frame. All lengths [m] are finite and above zero.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Shape {
     /// A sphere.

@@ -7,20 +7,20 @@ use crate::inertia::point_inertia;
 use crate::kinematics::Kinematics;
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
-/// Mass matrix: the upper left [`Chain::dof`] rows and columns count, the rest is zero. kg m^2, kg m or kg.
+/// Mass matrix [kg m^2, kg m or kg]: the upper left [`Chain::dof`] rows and columns; the rest is zero.
 pub type MassMatrix = SMatrix<f64, MAX_JOINTS, MAX_JOINTS>;
 
 impl Chain {
     /// The mass matrix M(q): symmetric, positive definite.
     ///
-    /// Composite rigid bodies: about one common point and along common axes the inertias of all that a joint moves are
-    /// plain sums.
+    /// Composite rigid bodies: about a common point and along common axes, the inertias of all bodies that a joint
+    /// moves add up.
     #[inline]
     #[must_use]
     pub fn mass_matrix(&self, kin: &Kinematics) -> MassMatrix {
-        // About the base, not the world's origin: a robot far from it must not lose digits.
+        // About the base, not the world's origin: a robot far from the origin must not lose precision.
         let point = self.base_position;
-        // What joint i does to the body behind it: its angular velocity, and the velocity of what is at the point.
+        // Per unit speed of joint i: angular velocity of the body behind it, and velocity of the body at the point.
         let motion: [(Vector3<f64>, Vector3<f64>); MAX_JOINTS] = std::array::from_fn(|i| {
             if kin.rotational[i] {
                 (kin.axis[i], (kin.origin[i] - point).cross(&kin.axis[i]))
@@ -52,10 +52,10 @@ impl Chain {
         result
     }
 
-    /// Inverse dynamics: the generalised forces tau, N m or N, that give the accelerations `qdd` at the velocities `qd`
-    /// under gravity (m/s^2, such as 0, 0, -9.81), without any contact.
+    /// Inverse dynamics: the generalised forces tau [N m or N] for the accelerations `qdd` at the velocities `qd`.
     ///
-    /// Recursive Newton-Euler. Joint damping is not part of it. Panics if a slice is shorter than [`Chain::dof`].
+    /// Recursive Newton-Euler under gravity [m/s^2], such as (0, 0, -9.81), without contact and joint damping. Panics
+    /// if a slice is shorter than [`Chain::dof`].
     #[inline]
     #[must_use]
     pub fn inverse_dynamics(&self, kin: &Kinematics, qd: &[f64], qdd: &[f64], gravity: &Vector3<f64>) -> JointVector {
@@ -64,7 +64,7 @@ impl Chain {
         let mut moment: [Vector3<f64>; MAX_JOINTS] = [Vector3::zeros(); MAX_JOINTS];
         let mut angular_velocity: Vector3<f64> = Vector3::zeros();
         let mut angular_acceleration: Vector3<f64> = Vector3::zeros();
-        // A base that accelerates upwards feels like gravity.
+        // Gravity is equivalent to an upward acceleration of the base.
         let mut acceleration: Vector3<f64> = -gravity;
         let mut previous = self.base_position;
         for (i, (body, (&rate, &rate_change))) in self.bodies.iter().zip(qd[..n].iter().zip(&qdd[..n])).enumerate() {
@@ -83,7 +83,7 @@ impl Chain {
             let center = kin.center[i] - kin.origin[i];
             let at_center =
                 acceleration + angular_acceleration.cross(&center) + angular_velocity.cross(&angular_velocity.cross(&center));
-            // The inertia is constant in the body's axes: turning two vectors there and one back is cheaper.
+            // The inertia is constant in the body's axes: rotating two vectors into them and one back is cheaper.
             let rotation = &kin.rotation[i];
             let local_velocity = rotation.tr_mul(&angular_velocity);
             let local_acceleration = rotation.tr_mul(&angular_acceleration);
@@ -105,14 +105,14 @@ impl Chain {
         torque
     }
 
-    /// Coriolis, centrifugal and gravity terms: inverse dynamics without acceleration, N m or N.
+    /// Coriolis, centrifugal and gravity terms: inverse dynamics without acceleration [N m or N].
     #[inline]
     #[must_use]
     pub fn bias(&self, kin: &Kinematics, qd: &[f64], gravity: &Vector3<f64>) -> JointVector {
         self.inverse_dynamics(kin, qd, &[0.0; MAX_JOINTS], gravity)
     }
 
-    /// g(q): the generalised forces, N m or N, that hold the chain at rest under gravity, m/s^2.
+    /// g(q): the generalised forces [N m or N] that hold the chain at rest under gravity [m/s^2].
     #[inline]
     #[must_use]
     pub fn gravity_torque(&self, kin: &Kinematics, gravity: &Vector3<f64>) -> JointVector {
@@ -120,7 +120,7 @@ impl Chain {
         let mut mass = 0.0;
         let mut first_moment: Vector3<f64> = Vector3::zeros();
         for (i, body) in self.bodies.iter().enumerate().rev() {
-            // About the base, for the digits' sake, as above.
+            // About the base, for precision, as above.
             mass += body.inertia.mass_kg;
             first_moment += (kin.center[i] - self.base_position) * body.inertia.mass_kg;
             torque[i] = if kin.rotational[i] {
@@ -133,7 +133,7 @@ impl Chain {
         torque
     }
 
-    /// Kinetic energy of all bodies, J. Panics if `qd` is shorter than [`Chain::dof`].
+    /// Kinetic energy of all bodies [J]. Panics if `qd` is shorter than [`Chain::dof`].
     #[inline]
     #[must_use]
     pub fn kinetic_energy(&self, kin: &Kinematics, qd: &[f64]) -> f64 {
@@ -157,7 +157,7 @@ impl Chain {
         energy
     }
 
-    /// Potential energy of all bodies under gravity (m/s^2), J; zero where the mass is at the world's origin.
+    /// Potential energy of all bodies [J] under gravity [m/s^2]; zero with the mass at the world's origin.
     #[inline]
     #[must_use]
     pub fn potential_energy(&self, kin: &Kinematics, gravity: &Vector3<f64>) -> f64 {

@@ -1,9 +1,10 @@
-//! What can be wrong with a robot description.
+//! Errors of a robot description.
 
 use thiserror::Error;
 
-/// Why a URDF does not give a chain. Every message names the file, the place in it, what was found, what was expected and
-/// what to do.
+/// An error of a robot description.
+///
+/// Every message names the file, the place in it, the found and the expected value, and the correction.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum RobotError {
     /// The text is not a URDF: XML that does not parse, a missing element or attribute, a word where a number belongs.
@@ -11,7 +12,7 @@ pub enum RobotError {
     Parse {
         /// Name of the source.
         file: String,
-        /// What the reader said.
+        /// Message of the URDF reader.
         reason: String,
     },
     /// Base or tip link does not exist.
@@ -21,7 +22,7 @@ pub enum RobotError {
         file: String,
         /// `base` or `tip`.
         role: &'static str,
-        /// The name asked for.
+        /// The requested name.
         name: String,
         /// The names there are, or the nearest of them.
         expected: String,
@@ -76,7 +77,7 @@ pub enum RobotError {
     },
     /// The tip is not a descendant of the base.
     #[error(
-        "{file}: tip link '{tip}' is not below base link '{base}'; upwards of the tip are {way}: choose the base among these, or another tip"
+        "{file}: tip link '{tip}' is not below base link '{base}'; expected a base among the tip and its ancestors, {ancestors}: choose one of these, or another tip"
     )]
     NotBelow {
         /// Name of the source.
@@ -86,11 +87,11 @@ pub enum RobotError {
         /// Tip link.
         tip: String,
         /// Links from the tip to the root.
-        way: String,
+        ancestors: String,
     },
     /// A joint of a kind that a chain cannot have.
     #[error(
-        "{file}: joint '{joint}' on the way from base to tip is {found}; expected revolute, continuous, prismatic or fixed: pick the chain without it"
+        "{file}: joint '{joint}' on the path from base to tip is {found}; expected revolute, continuous, prismatic or fixed: choose a chain without it"
     )]
     UnsupportedJoint {
         /// Name of the source.
@@ -102,7 +103,7 @@ pub enum RobotError {
     },
     /// A joint that follows another one.
     #[error(
-        "{file}: joint '{joint}' on the way from base to tip mimics joint '{mimicked}'; expected independent joints: remove its <mimic>"
+        "{file}: joint '{joint}' on the path from base to tip mimics joint '{mimicked}'; expected independent joints: remove its <mimic>"
     )]
     Mimic {
         /// Name of the source.
@@ -112,7 +113,7 @@ pub enum RobotError {
         /// The joint it follows.
         mimicked: String,
     },
-    /// Nothing moves between base and tip.
+    /// No joint between base and tip can move.
     #[error("{file}: no joint between '{base}' and '{tip}' can move; expected 1 to {max}: choose links further apart", max = crate::MAX_JOINTS)]
     NoMovableJoint {
         /// Name of the source.
@@ -131,7 +132,7 @@ pub enum RobotError {
         base: String,
         /// Tip link.
         tip: String,
-        /// How many.
+        /// Number of movable joints.
         found: usize,
     },
     /// A movable joint without a direction.
@@ -163,9 +164,9 @@ pub enum RobotError {
         file: String,
         /// The joint.
         joint: String,
-        /// Lower limit, rad or m.
+        /// Lower limit [rad or m].
         lower: f64,
-        /// Upper limit, rad or m.
+        /// Upper limit [rad or m].
         upper: f64,
     },
     /// A peak torque that is not above zero.
@@ -180,7 +181,7 @@ pub enum RobotError {
         /// What is written.
         found: f64,
     },
-    /// NaN or an infinity.
+    /// A number is NaN or infinite.
     #[error("{file}: {place}: found {found}; expected a finite number: write one")]
     NotFinite {
         /// Name of the source.
@@ -210,7 +211,7 @@ pub enum RobotError {
         /// What is written.
         found: f64,
     },
-    /// A joint moves nothing that has mass: the mass matrix would be singular.
+    /// A joint moves no mass: the mass matrix would be singular.
     #[error(
         "{file}: joint '{joint}' moves no mass of its own: found 0 kg in link '{link}' and what is fixed to it; expected above zero, or the mass matrix is singular: give one of them an <inertial>, or make the joint fixed"
     )]
@@ -222,7 +223,7 @@ pub enum RobotError {
         /// The link it moves.
         link: String,
     },
-    /// The last joint turns a body without moment of inertia about its axis: the mass matrix would be singular.
+    /// The last joint rotates a body without moment of inertia about its axis: the mass matrix would be singular.
     #[error(
         "{file}: joint '{joint}', the last one, turns a body whose moment of inertia about its axis is {found} kg m^2; expected above zero, or the mass matrix is singular: correct the <inertia> of link '{link}'"
     )]
@@ -233,7 +234,7 @@ pub enum RobotError {
         joint: String,
         /// Its child link.
         link: String,
-        /// Moment of inertia about the joint's axis, kg m^2.
+        /// Moment of inertia about the joint's axis [kg m^2].
         found: f64,
     },
     /// An inertia that no body can have.
@@ -245,9 +246,9 @@ pub enum RobotError {
         file: String,
         /// The link.
         link: String,
-        /// Principal moments, ascending, kg m^2.
+        /// Principal moments, ascending [kg m^2].
         principal: [f64; 3],
-        /// Which condition is broken.
+        /// The violated condition.
         expected: &'static str,
     },
     /// A mesh as collision shape.
@@ -262,14 +263,14 @@ pub enum RobotError {
         /// The mesh's file.
         mesh: String,
     },
-    /// A list of the scenario with another length than the limb has joints.
-    #[error("{key}: found {found} values, expected {joints}: one for each joint of the limb, base to tip")]
+    /// A list of the scenario has another length than the chain has joints.
+    #[error("{key}: found {found} values, expected {joints}: one for each joint of the chain, base to tip")]
     PerJoint {
-        /// Which list.
+        /// Key of the list.
         key: &'static str,
         /// Its length.
         found: usize,
-        /// Joints of the limb.
+        /// Number of joints of the chain.
         joints: usize,
     },
 }

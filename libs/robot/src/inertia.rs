@@ -1,20 +1,20 @@
-//! Mass, centre of mass and inertia of a rigid body, and how bodies fixed to each other become one.
+//! Mass, centre of mass and inertia of a rigid body, and the sum of bodies fixed to each other.
 
 use nalgebra::{IsometryMatrix3, Matrix3, Vector3};
 
 /// Mass, centre of mass and inertia of a rigid body in its own frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RigidInertia {
-    /// Mass, kg; zero or more.
+    /// Mass [kg]; zero or more.
     pub mass_kg: f64,
-    /// Centre of mass in the body's frame, m.
+    /// Centre of mass in the body's frame [m].
     pub center_m: Vector3<f64>,
-    /// Inertia about the centre of mass along the axes of the body's frame, kg m^2; symmetric, 3x3.
+    /// Inertia about the centre of mass along the axes of the body's frame [kg m^2]; symmetric, 3x3.
     pub inertia_kg_m2: Matrix3<f64>,
 }
 
 impl RigidInertia {
-    /// Nothing.
+    /// The inertia of a body without mass.
     pub(crate) fn zero() -> Self {
         Self { mass_kg: 0.0, center_m: Vector3::zeros(), inertia_kg_m2: Matrix3::zeros() }
     }
@@ -29,7 +29,7 @@ impl RigidInertia {
         }
     }
 
-    /// This body and another one, both in the same frame, fixed to each other.
+    /// Inertia of this body and another one, fixed to each other; both in the same frame.
     pub(crate) fn plus(&self, other: &Self) -> Self {
         let mass_kg = self.mass_kg + other.mass_kg;
         let center_m = if mass_kg > 0.0 {
@@ -41,14 +41,14 @@ impl RigidInertia {
         Self { mass_kg, center_m, inertia_kg_m2: about_common_center(self) + about_common_center(other) }
     }
 
-    /// Moment of inertia about an axis (unit vector) through the origin of the body's frame, kg m^2.
+    /// Moment of inertia about an axis (unit vector) through the origin of the body's frame [kg m^2].
     pub(crate) fn about_axis(&self, axis: &Vector3<f64>) -> f64 {
         let about_origin = self.inertia_kg_m2 + point_inertia(self.mass_kg, &self.center_m);
         axis.dot(&(about_origin * axis))
     }
 }
 
-/// Inertia of a point mass at `offset` about the origin, kg m^2.
+/// Inertia of a point mass at `offset` about the origin [kg m^2].
 #[inline]
 pub(crate) fn point_inertia(mass: f64, offset: &Vector3<f64>) -> Matrix3<f64> {
     (Matrix3::<f64>::identity() * offset.norm_squared() - offset * offset.transpose()) * mass

@@ -8,30 +8,30 @@ use nalgebra::Vector3;
 /// Column i is the velocity of the point (linear) and of its body (angular) when joint i moves at 1 rad/s or 1 m/s.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Jacobian {
-    /// Columns that count, [`crate::Chain::dof`]; the rest is zero.
+    /// Number of valid columns, [`crate::Chain::dof`]; the rest is zero.
     pub n: usize,
-    /// Linear part J, 3xN: m/rad, or 1 for a prismatic joint.
+    /// Linear part J, 3xN [m/rad], or [1] for a prismatic joint.
     pub linear: [Vector3<f64>; MAX_JOINTS],
-    /// Angular part, 3xN: 1, or 0 for a prismatic joint.
+    /// Angular part, 3xN [1]; zero for a prismatic joint.
     pub angular: [Vector3<f64>; MAX_JOINTS],
 }
 
 impl Jacobian {
-    /// `J^T F`: the generalised forces, N m or N, that stand for a force F at the point, N.
+    /// `J^T F`: the generalised forces [N m or N] equivalent to a force F at the point [N].
     #[inline]
     #[must_use]
     pub fn linear_transpose_mul(&self, force: &Vector3<f64>) -> JointVector {
         transpose_mul(&self.linear, self.n, force)
     }
 
-    /// The same for a moment on the point's body, N m.
+    /// The generalised forces [N m or N] equivalent to a moment on the point's body [N m].
     #[inline]
     #[must_use]
     pub fn angular_transpose_mul(&self, moment: &Vector3<f64>) -> JointVector {
         transpose_mul(&self.angular, self.n, moment)
     }
 
-    /// `J q'`: the velocity of the point, m/s, from `n` joint velocities, rad/s or m/s.
+    /// `J q'`: the velocity of the point [m/s] from `n` joint velocities [rad/s or m/s].
     ///
     /// Panics if `qd` is shorter than `n`.
     #[inline]
@@ -40,7 +40,7 @@ impl Jacobian {
         mul(&self.linear, &qd[..self.n])
     }
 
-    /// The angular velocity of the point's body, rad/s.
+    /// The angular velocity of the point's body [rad/s].
     ///
     /// Panics if `qd` is shorter than `n`.
     #[inline]

@@ -1,12 +1,12 @@
-//! Forward kinematics: where every body of a chain is.
+//! Forward kinematics: poses of all bodies of a chain.
 
 use crate::chain::{Chain, MAX_JOINTS, isometry};
 use crate::jacobian::Jacobian;
 use nalgebra::{Isometry3, Matrix3, Vector3};
 
-/// Where everything of a chain is at one joint position: plain data in the world frame, the input of all the rest.
+/// Poses, axes and centres of a chain at one joint position, world frame: the input of all other functions.
 ///
-/// Arrays have a place for each possible joint; those beyond the chain's are zero.
+/// Arrays have [`MAX_JOINTS`] entries; those beyond the chain's joints are zero.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Kinematics {
     pub(crate) n: usize,
@@ -20,9 +20,9 @@ pub struct Kinematics {
 }
 
 impl Chain {
-    /// Forward kinematics at joint positions `q`, rad or m. Limits are not applied.
+    /// Forward kinematics at joint positions `q` [rad or m]. Limits are not applied.
     ///
-    /// Panics if `q` is shorter than [`Chain::dof`]; what is longer is ignored.
+    /// Panics if `q` is shorter than [`Chain::dof`]; ignores further values.
     #[inline]
     #[must_use]
     pub fn kinematics(&self, q: &[f64]) -> Kinematics {
@@ -71,14 +71,14 @@ impl Chain {
 }
 
 impl Kinematics {
-    /// Movable joints.
+    /// Number of movable joints.
     #[inline]
     #[must_use]
     pub fn dof(&self) -> usize {
         self.n
     }
 
-    /// Position of the tip frame, m: the paper's x.
+    /// Position of the tip frame [m]: the paper's x.
     #[inline]
     #[must_use]
     pub fn tip_position(&self) -> Vector3<f64> {
@@ -101,7 +101,7 @@ impl Kinematics {
         self.axis[i]
     }
 
-    /// Origin of body `i`, m: where joint `i` is; a prismatic one has slid this far.
+    /// Origin of body `i` [m]: the position of joint `i`, with the displacement of a prismatic joint.
     ///
     /// Panics if `i` is not below [`MAX_JOINTS`].
     #[inline]
@@ -119,7 +119,7 @@ impl Kinematics {
         self.rotation[i]
     }
 
-    /// Centre of mass of body `i`, m.
+    /// Centre of mass of body `i` [m].
     ///
     /// Panics if `i` is not below [`MAX_JOINTS`].
     #[inline]
@@ -128,7 +128,7 @@ impl Kinematics {
         self.center[i]
     }
 
-    /// Pose of body `i`, the link that joint `i` moves, m.
+    /// Pose of body `i`, the link that joint `i` moves [m].
     ///
     /// Panics if `i` is not below [`MAX_JOINTS`].
     #[inline]
@@ -137,7 +137,7 @@ impl Kinematics {
         isometry(&self.rotation[i], &self.origin[i])
     }
 
-    /// Geometric Jacobian of the point fixed to a body that is now at `point` in the world, m.
+    /// Geometric Jacobian of the point fixed to a body that is now at `point` in the world [m].
     ///
     /// Columns of joints beyond the body are zero. Panics if `body` is not below [`Kinematics::dof`].
     #[inline]
@@ -157,11 +157,11 @@ impl Kinematics {
         jacobian
     }
 
-    /// Whether all of it is finite: false if a joint position was not.
+    /// Whether all values are finite: false if any joint position is not.
     #[must_use]
     pub fn is_finite(&self) -> bool {
-        // A position that is not finite makes every orientation behind a turning joint, or every position behind a
-        // sliding one, not finite: it always reaches the tip.
+        // A joint position that is not finite makes every orientation behind a rotational joint, or every position
+        // behind a prismatic one, not finite: it always reaches the tip.
         self.tip_position.iter().chain(self.tip_rotation.iter()).all(|value| value.is_finite())
     }
 }

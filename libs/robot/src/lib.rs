@@ -1,7 +1,7 @@
 //! The rigid-body model of a serial chain: forward kinematics, Jacobian, mass matrix, inverse dynamics.
 //!
-//! A [`Chain`] is picked out of a URDF by its base and tip link. It has 1 to [`MAX_JOINTS`] revolute, continuous or
-//! prismatic joints; everything fixed to one of its links becomes part of that link.
+//! [`Chain::from_urdf`] reads a [`Chain`] from a URDF by its base and tip link. A chain has 1 to [`MAX_JOINTS`]
+//! revolute, continuous or prismatic joints; everything fixed to one of its links becomes part of that link.
 //!
 //! ```
 //! use hapfic_robot::Chain;
@@ -35,14 +35,15 @@
 //! ```
 //!
 //! # Conventions
-//! SI units, radians; `q` is in rad, or in m for a prismatic joint, and a generalised force in N m, or in N. Poses, axes
-//! and vectors are in the world frame unless said otherwise. Joint vectors are `[f64; 8]` of which the first
-//! [`Chain::dof`] places count; the rest is zero in what this crate returns and ignored in what it takes.
+//! SI units. `q` is an angle [rad], or a displacement [m] for a prismatic joint; a generalised force is a torque [N m],
+//! or a force [N]. Poses, axes and vectors are in the world frame unless stated otherwise. A joint vector has
+//! [`MAX_JOINTS`] entries, of which the first [`Chain::dof`] are valid. This crate returns zeros in the others and
+//! ignores them in arguments.
 //!
-//! # What the functions expect
-//! The functions of a built chain are pure and use no heap. They take finite numbers and then return finite numbers; a
-//! NaN or an infinity among the inputs comes out as NaN rather than as a plausible number: check what comes from another
-//! process before, or ask [`Kinematics::is_finite`]. They panic if a slice is shorter than [`Chain::dof`].
+//! # Inputs
+//! The functions of a built chain are pure and do not allocate. They return finite numbers for finite inputs. A NaN or
+//! an infinity among the inputs gives NaN, not a plausible number: check the data of other processes first, or use
+//! [`Kinematics::is_finite`]. The functions panic if a slice is shorter than [`Chain::dof`].
 
 mod build;
 mod chain;

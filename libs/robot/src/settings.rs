@@ -1,16 +1,16 @@
-//! The limb of a scenario.
+//! The chain of a scenario.
 
 use crate::chain::Chain;
 use crate::error::RobotError;
-use hapfic_config::Robot;
+use hapfic_config::RobotSettings;
 
 impl Chain {
-    /// The limb a scenario asks for: read from its URDF, placed where its base stands, with the scenario's joint damping and
-    /// effort limits where it gives them.
+    /// Builds the chain of a scenario: its URDF and base pose, with its joint damping and effort limits, if any.
     ///
     /// # Errors
-    /// What [`Chain::from_urdf`] refuses, and [`RobotError::PerJoint`] if a list has another length than the limb has joints.
-    pub fn from_settings(robot: &Robot) -> Result<Self, RobotError> {
+    /// Those of [`Chain::from_urdf`], and [`RobotError::PerJoint`] if a list has another length than the chain has
+    /// joints.
+    pub fn from_settings(robot: &RobotSettings) -> Result<Self, RobotError> {
         let mut chain = Self::from_urdf(&robot.urdf.text, &robot.urdf.name, &robot.base_link, &robot.tip_link)?
             .with_base(robot.base_position_m, robot.base_orientation_rpy_rad);
         let dof = chain.dof();

@@ -1,16 +1,16 @@
-//! A URDF as a checked tree of links: names resolved, one parent a link, no loop.
+//! Checked tree of links of a URDF: names resolved, one parent per link, no loop.
 
 use crate::error::RobotError;
 use std::collections::HashMap;
 use urdf_rs::{Joint, JointType, Link, Robot};
 
-/// Up to this many names an error lists all of them; of more only the nearest.
+/// Largest number of links of which an error lists all names; of more it lists the nearest.
 const LISTED_NAMES: usize = 12;
-/// How many names are near enough.
+/// Number of nearest names that an error lists.
 const NEAR_NAMES: usize = 5;
 
 /// Links and joints by index, in the order of the file.
-pub(crate) struct Tree<'a> {
+pub(crate) struct UrdfTree<'a> {
     file: &'a str,
     robot: Robot,
     /// Parent and child link of each joint.
@@ -21,8 +21,8 @@ pub(crate) struct Tree<'a> {
     below: Vec<Vec<usize>>,
 }
 
-impl<'a> Tree<'a> {
-    /// Reads and checks a whole URDF; `file` is its name in messages.
+impl<'a> UrdfTree<'a> {
+    /// Reads and checks a URDF; `file` is its name in messages.
     pub(crate) fn read(text: &str, file: &'a str) -> Result<Self, RobotError> {
         let robot = urdf_rs::read_from_string(text)
             .map_err(|error| RobotError::Parse { file: file.to_owned(), reason: error.to_string() })?;
@@ -86,7 +86,7 @@ impl<'a> Tree<'a> {
         &self.below[link]
     }
 
-    /// Index of the link of this name; `role` says in the error what it was for.
+    /// Index of a link by name; `role` is for the error.
     pub(crate) fn find(&self, role: &'static str, name: &str) -> Result<usize, RobotError> {
         self.robot.links.iter().position(|link| link.name == name).ok_or_else(|| RobotError::UnknownLink {
             file: self.file.to_owned(),
@@ -99,7 +99,7 @@ impl<'a> Tree<'a> {
     /// The joints from base to tip, in this order.
     pub(crate) fn path(&self, base: usize, tip: usize) -> Result<Vec<usize>, RobotError> {
         let mut joints = Vec::new();
-        let mut way = vec![format!("'{}'", self.link(tip).name)];
+        let mut ancestors = vec![format!("'{}'", self.link(tip).name)];
         let mut link = tip;
         while link != base {
             let Some(joint) = self.above[link] else {
@@ -107,18 +107,18 @@ impl<'a> Tree<'a> {
                     file: self.file.to_owned(),
                     base: self.link(base).name.clone(),
                     tip: self.link(tip).name.clone(),
-                    way: way.join(", "),
+                    ancestors: ancestors.join(", "),
                 });
             };
             joints.push(joint);
             link = self.ends[joint].0;
-            way.push(format!("'{}'", self.link(link).name));
+            ancestors.push(format!("'{}'", self.link(link).name));
         }
         joints.reverse();
         Ok(joints)
     }
 
-    /// From every link the way up must end.
+    /// Checks that no link is its own ancestor.
     fn check_acyclic(&self) -> Result<(), RobotError> {
         for start in 0..self.robot.links.len() {
             let mut link = start;
@@ -135,7 +135,7 @@ impl<'a> Tree<'a> {
     }
 }
 
-/// The word URDF has for a type of joint.
+/// Name of a joint type in URDF.
 pub(crate) fn type_name(joint_type: &JointType) -> &'static str {
     match joint_type {
         JointType::Revolute => "revolute",
@@ -148,7 +148,7 @@ pub(crate) fn type_name(joint_type: &JointType) -> &'static str {
     }
 }
 
-/// Index by name, each name once.
+/// Indices by name; rejects a duplicate name.
 fn unique<'n>(
     file: &str,
     what: &'static str,
@@ -163,7 +163,7 @@ fn unique<'n>(
     Ok(indices)
 }
 
-/// The names of all links, or of many the nearest, for a message.
+/// Expected link names for a message: all, or the nearest of many.
 fn names_like(links: &[Link], name: &str) -> String {
     if links.is_empty() {
         return "a file with links, this one has none".to_owned();

@@ -1,10 +1,10 @@
-//! One bad description for each error: the message names the file, the place, what is there and what should be.
+//! An invalid description for each error; each message names the file, the place, the found and the expected value.
 
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use hapfic_robot::{Chain, JointKind, RobotError, Shape};
 
-const GOOD: &str = r#"<robot name="arm">
+const VALID: &str = r#"<robot name="arm">
   <link name="base"><collision><geometry><box size="1 2 3"/></geometry></collision></link>
   <joint name="turn" type="revolute">
     <parent link="base"/><child link="upper"/>
@@ -30,24 +30,24 @@ const GOOD: &str = r#"<robot name="arm">
   <link name="cover"/>
 </robot>"#;
 
-/// The good description with one thing replaced.
+/// The valid description with one replacement.
 fn with(from: &str, to: &str) -> String {
-    assert_eq!(GOOD.matches(from).count(), 1, "{from}");
-    GOOD.replace(from, to)
+    assert_eq!(VALID.matches(from).count(), 1, "{from}");
+    VALID.replace(from, to)
 }
 
 fn read(text: &str) -> Result<Chain, RobotError> {
     Chain::from_urdf(text, "arm.urdf", "base", "tip")
 }
 
-/// The error of a bad description, whose message starts with the file and contains all parts.
+/// Error of an invalid description; its message starts with the file and contains all parts.
 fn rejected(text: &str, parts: &[&str]) -> RobotError {
     let error = read(text).unwrap_err();
-    says(&error, parts);
+    assert_message(&error, parts);
     error
 }
 
-fn says(error: &RobotError, parts: &[&str]) {
+fn assert_message(error: &RobotError, parts: &[&str]) {
     let message = error.to_string();
     assert!(message.starts_with("arm.urdf: "), "{message}");
     for part in parts {
@@ -56,8 +56,8 @@ fn says(error: &RobotError, parts: &[&str]) {
 }
 
 #[test]
-fn good_description_is_read() {
-    let chain = read(GOOD).unwrap();
+fn urdf_valid_is_read() {
+    let chain = read(VALID).unwrap();
     assert_eq!(chain.dof(), 2);
     let turn = &chain.joints()[0];
     assert_eq!((turn.kind, turn.lower, turn.upper), (JointKind::Revolute, -1.0, 1.0));
@@ -71,14 +71,14 @@ fn good_description_is_read() {
 }
 
 #[test]
-fn continuous_joint_has_no_position_limits() {
+fn joint_continuous_has_no_position_limits() {
     let chain = read(&with(r#""turn" type="revolute""#, r#""turn" type="continuous""#)).unwrap();
     let turn = &chain.joints()[0];
     assert_eq!((turn.kind, turn.lower, turn.upper), (JointKind::Continuous, f64::NEG_INFINITY, f64::INFINITY));
 }
 
 #[test]
-fn xml_that_does_not_parse() {
+fn urdf_malformed_xml_is_rejected() {
     let error = rejected("<robot name='arm'><link name='base'", &["cannot be read as URDF", "correct the file"]);
     assert!(matches!(error, RobotError::Parse { .. }));
     for text in ["", "<robot>", "base", r#"<robot><link name="base"></joint></robot>"#] {
@@ -87,32 +87,32 @@ fn xml_that_does_not_parse() {
 }
 
 #[test]
-fn word_where_a_number_belongs() {
+fn urdf_word_as_number_is_rejected() {
     let error = rejected(&with(r#"<mass value="1.5"/>"#, r#"<mass value="heavy"/>"#), &["cannot be read as URDF"]);
     assert!(matches!(error, RobotError::Parse { .. }));
 }
 
 #[test]
-fn unknown_base_or_tip() {
-    let error = Chain::from_urdf(GOOD, "arm.urdf", "trunk", "tip").unwrap_err();
-    says(&error, &["base link 'trunk' does not exist", "one of 'base', 'upper', 'lower', 'tip', 'cover'"]);
-    let error = Chain::from_urdf(GOOD, "arm.urdf", "base", "tipp").unwrap_err();
-    says(&error, &["tip link 'tipp' does not exist", "'tip'"]);
+fn link_unknown_base_or_tip_is_rejected() {
+    let error = Chain::from_urdf(VALID, "arm.urdf", "trunk", "tip").unwrap_err();
+    assert_message(&error, &["base link 'trunk' does not exist", "one of 'base', 'upper', 'lower', 'tip', 'cover'"]);
+    let error = Chain::from_urdf(VALID, "arm.urdf", "base", "tipp").unwrap_err();
+    assert_message(&error, &["tip link 'tipp' does not exist", "'tip'"]);
     assert!(matches!(error, RobotError::UnknownLink { role: "tip", .. }));
     rejected("<robot name='empty'/>", &["base link 'base' does not exist", "this one has none"]);
 }
 
 #[test]
-fn unknown_link_among_many_names_the_nearest() {
+fn link_unknown_among_many_lists_nearest() {
     let many: String = (0..30).map(|i| format!(r#"<link name="x{i}"/>"#)).collect();
     let text = with(r#"<link name="cover"/>"#, &format!(r#"<link name="cover"/>{many}"#));
     let error = Chain::from_urdf(&text, "arm.urdf", "base", "lowr").unwrap_err();
-    says(&error, &["a link such as 'lower'"]);
+    assert_message(&error, &["a link such as 'lower'"]);
     assert!(!error.to_string().contains("'x29'"), "{error}");
 }
 
 #[test]
-fn joint_with_an_undeclared_link() {
+fn joint_undeclared_link_is_rejected() {
     let error = rejected(&with(r#"<link name="cover"/>"#, ""), &["joint 'ear'", "child link 'cover'"]);
     assert!(matches!(error, RobotError::DanglingJoint { end: "child", .. }));
     let text = with(r#"<parent link="base"/><child link="cover"/>"#, r#"<parent link="bass"/><child link="cover"/>"#);
@@ -120,23 +120,23 @@ fn joint_with_an_undeclared_link() {
 }
 
 #[test]
-fn name_used_twice() {
+fn urdf_duplicate_name_is_rejected() {
     let text = with(r#"<link name="cover"/>"#, r#"<link name="cover"/><link name="upper"/>"#);
     assert!(matches!(rejected(&text, &["two links 'upper'"]), RobotError::Duplicate { .. }));
     rejected(&with(r#"<joint name="ear""#, r#"<joint name="turn""#), &["two joints 'turn'"]);
 }
 
 #[test]
-fn tip_not_below_base() {
-    let error = Chain::from_urdf(GOOD, "arm.urdf", "cover", "tip").unwrap_err();
-    says(&error, &["tip link 'tip' is not below base link 'cover'", "'tip', 'lower', 'upper', 'base'"]);
+fn link_tip_not_below_base_is_rejected() {
+    let error = Chain::from_urdf(VALID, "arm.urdf", "cover", "tip").unwrap_err();
+    assert_message(&error, &["tip link 'tip' is not below base link 'cover'", "'tip', 'lower', 'upper', 'base'"]);
     assert!(matches!(error, RobotError::NotBelow { .. }));
-    let error = Chain::from_urdf(GOOD, "arm.urdf", "lower", "upper").unwrap_err();
-    says(&error, &["tip link 'upper' is not below base link 'lower'"]);
+    let error = Chain::from_urdf(VALID, "arm.urdf", "lower", "upper").unwrap_err();
+    assert_message(&error, &["tip link 'upper' is not below base link 'lower'"]);
 }
 
 #[test]
-fn link_with_two_parents() {
+fn link_two_parents_is_rejected() {
     let text = with(
         r#"<link name="cover"/>"#,
         r#"<link name="cover"/><joint name="strut" type="fixed"><parent link="cover"/><child link="tip"/></joint>"#,
@@ -146,7 +146,7 @@ fn link_with_two_parents() {
 }
 
 #[test]
-fn link_that_is_its_own_ancestor() {
+fn link_cycle_is_rejected() {
     let text = with(
         r#"<link name="cover"/>"#,
         r#"<link name="cover"/><joint name="back" type="fixed"><parent link="tip"/><child link="base"/></joint>"#,
@@ -157,7 +157,7 @@ fn link_that_is_its_own_ancestor() {
 }
 
 #[test]
-fn joint_of_a_kind_that_a_chain_cannot_have() {
+fn joint_unsupported_kind_is_rejected() {
     for found in ["floating", "planar", "spherical"] {
         let text = with(r#""turn" type="revolute""#, &format!(r#""turn" type="{found}""#));
         let error = rejected(&text, &["joint 'turn'", &format!("is {found}")]);
@@ -166,21 +166,21 @@ fn joint_of_a_kind_that_a_chain_cannot_have() {
 }
 
 #[test]
-fn joint_that_mimics() {
+fn joint_mimic_is_rejected() {
     let text = with(r#"<axis xyz="0 1 0"/>"#, r#"<axis xyz="0 1 0"/><mimic joint="turn" multiplier="2"/>"#);
     assert!(matches!(rejected(&text, &["joint 'slide'", "mimics joint 'turn'"]), RobotError::Mimic { .. }));
 }
 
 #[test]
-fn no_movable_joint() {
-    let error = Chain::from_urdf(GOOD, "arm.urdf", "lower", "tip").unwrap_err();
-    says(&error, &["no joint between 'lower' and 'tip' can move", "expected 1 to 8"]);
+fn chain_without_movable_joint_is_rejected() {
+    let error = Chain::from_urdf(VALID, "arm.urdf", "lower", "tip").unwrap_err();
+    assert_message(&error, &["no joint between 'lower' and 'tip' can move", "expected 1 to 8"]);
     assert!(matches!(error, RobotError::NoMovableJoint { .. }));
-    assert!(matches!(Chain::from_urdf(GOOD, "arm.urdf", "base", "base"), Err(RobotError::NoMovableJoint { .. })));
+    assert!(matches!(Chain::from_urdf(VALID, "arm.urdf", "base", "base"), Err(RobotError::NoMovableJoint { .. })));
 }
 
 #[test]
-fn nine_joints_are_too_many_and_eight_are_not() {
+fn chain_nine_joints_is_rejected() {
     let mut text = String::from(r#"<robot name="snake"><link name="l0"/>"#);
     for i in 1..10 {
         text += &format!(
@@ -193,13 +193,13 @@ fn nine_joints_are_too_many_and_eight_are_not() {
     }
     text += "</robot>";
     let error = Chain::from_urdf(&text, "arm.urdf", "l0", "l9").unwrap_err();
-    says(&error, &["9 joints between 'l0' and 'l9'", "expected 1 to 8"]);
+    assert_message(&error, &["9 joints between 'l0' and 'l9'", "expected 1 to 8"]);
     assert!(matches!(error, RobotError::TooManyJoints { found: 9, .. }));
     assert_eq!(Chain::from_urdf(&text, "arm.urdf", "l1", "l9").unwrap().dof(), 8);
 }
 
 #[test]
-fn axis_without_direction() {
+fn joint_zero_axis_is_rejected() {
     for bad in ["0 0 0", "nan 0 1", "inf 0 0"] {
         let text = with(r#"<axis xyz="0 1 0"/>"#, &format!(r#"<axis xyz="{bad}"/>"#));
         let error = rejected(&text, &["joint 'slide' <axis xyz>", "not zero"]);
@@ -208,19 +208,19 @@ fn axis_without_direction() {
 }
 
 #[test]
-fn limits_that_are_missing() {
+fn joint_missing_limits_is_rejected() {
     let limit = r#"<limit lower="0" upper="0.3" effort="50" velocity="1"/>"#;
     let error = rejected(&with(limit, ""), &["prismatic joint 'slide' has no <limit>", "lower=.. upper=.."]);
     assert!(matches!(error, RobotError::MissingLimit { .. }));
     let text = with(r#"<limit lower="-1" upper="1" effort="5" velocity="2"/>"#, "");
     rejected(&text, &["revolute joint 'turn' has no <limit>"]);
-    // A continuous joint needs no positions, but a peak torque all the same.
+    // A continuous joint needs no position limits, but a peak torque.
     let text = text.replace(r#""turn" type="revolute""#, r#""turn" type="continuous""#);
     rejected(&text, &["continuous joint 'turn' has no <limit>", "<limit effort=.. velocity=../>"]);
 }
 
 #[test]
-fn limits_that_make_no_sense() {
+fn joint_invalid_limits_is_rejected() {
     let text = with(r#"lower="0" upper="0.3""#, r#"lower="0.5" upper="0.3""#);
     let error = rejected(&text, &["joint 'slide'", "lower = 0.5", "upper = 0.3"]);
     assert!(matches!(error, RobotError::LimitsReversed { .. }));
@@ -234,7 +234,7 @@ fn limits_that_make_no_sense() {
 }
 
 #[test]
-fn numbers_that_are_not_finite() {
+fn urdf_non_finite_number_is_rejected() {
     let cases = [
         (r#"lower="-1""#, r#"lower="nan""#, "joint 'turn' <limit lower>"),
         (r#"upper="0.3""#, r#"upper="inf""#, "joint 'slide' <limit upper>"),
@@ -260,7 +260,7 @@ fn numbers_that_are_not_finite() {
 }
 
 #[test]
-fn masses_that_make_no_sense() {
+fn link_invalid_mass_is_rejected() {
     let error = rejected(&with(r#"mass value="1.5""#, r#"mass value="-1.5""#), &["link 'upper' <mass value>", "-1.5"]);
     assert!(matches!(error, RobotError::Negative { .. }));
     let error = rejected(&with(r#"mass value="1.5""#, r#"mass value="0""#), &["joint 'turn'", "link 'upper'", "0 kg"]);
@@ -268,7 +268,7 @@ fn masses_that_make_no_sense() {
 }
 
 #[test]
-fn mass_of_a_fixed_part_counts_for_a_link_without_any() {
+fn link_massless_uses_fixed_part_mass() {
     let inertial =
         r#"<inertial><mass value="0.5"/><inertia ixx="0.001" iyy="0.001" izz="0.001" ixy="0" ixz="0" iyz="0"/></inertial>"#;
     let text = with(inertial, "");
@@ -280,9 +280,9 @@ fn mass_of_a_fixed_part_counts_for_a_link_without_any() {
 }
 
 #[test]
-fn last_body_without_inertia_about_its_axis() {
+fn joint_last_without_inertia_is_rejected() {
     let text = with(r#"ixx="0.001" iyy="0.001" izz="0.001""#, r#"ixx="0" iyy="0" izz="0""#);
-    // A slide does not mind.
+    // A prismatic joint needs no moment of inertia.
     read(&text).unwrap();
     let text = text.replace(r#""slide" type="prismatic""#, r#""slide" type="revolute""#);
     let error = rejected(&text, &["joint 'slide'", "about its axis is 0 kg m^2", "link 'lower'"]);
@@ -290,34 +290,34 @@ fn last_body_without_inertia_about_its_axis() {
 }
 
 #[test]
-fn inertia_that_no_body_has() {
+fn link_impossible_inertia_is_rejected() {
     let error = rejected(&with(r#"izz="0.04""#, r#"izz="0.06""#), &["link 'upper' <inertia>", "sum of the other two"]);
     assert!(matches!(error, RobotError::Inertia { .. }));
     rejected(&with(r#"ixx="0.02""#, r#"ixx="-0.02""#), &["link 'upper' <inertia>", "none of them negative"]);
-    // Hidden in a product of inertia.
+    // A negative moment through a product of inertia.
     let text = with(r#"izz="0.04" ixy="0""#, r#"izz="0.04" ixy="0.03""#);
     rejected(&text, &["link 'upper' <inertia>", "none of them negative"]);
-    // Thin plates and rods are at the limit, and rounding in the file is forgiven.
+    // Thin plates and rods are at the limit; rounding in the file is within the tolerance.
     read(&with(r#"izz="0.04""#, r#"izz="0.05""#)).unwrap();
     read(&with(r#"izz="0.04""#, r#"izz="0.05000001""#)).unwrap();
 }
 
 #[test]
-fn mesh_counts_only_where_the_tip_touches() {
+fn mesh_is_rejected_on_tip_alone() {
     let mesh = r#"<collision><geometry><mesh filename="cover.stl"/></geometry></collision>"#;
     let text = with(r#"<link name="tip"/>"#, &format!(r#"<link name="tip">{mesh}</link>"#));
     let error = rejected(&text, &["link 'tip'", "mesh 'cover.stl'", "meshes are not supported"]);
     assert!(matches!(error, RobotError::Mesh { .. }));
-    // Elsewhere it is left out, as most descriptions of real arms have meshes everywhere.
+    // Other meshes are left out: most descriptions of real arms have meshes on every link.
     let text = with(r#"<link name="cover"/>"#, &format!(r#"<link name="cover">{mesh}</link>"#));
-    assert_eq!(read(&text).unwrap(), read(GOOD).unwrap());
+    assert_eq!(read(&text).unwrap(), read(VALID).unwrap());
     let text = with("<capsule radius=\"0.02\" length=\"0.1\"/>", r#"<mesh filename="lower.stl"/>"#);
-    let (without, good) = (read(&text).unwrap(), read(GOOD).unwrap());
-    assert_eq!(without.collisions().len() + 1, good.collisions().len());
+    let (without, valid) = (read(&text).unwrap(), read(VALID).unwrap());
+    assert_eq!(without.collisions().len() + 1, valid.collisions().len());
 }
 
 #[test]
-fn shape_without_extent() {
+fn shape_zero_size_is_rejected() {
     let error = rejected(&with(r#"radius="0.02""#, r#"radius="0""#), &["link 'lower' <collision> capsule radius", "found 0"]);
     assert!(matches!(error, RobotError::NotPositive { .. }));
     rejected(&with(r#"length="0.1""#, r#"length="-0.1""#), &["link 'lower' <collision> capsule length", "-0.1"]);

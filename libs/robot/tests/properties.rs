@@ -1,4 +1,4 @@
-//! What must hold for any chain.
+//! Properties of every chain.
 
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
@@ -26,7 +26,7 @@ fn vee(matrix: &Matrix3<f64>) -> Vector3<f64> {
     Vector3::new(matrix[(2, 1)] - matrix[(1, 2)], matrix[(0, 2)] - matrix[(2, 0)], matrix[(1, 0)] - matrix[(0, 1)]) * 0.5
 }
 
-/// Largest difference between what two chains say of the same motion, links and joints' names aside.
+/// Largest difference between the results of two chains for the same motion, names aside.
 fn difference(a: &Chain, b: &Chain, motion: &Motion, gravity: &Vector3<f64>) -> f64 {
     assert_eq!(a.dof(), b.dof());
     let (kin_a, kin_b) = (a.kinematics(&motion.q), b.kinematics(&motion.q));
@@ -48,7 +48,7 @@ type Vector8 = nalgebra::SVector<f64, 8>;
 
 proptest! {
     #[test]
-    fn jacobian_is_the_derivative_of_the_tip_pose(segments in segments(), motion in motion()) {
+    fn jacobian_is_tip_pose_derivative(segments in segments(), motion in motion()) {
         let chain = chain(&segments);
         let jacobian = chain.jacobian(&chain.kinematics(&motion.q));
         let h = 1e-6;
@@ -63,7 +63,7 @@ proptest! {
     }
 
     #[test]
-    fn point_jacobian_is_the_derivative_of_a_point_on_any_body(
+    fn point_jacobian_is_point_derivative(
         segments in segments(), motion in motion(), which in any::<prop::sample::Index>(), local in triple(0.5),
     ) {
         let chain = chain(&segments);
@@ -86,7 +86,7 @@ proptest! {
     }
 
     #[test]
-    fn products_of_the_jacobian_balance_power(segments in segments(), motion in motion(), force in triple(50.0)) {
+    fn jacobian_products_balance_power(segments in segments(), motion in motion(), force in triple(50.0)) {
         let chain = chain(&segments);
         let jacobian = chain.jacobian(&chain.kinematics(&motion.q));
         let force = Vector3::from(force);
@@ -99,7 +99,7 @@ proptest! {
     }
 
     #[test]
-    fn mass_matrix_is_symmetric_positive_definite_and_that_of_inverse_dynamics(
+    fn mass_matrix_is_definite_and_matches_inverse_dynamics(
         segments in segments(), motion in motion(),
     ) {
         let chain = chain(&segments);
@@ -125,7 +125,7 @@ proptest! {
     }
 
     #[test]
-    fn kinetic_energy_is_half_of_the_velocity_s_square_in_the_mass_matrix(segments in segments(), motion in motion()) {
+    fn kinetic_energy_matches_mass_matrix(segments in segments(), motion in motion()) {
         let chain = chain(&segments);
         let kin = chain.kinematics(&motion.q);
         let rate = Vector8::from(motion.qd);
@@ -135,7 +135,7 @@ proptest! {
     }
 
     #[test]
-    fn gravity_torque_is_the_gradient_of_potential_energy(
+    fn gravity_torque_is_potential_energy_gradient(
         segments in segments(), motion in motion(), gravity in gravity(),
     ) {
         let chain = chain(&segments);
@@ -152,7 +152,7 @@ proptest! {
     }
 
     #[test]
-    fn torques_change_the_energy_by_their_power(segments in segments(), motion in motion(), gravity in gravity()) {
+    fn torque_power_is_energy_rate(segments in segments(), motion in motion(), gravity in gravity()) {
         let chain = chain(&segments);
         let Motion { q, qd, qdd } = motion;
         let torque = chain.inverse_dynamics(&chain.kinematics(&q), &qd, &qdd, &gravity);
@@ -170,7 +170,7 @@ proptest! {
     }
 
     #[test]
-    fn fixed_joint_on_the_way_is_a_body_merged_by_hand(
+    fn fixed_joint_matches_merged_body(
         first in segment(), second in segment(), part in inertial(), xyz in triple(0.4), rpy in triple(1.4),
         motion in motion(), gravity in gravity(),
     ) {
@@ -191,13 +191,13 @@ proptest! {
         let by_hand = segment_text("base", "a", &merged) + &tail("a", &moved);
         prop_assert!(difference(&read(&lumped, "tip"), &read(&by_hand, "tip"), &motion, &gravity) < 1e-8);
 
-        // The same part beside the way instead of on it.
+        // The same part off the path instead of on it.
         let beside = head + &tail("a", &moved) + &fixed_text("a", "part", &xyz, &rpy, Some(&part));
         prop_assert!(difference(&read(&beside, "tip"), &read(&by_hand, "tip"), &motion, &gravity) < 1e-8);
     }
 
     #[test]
-    fn leg_out_of_a_quadruped_is_that_leg_alone(
+    fn quadruped_leg_matches_leg_alone(
         legs in prop::collection::vec(segments(), 4), limb in segment(), which in 0..4_usize,
         motion in motion(), gravity in gravity(),
     ) {
@@ -206,7 +206,7 @@ proptest! {
         for (prefix, leg) in prefixes.iter().zip(&legs) {
             tree += &limb_text(prefix, "base", leg);
         }
-        // Another limb half-way down each leg, on a joint that moves.
+        // Another limb in the middle of each leg, on a movable joint.
         for prefix in prefixes {
             tree += &segment_text(&format!("{prefix}0"), &format!("{prefix}limb"), &limb);
         }
@@ -215,7 +215,7 @@ proptest! {
     }
 
     #[test]
-    fn placed_base_moves_the_tip_and_turns_gravity(
+    fn base_pose_moves_tip_and_rotates_gravity(
         segments in segments(), motion in motion(), gravity in gravity(), at in triple(3.0), rpy in triple(1.4),
     ) {
         let at_origin = chain(&segments);
@@ -237,7 +237,7 @@ proptest! {
     }
 
     #[test]
-    fn what_is_not_finite_shows(
+    fn kinematics_non_finite_position_is_detected(
         segments in segments(), motion in motion(), which in any::<prop::sample::Index>(),
         bad in prop_oneof![Just(f64::NAN), Just(f64::INFINITY), Just(f64::NEG_INFINITY)],
     ) {
@@ -253,7 +253,7 @@ fn rotation(rpy: &[f64; 3]) -> Rotation3<f64> {
     Rotation3::from_euler_angles(rpy[0], rpy[1], rpy[2])
 }
 
-/// Second moment of mass about the origin, sum of m r r^T: another way to say an inertia, in which bodies just add up.
+/// Mass, centre and second moment of mass about the origin, sum of m r r^T, which is additive over bodies.
 fn second_moment(inertial: &Inertial, place: &Vector3<f64>, turn: &Rotation3<f64>) -> (f64, Vector3<f64>, Matrix3<f64>) {
     let [xx, xy, xz, yy, yz, zz] = inertial.inertia;
     let inertia = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz);
@@ -264,7 +264,7 @@ fn second_moment(inertial: &Inertial, place: &Vector3<f64>, turn: &Rotation3<f64
     (inertial.mass, center, spread + center * center.transpose() * inertial.mass)
 }
 
-/// One body out of two, the second one fixed to the first at this pose.
+/// Merges two bodies, the second one fixed to the first at this pose.
 fn merge(a: &Inertial, b: &Inertial, xyz: &[f64; 3], rpy: &[f64; 3]) -> Inertial {
     let (mass_a, center_a, moment_a) = second_moment(a, &Vector3::zeros(), &Rotation3::identity());
     let (mass_b, center_b, moment_b) = second_moment(b, &Vector3::from(*xyz), &rotation(rpy));

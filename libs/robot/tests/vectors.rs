@@ -1,4 +1,4 @@
-//! The paper's leg against vectors from Pinocchio.
+//! The paper's leg against reference vectors from Pinocchio.
 
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
@@ -14,7 +14,7 @@ fn leg() -> Chain {
     Chain::from_urdf(&text, "leg.urdf", "base", "foot").unwrap()
 }
 
-/// Rows of numbers with the names of their columns checked.
+/// Rows of the reference file; checks the names of its columns.
 fn rows() -> Vec<Vec<f64>> {
     let mut lines = VECTORS.lines();
     let mut expected: Vec<String> = Vec::new();
@@ -39,7 +39,7 @@ fn close(what: &str, row: usize, found: f64, expected: f64) {
 }
 
 #[test]
-fn foot_jacobian_mass_gravity_and_torque_are_those_of_pinocchio() {
+fn leg_rigid_body_matches_pinocchio() {
     let leg = leg();
     let gravity = Vector3::new(0.0, 0.0, -9.81);
     for (row, values) in rows().iter().enumerate() {
@@ -51,12 +51,12 @@ fn foot_jacobian_mass_gravity_and_torque_are_those_of_pinocchio() {
         let jacobian = leg.jacobian(&kin);
         let found_mass = leg.mass_matrix(&kin);
         let found_held = leg.gravity_torque(&kin, &gravity);
-        let still = leg.bias(&kin, &[0.0; 3], &gravity);
+        let static_torque = leg.bias(&kin, &[0.0; 3], &gravity);
         let found_torque = leg.inverse_dynamics(&kin, qd, qdd, &gravity);
         for i in 0..3 {
             close("foot", row, kin.tip_position()[i], foot[i]);
             close("gravity", row, found_held[i], held[i]);
-            close("gravity by inverse dynamics", row, still[i], held[i]);
+            close("gravity by inverse dynamics", row, static_torque[i], held[i]);
             close("tau", row, found_torque[i], torque[i]);
             for j in 0..3 {
                 close("jac", row, jacobian.linear[j][i], jac[3 * i + j]);
@@ -67,7 +67,7 @@ fn foot_jacobian_mass_gravity_and_torque_are_those_of_pinocchio() {
 }
 
 #[test]
-fn leg_has_the_joints_and_shapes_of_its_description() {
+fn leg_joints_and_shapes_match_urdf() {
     let leg = leg();
     assert_eq!(leg.dof(), 3);
     assert_eq!((leg.base_link(), leg.tip_link()), ("base", "foot"));

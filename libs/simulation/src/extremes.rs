@@ -1,26 +1,26 @@
-//! Figures that a study wants and the metrics of a log do not have.
+//! Figures of a study beyond the metrics of a log.
 
 use hapfic_messages::{Command, MAX_JOINTS, State};
 
 /// Largest forces and torques, and the work of the joints, over the ticks so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Extremes {
-    /// Largest force on the foot, mean of a tick, N.
+    /// Largest force on the foot, as mean of a tick [N].
     pub foot_force_n: f64,
-    /// Largest force of one contact, of any two bodies, mean of a tick, N.
+    /// Largest force of one contact between any two bodies, as mean of a tick [N].
     pub contact_force_n: f64,
-    /// Largest commanded torque of each joint, N m (N).
+    /// Largest commanded torque of each joint [N m], [N] for a prismatic joint.
     pub torque: [f64; MAX_JOINTS],
-    /// Ticks at which the peak limited the torque of a joint.
+    /// Ticks in which the peak limited the torque of a joint.
     pub limited_ticks: u64,
-    /// Work of the joints' torques, that done and that taken in both counted, J.
+    /// Work of the joints' torques, as sum of absolute values [J].
     pub work_j: f64,
-    /// q of the tick before.
+    /// q of the previous tick [rad or m].
     position: Option<[f64; MAX_JOINTS]>,
 }
 
 impl Extremes {
-    /// The next tick.
+    /// Adds the next tick.
     #[must_use]
     pub fn step(self, state: &State, command: &Command) -> Self {
         let joints = (state.joints as usize).min(MAX_JOINTS);
@@ -29,7 +29,7 @@ impl Extremes {
         for (most, now) in torque.iter_mut().zip(command.torque).take(joints) {
             *most = most.max(now.abs());
         }
-        // The torque in the state is that of the tick before it, over which the joints moved as far.
+        // The torque in a state is that of the previous tick, over which the joints moved.
         let work = |before: [f64; MAX_JOINTS]| -> f64 {
             (0..joints).map(|i| (state.joint_torque[i] * (state.joint_position[i] - before[i])).abs()).sum()
         };
@@ -43,7 +43,7 @@ impl Extremes {
         }
     }
 
-    /// Largest commanded torque of any joint, N m (N).
+    /// Largest commanded torque of any joint [N m], [N] for a prismatic joint.
     #[must_use]
     pub fn largest_torque(&self) -> f64 {
         self.torque.iter().copied().fold(0.0, f64::max)
@@ -62,7 +62,7 @@ mod tests {
         let mut state = State { joints: 2, ..State::default() };
         state.joint_position[1] = position;
         state.joint_torque[1] = torque;
-        // Beyond the joints that count.
+        // Beyond the valid joints.
         state.joint_position[2] = 100.0 * position;
         state.joint_torque[2] = 100.0;
         state
@@ -76,7 +76,7 @@ mod tests {
     }
 
     #[test]
-    fn work_counts_what_is_done_and_what_is_taken_in_and_starts_with_the_second_tick() {
+    fn extremes_work_counts_both_signs_from_second_tick() {
         let rest = Command::default();
         let started = Extremes::default().step(&state(0.5, 7.0), &rest);
         assert_eq!(started.work_j, 0.0);
@@ -86,12 +86,12 @@ mod tests {
     }
 
     #[test]
-    fn largest_values_stay() {
+    fn extremes_smaller_values_keep_largest() {
         let mut pressed = state(0.0, 0.0);
         pressed.foot_force = [3.0, 0.0, -4.0];
         pressed.contact_count = 1;
         pressed.contacts[0].force = [0.0, 6.0, 8.0];
-        // One more than counts.
+        // Beyond the valid contacts.
         pressed.contacts[1].force = [1e3; 3];
         let all = Extremes::default().step(&pressed, &command(-5.0, 0b10)).step(&state(0.0, 0.0), &command(4.0, 0));
         assert_eq!((all.foot_force_n, all.contact_force_n), (5.0, 10.0));

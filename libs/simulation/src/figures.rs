@@ -1,58 +1,58 @@
-//! The figures of a simulation, each with its name: the columns of the CSV file and the fields of the JSON.
+//! Named figures of a simulation: the columns of the CSV file and the fields of the JSON.
 
 use crate::study::{Done, End};
 use serde_json::{Map, Value, json};
 
 const AXES: [&str; 3] = ["x", "y", "z"];
 
-/// Every figure in the order of the columns; null if there was nothing to measure.
+/// All figures in the order of the columns; null without a measurement.
 #[must_use]
 pub fn figures(done: &Done) -> Vec<(String, Value)> {
-    let mut list = List(Vec::new());
-    list.one("completed", json!(done.end == End::Completed));
-    list.one("error", if let End::Failed(error) = &done.end { json!(error) } else { Value::Null });
-    list.one("simulated_s", json!(done.simulated_s()));
+    let mut list = FigureList(Vec::new());
+    list.push("completed", json!(done.end == End::Completed));
+    list.push("error", if let End::Failed(error) = &done.end { json!(error) } else { Value::Null });
+    list.push("simulated_s", json!(done.simulated_s()));
     let (tracking, force, command) = (&done.metrics.tracking, &done.metrics.force, &done.metrics.force_command);
-    list.axes("error_max", "m", tracking.max_m);
-    list.axes("error_rms", "m", tracking.rms_m);
-    list.one("outside_bound_ticks", json!(tracking.outside_ticks));
-    list.one("foot_force_max_n", json!(done.extremes.foot_force_n));
-    list.one("contact_force_max_n", json!(done.extremes.contact_force_n));
-    list.axes("settled_rms", "percent", force.settled_rms_percent);
-    list.axes("worst_hold_rms", "percent", force.worst_hold_rms_percent);
-    list.axes("last_hold_rms", "percent", force.last_hold_rms_percent);
-    list.axes("sliding_rms", "percent", force.sliding_rms_percent);
-    list.axes("overshoot", "n", force.overshoot_n);
-    list.axes("force_command_max", "n", command.max_n);
-    list.axes("force_command_at_limit", "ticks", command.at_limit_ticks);
-    list.one("torque_max_n_m", json!(done.extremes.largest_torque()));
-    list.one("torque_limited_ticks", json!(done.extremes.limited_ticks));
-    list.one("joint_work_j", json!(done.extremes.work_j));
-    list.one("contact_energy_created_j", json!(done.metrics.integration.contact_energy_created_j));
-    list.one("unconverged_substeps", json!(done.metrics.integration.unconverged));
+    list.push_axes("error_max", "m", tracking.max_m);
+    list.push_axes("error_rms", "m", tracking.rms_m);
+    list.push("outside_bound_ticks", json!(tracking.outside_ticks));
+    list.push("foot_force_max_n", json!(done.extremes.foot_force_n));
+    list.push("contact_force_max_n", json!(done.extremes.contact_force_n));
+    list.push_axes("settled_rms", "percent", force.settled_rms_percent);
+    list.push_axes("worst_hold_rms", "percent", force.worst_hold_rms_percent);
+    list.push_axes("last_hold_rms", "percent", force.last_hold_rms_percent);
+    list.push_axes("sliding_rms", "percent", force.sliding_rms_percent);
+    list.push_axes("overshoot", "n", force.overshoot_n);
+    list.push_axes("force_command_max", "n", command.max_n);
+    list.push_axes("force_command_at_limit", "ticks", command.at_limit_ticks);
+    list.push("torque_max_n_m", json!(done.extremes.largest_torque()));
+    list.push("torque_limited_ticks", json!(done.extremes.limited_ticks));
+    list.push("joint_work_j", json!(done.extremes.work_j));
+    list.push("contact_energy_created_j", json!(done.metrics.integration.contact_energy_created_j));
+    list.push("unconverged_substeps", json!(done.metrics.integration.unconverged));
     list.0
 }
 
-struct List(Vec<(String, Value)>);
+struct FigureList(Vec<(String, Value)>);
 
-impl List {
-    fn one(&mut self, name: &str, value: Value) {
+impl FigureList {
+    fn push(&mut self, name: &str, value: Value) {
         self.0.push((name.to_owned(), value));
     }
 
-    fn axes<T: serde::Serialize>(&mut self, name: &str, unit: &str, values: [T; 3]) {
+    fn push_axes<T: serde::Serialize>(&mut self, name: &str, unit: &str, values: [T; 3]) {
         self.0.extend(AXES.iter().zip(values).map(|(axis, value)| (format!("{name}_{axis}_{unit}"), json!(value))));
     }
 }
 
-/// The first line of the CSV file.
+/// Header line of the CSV file.
 #[must_use]
 pub fn csv_head<'a>(keys: impl Iterator<Item = &'a str>) -> String {
     let names: Vec<_> = figures(&Done::default()).into_iter().map(|(name, _)| name).collect();
     line(keys.map(str::to_owned).chain(names))
 }
 
-/// The line of a run.
+/// CSV line of a run.
 #[must_use]
 pub fn csv_line(values: &[&str], done: &Done) -> String {
     let cells = figures(done).into_iter().map(|(_, value)| match value {
@@ -63,19 +63,19 @@ pub fn csv_line(values: &[&str], done: &Done) -> String {
     line(values.iter().map(|value| (*value).to_owned()).chain(cells))
 }
 
-/// With the line's end, so that a file that was cut off between two writes has complete lines alone.
+/// A CSV line with its newline, so that a file cut off between two writes has complete lines alone.
 fn line(cells: impl Iterator<Item = String>) -> String {
     let mut text = cells.map(|cell| quoted(&cell)).collect::<Vec<_>>().join(",");
     text.push('\n');
     text
 }
 
-/// As RFC 4180 has it.
+/// Quotes a cell as in RFC 4180.
 fn quoted(cell: &str) -> String {
     if cell.contains(['"', ',', '\n', '\r']) { format!("\"{}\"", cell.replace('"', "\"\"")) } else { cell.to_owned() }
 }
 
-/// One object: the run's values, its figures, and all that its log's metrics would say.
+/// JSON object of a run: its values, its figures, and the metrics of its log.
 #[must_use]
 pub fn object<'a>(values: impl Iterator<Item = (&'a str, &'a str)>, done: &Done) -> Value {
     let values: Map<_, _> = values.map(|(key, value)| (key.to_owned(), json!(value))).collect();
@@ -97,7 +97,7 @@ mod tests {
     }
 
     #[test]
-    fn lines_have_as_many_cells_as_the_head_and_quote_what_needs_it() {
+    fn csv_line_matches_header_and_quotes() {
         let head = csv_head(["controller.taper", "operator.2.desired_force"].into_iter());
         assert!(
             head.starts_with("controller.taper,operator.2.desired_force,completed,error,simulated_s,error_max_x_m,"),
@@ -110,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn an_object_has_values_figures_and_metrics() {
+    fn json_object_has_values_figures_and_metrics() {
         let object = object([("seed", "3")].into_iter(), &done());
         assert_eq!((&object["values"]["seed"], &object["completed"]), (&json!("3"), &json!(false)));
         assert_eq!((&object["settled_rms_z_percent"], &object["settled_rms_x_percent"]), (&json!(0.25), &Value::Null));

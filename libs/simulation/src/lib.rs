@@ -1,7 +1,8 @@
-//! The whole stack in one process, without transport, clock or threads; checks and studies that use it.
+//! The stack in one process, without transport, clock or threads; checks and studies that use it.
 //!
-//! Read [`simulation`] first: one tick after the other. [`stability`] holds a set of gains in free air. A study runs one scenario
-//! ([`study`]) or a grid of settings ([`sweep`], on many threads by [`pool`]), writes a log ([`recording`]) and gives [`figures`].
+//! Read [`simulation`] first: it advances the stack by ticks. [`stability`] tests a set of gains in free air. A study
+//! runs one scenario ([`study`]) or a grid of settings ([`sweep`], on many threads by [`pool`]). It writes a log
+//! ([`recording`]) and returns [`figures`].
 
 pub mod extremes;
 pub mod figures;

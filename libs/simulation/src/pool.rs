@@ -1,23 +1,23 @@
-//! Work on many threads whose results come in order.
+//! Thread pool that returns its results in order.
 
 use anyhow::{Context, Result};
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::channel;
 
-/// Does `count` pieces of work on `jobs` threads, and gives each result on as soon as all before it have been given.
+/// Runs `count` jobs on `jobs` threads and passes each result to `consume`, in order, as soon as it is complete.
 ///
-/// Once `stop` is set no new piece is begun, and work that gives `None` was not done to its end: what comes behind it is given
-/// no more. So what was given is always a beginning of the whole. Returns how many were given.
+/// Once `stop` is set, no new job starts. A job returns `None` if it was interrupted; later results are dropped, so
+/// that the consumed results always are the first ones. Returns the number of consumed results.
 ///
 /// # Errors
-/// If a thread cannot be started, or the first error of `give`, which stops the rest.
+/// If a thread cannot be started, or the first error of `consume`, which stops the rest.
 pub fn in_order<T: Send>(
     count: usize,
     jobs: usize,
     stop: &AtomicBool,
     work: impl Fn(usize) -> Option<T> + Sync,
-    mut give: impl FnMut(usize, T) -> Result<()>,
+    mut consume: impl FnMut(usize, T) -> Result<()>,
 ) -> Result<usize> {
     let next = AtomicUsize::new(0);
     let (next, work) = (&next, &work);
@@ -28,12 +28,12 @@ pub fn in_order<T: Send>(
             let sender = sender.clone();
             let started = std::thread::Builder::new().name("hapfic-simulate".to_owned()).spawn_scoped(scope, move || {
                 while !stop.load(Ordering::Relaxed) {
-                    let place = next.fetch_add(1, Ordering::Relaxed);
-                    if place >= count {
+                    let index = next.fetch_add(1, Ordering::Relaxed);
+                    if index >= count {
                         break;
                     }
-                    let Some(result) = work(place) else { break };
-                    if sender.send((place, result)).is_err() {
+                    let Some(result) = work(index) else { break };
+                    if sender.send((index, result)).is_err() {
                         break;
                     }
                 }
@@ -46,18 +46,18 @@ pub fn in_order<T: Send>(
         }
         drop(sender);
         failed?;
-        let (mut waiting, mut given) = (BTreeMap::new(), 0);
-        for (place, result) in results {
-            waiting.insert(place, result);
-            while let Some(result) = waiting.remove(&given) {
-                if let Err(e) = give(given, result) {
+        let (mut waiting, mut consumed) = (BTreeMap::new(), 0);
+        for (index, result) in results {
+            waiting.insert(index, result);
+            while let Some(result) = waiting.remove(&consumed) {
+                if let Err(e) = consume(consumed, result) {
                     stop.store(true, Ordering::Relaxed);
                     return Err(e);
                 }
-                given += 1;
+                consumed += 1;
             }
         }
-        Ok(given)
+        Ok(consumed)
     })
 }
 
@@ -67,52 +67,52 @@ mod tests {
     use super::*;
 
     #[test]
-    fn results_come_in_order_whatever_the_number_of_threads() {
+    fn pool_any_thread_count_keeps_order() {
         for jobs in [1, 2, 7, 100] {
             let mut all = Vec::new();
-            // The later the sooner.
-            let work = |place: usize| {
-                std::thread::sleep(std::time::Duration::from_micros(200 * (20 - place as u64)));
-                Some(place * place)
+            // Later jobs finish earlier.
+            let work = |index: usize| {
+                std::thread::sleep(std::time::Duration::from_micros(200 * (20 - index as u64)));
+                Some(index * index)
             };
-            let given = in_order(20, jobs, &AtomicBool::new(false), work, |place, result| {
-                all.push((place, result));
+            let consumed = in_order(20, jobs, &AtomicBool::new(false), work, |index, result| {
+                all.push((index, result));
                 Ok(())
             });
-            assert_eq!(given.unwrap(), 20);
-            assert_eq!(all, (0..20).map(|place| (place, place * place)).collect::<Vec<_>>(), "{jobs} threads");
+            assert_eq!(consumed.unwrap(), 20);
+            assert_eq!(all, (0..20).map(|index| (index, index * index)).collect::<Vec<_>>(), "{jobs} threads");
         }
     }
 
     #[test]
-    fn work_that_was_stopped_ends_what_is_given() {
+    fn pool_interrupted_job_ends_results() {
         let stop = AtomicBool::new(false);
-        let work = |place: usize| {
-            if place == 5 {
+        let work = |index: usize| {
+            if index == 5 {
                 stop.store(true, Ordering::Relaxed);
                 return None;
             }
-            Some(place)
+            Some(index)
         };
         let mut all = Vec::new();
-        let given = in_order(1000, 3, &stop, work, |place, _| {
-            all.push(place);
+        let consumed = in_order(1000, 3, &stop, work, |index, _| {
+            all.push(index);
             Ok(())
         });
-        assert_eq!((given.unwrap(), all), (5, vec![0, 1, 2, 3, 4]));
+        assert_eq!((consumed.unwrap(), all), (5, vec![0, 1, 2, 3, 4]));
     }
 
     #[test]
-    fn an_error_of_the_one_who_is_given_stops_the_rest() {
+    fn pool_consumer_error_stops_rest() {
         let (stop, done) = (AtomicBool::new(false), AtomicUsize::new(0));
-        let work = |place: usize| {
-            // However fast they are, they are not done before the error.
-            while place > 10 && !stop.load(Ordering::Relaxed) {
+        let work = |index: usize| {
+            // Blocks later jobs until the error.
+            while index > 10 && !stop.load(Ordering::Relaxed) {
                 std::thread::yield_now();
             }
             Some(done.fetch_add(1, Ordering::Relaxed))
         };
-        let error = in_order(1_000_000, 2, &stop, work, |place, _| match place {
+        let error = in_order(1_000_000, 2, &stop, work, |index, _| match index {
             3 => anyhow::bail!("the disk is full"),
             _ => Ok(()),
         });

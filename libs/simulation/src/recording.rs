@@ -1,19 +1,18 @@
-//! The log of a simulation: what the recorder of the processes in lockstep writes, as far as one process has it.
+//! Log of a simulation: the messages that the recorder writes in lockstep, as far as one process has them.
 
 use crate::Snapshot;
 use anyhow::Result;
 use hapfic_config::Settings;
-use hapfic_log::{LogError, RunLog, Totals, Viewer, Writer, proto};
+use hapfic_log::{LogError, LogTotals, RunLog, Viewer, Writer, proto};
 use hapfic_messages::{Clock, Operator, Parameters};
 use hapfic_plant::Plant;
 use hapfic_robot::Chain;
 use std::path::Path;
 
-/// A log that is being written.
+/// Writer of the log of a simulation.
 ///
-/// It has `/state`, `/reference`, `/request`, `/command`, `/operator`, `/tf` and `/scene`, each with the bytes that the processes
-/// give in lockstep. There is no standby, nobody waits, and nothing is lost: `/request/standby`, `/timing`, `/event` and `/log`
-/// are empty.
+/// `/state`, `/reference`, `/request`, `/command`, `/operator`, `/tf` and `/scene` have the same bytes as in lockstep.
+/// `/request/standby`, `/timing`, `/event` and `/log` are empty: one process has no standby, no waits and no losses.
 pub struct Recording {
     writer: Writer,
     viewer: Viewer,
@@ -24,7 +23,7 @@ impl Recording {
     /// Creates the log.
     ///
     /// # Errors
-    /// If it cannot be written there.
+    /// If the plant cannot be built or the log cannot be created.
     pub fn create(scenario: &str, settings: &Settings, log: &Path) -> Result<Self> {
         let plant = Plant::new(settings)?;
         let writer = hapfic_log::create_run_log(&RunLog {
@@ -41,15 +40,15 @@ impl Recording {
         Ok(Self { writer, viewer, chain: plant.chain().clone() })
     }
 
-    /// Writes a parameter set; returns what was written.
+    /// Writes a parameter set; returns the written message.
     ///
     /// # Errors
-    /// [`LogError::Write`], as for all that write.
+    /// [`LogError::Write`].
     pub fn set(&mut self, set: &Parameters) -> Result<proto::Operator, LogError> {
         self.writer.operator(set)
     }
 
-    /// Writes a tick; returns what was written.
+    /// Writes a tick; returns the written messages.
     ///
     /// # Errors
     /// [`LogError::Write`].
@@ -59,12 +58,12 @@ impl Recording {
         self.writer.request(&tick.command.request)?;
         let command = self.writer.command(&tick.command)?;
         if self.viewer.due(tick.state.tick) {
-            self.show(tick, &state, &tick.operator)?;
+            self.write_viewer_frame(tick, &state, &tick.operator)?;
         }
         Ok((state, reference, command))
     }
 
-    fn show(&mut self, now: &Snapshot, state: &proto::State, operator: &Operator) -> Result<(), LogError> {
+    fn write_viewer_frame(&mut self, now: &Snapshot, state: &proto::State, operator: &Operator) -> Result<(), LogError> {
         let tick = now.state.tick;
         let transforms = self.viewer.transforms(tick, &hapfic_log::scene::poses(&self.chain, &now.state));
         self.writer.transforms(tick, &transforms)?;
@@ -77,7 +76,7 @@ impl Recording {
     ///
     /// # Errors
     /// [`LogError::Write`].
-    pub fn finish(self) -> Result<Totals, LogError> {
+    pub fn finish(self) -> Result<LogTotals, LogError> {
         self.writer.finish()
     }
 }

@@ -1,35 +1,35 @@
-//! The whole stack in one process, without buses, clocks or threads: plant, planner, controller, gate and operator, tick by
-//! tick, as fast as it goes.
+//! The stack in one process, without buses, clocks or threads: plant, planner, controller, gate and operator.
 //!
-//! It calls what the processes call, in the order in which lockstep lets them, so its messages are theirs to the last bit
-//! (stamps are zero in both). For studies, checks and searches over parameters.
+//! A tick calls the same functions as the processes in lockstep, in the same order. The messages are therefore the
+//! same, bit for bit; stamps are zero in both. Studies, checks and searches over parameters use it.
 
 use hapfic_config::{OperatorChange, Settings};
 use hapfic_controller::control_step::{ControlInputs, control_step};
 use hapfic_gate::parameter_schedule::ParameterSchedule;
 use hapfic_gate::protocol::{ControllerSlot, GateInputs, Observation};
 use hapfic_gate::torque_check::TorqueCheck;
-use hapfic_gate::{Gate, Limits};
+use hapfic_gate::{Gate, GateLimits};
 use hapfic_messages::{Command, Mode, Operator, Process, Reference, State, ValidationError};
-use hapfic_planner::Plan;
+use hapfic_planner::TickPlan;
 use hapfic_plant::{Plant, PlantError};
 use hapfic_robot::Chain;
 use nalgebra::Vector3;
 
-/// Ticks of dead time between a state and the torque that answers it. The stack has [`DeadTime::One`]; the others are for
-/// studies.
+/// Dead time from a state to the torque that answers it [ticks].
+///
+/// The stack has [`DeadTime::One`]; the others are for studies.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum DeadTime {
-    /// The torque acts from the moment of its state on: no real drive does that.
+    /// The torque acts from its own state on; no real drive can do this.
     None,
     /// The torque acts from the next tick on.
     #[default]
     One,
-    /// A tick later still: a fault.
+    /// The torque acts two ticks later: a fault.
     Two,
 }
 
-/// What went through the stack in a tick k.
+/// Messages of a tick k.
 #[derive(Clone, Copy, Debug)]
 pub struct Snapshot {
     /// state(k).
@@ -38,35 +38,33 @@ pub struct Snapshot {
     pub reference: Reference,
     /// command(k), with the request it accepted.
     pub command: Command,
-    /// The operator's sets as they were inputs when tick k was answered; [`Operator::at`] k is the one in force.
+    /// The operator's sets at the answer of tick k; [`Operator::at`] k is the set in force.
     pub operator: Operator,
 }
 
-/// Why a simulation cannot go on.
+/// An error that ends a simulation.
 #[derive(Debug, thiserror::Error)]
 pub enum SimulationError {
     /// The plant cannot be built, or left the finite numbers.
     #[error(transparent)]
     Plant(#[from] PlantError),
-    /// The controller has no control_step to a state.
-    #[error(
-        "tick {tick}: the controller gave no request for the state, expected one; its numbers have overflowed: lower the gains"
-    )]
+    /// The control step of a state gave no request.
+    #[error("tick {tick}: found no request of the controller, expected one; its numbers have overflowed: lower the gains")]
     NoRequest {
         /// The tick.
         tick: i64,
     },
-    /// The gate refuses the controller's request.
-    #[error("tick {tick}: the gate rejected the controller's request: {defect}; lower the gains")]
-    Refused {
+    /// The gate rejected the controller's request.
+    #[error("tick {tick}: the gate rejected the controller's request: {error}; lower the gains")]
+    Rejected {
         /// The tick.
         tick: i64,
-        /// Why.
-        defect: ValidationError,
+        /// The reason.
+        error: ValidationError,
     },
 }
 
-/// A stack between two ticks. A clone goes on from there on its own.
+/// State of the stack between two ticks. A clone continues independently.
 #[derive(Clone, Debug)]
 pub struct Simulation {
     plant: Plant,
@@ -74,8 +72,8 @@ pub struct Simulation {
     gravity: Vector3<f64>,
     gate: Gate,
     schedule: ParameterSchedule,
-    /// The planner's plan; none before the first tick.
-    plan: Option<Plan>,
+    /// The planner's plan; `None` before the first tick.
+    plan: Option<TickPlan>,
     dead_time: DeadTime,
     /// command(k - 1) and command(k - 2), for the tick k to come.
     commands: [Command; 2],
@@ -83,7 +81,7 @@ pub struct Simulation {
 }
 
 impl Simulation {
-    /// A stack as the scenario starts it, with the dead time it has.
+    /// Creates the stack of a scenario, with its real dead time.
     ///
     /// # Errors
     /// [`SimulationError::Plant`] if the robot description or the start posture is invalid.
@@ -91,14 +89,14 @@ impl Simulation {
         Self::with_dead_time(settings, DeadTime::default())
     }
 
-    /// A stack with another dead time than it has.
+    /// Creates the stack of a scenario with a given dead time.
     ///
     /// # Errors
     /// As for [`new`](Self::new).
     pub fn with_dead_time(settings: &Settings, dead_time: DeadTime) -> Result<Self, SimulationError> {
         let plant = Plant::new(settings)?;
         let gate = Gate::new(
-            Limits::new(settings, plant.chain()),
+            GateLimits::new(settings, plant.chain()),
             TorqueCheck::new(plant.chain().clone(), settings.world.gravity_m_per_s2),
         );
         let state = plant.sample();
@@ -118,40 +116,41 @@ impl Simulation {
         })
     }
 
-    /// The tick that [`step`](Self::step) does next.
+    /// Tick of the next [`step`](Self::step).
     #[must_use]
     pub fn tick(&self) -> i64 {
         self.gate.tick()
     }
 
-    /// The plant, for those who want to look closer or set a state between two ticks.
+    /// The plant, to inspect or set its state between two ticks.
     #[must_use]
     pub fn plant(&mut self) -> &mut Plant {
         &mut self.plant
     }
 
-    /// What went through in the last tick; before the first one, the state and command everything starts from.
+    /// Messages of the last tick; before the first tick, the initial state and command.
     #[must_use]
     pub fn snapshot(&self) -> &Snapshot {
         &self.snapshot
     }
 
-    /// The operator's sets as they are inputs after the last tick, with what was announced in it.
+    /// The operator's sets after the last tick, with those announced in it.
     #[must_use]
     pub fn operator(&self) -> &Operator {
         self.schedule.operator()
     }
 
-    /// Puts a change of the operator in, to take effect as soon as an announced change can. Returns its version and that tick;
-    /// `None` if too many are waiting.
+    /// Adds a change of the operator, with effect from the earliest possible tick.
+    ///
+    /// Returns its version and that tick; `None` if too many changes are pending.
     pub fn change(&mut self, change: &OperatorChange) -> Option<(u64, i64)> {
         self.schedule.insert(change, self.gate.tick())
     }
 
-    /// Does one tick. Nothing ends it: a scenario's duration is the caller's business.
+    /// Advances by one tick. The caller limits the duration.
     ///
     /// # Errors
-    /// [`SimulationError`]; the simulation must not be used any more then.
+    /// [`SimulationError`]; the simulation is invalid from then on.
     pub fn step(&mut self) -> Result<&Snapshot, SimulationError> {
         let tick = self.gate.tick();
         let state = self.plant.sample();
@@ -166,7 +165,7 @@ impl Simulation {
         };
         let request =
             control_step(&self.chain, &self.gravity, &inputs, Process::Controller).ok_or(SimulationError::NoRequest { tick })?;
-        self.gate.validate(&request, &state, operator.at(tick)).map_err(|defect| SimulationError::Refused { tick, defect })?;
+        self.gate.validate(&request, &state, operator.at(tick)).map_err(|error| SimulationError::Rejected { tick, error })?;
         let command = self.gate.accept(ControllerSlot::First, &request, &Observation::alone(), &GateInputs::default());
         self.schedule.announce(tick);
         self.drive(tick, &command);
@@ -176,13 +175,13 @@ impl Simulation {
         Ok(&self.snapshot)
     }
 
-    /// The planner's tick: returns reference(k) and makes the plan of k + 1.
+    /// Planner tick: returns reference(k) and makes the plan of k + 1.
     fn take_reference(&mut self, state: &State, operator: &Operator) -> Reference {
-        // As the planner signs them: reference(k) was made at k - 1, that of tick 0 together with that of tick 1.
+        // Versions as in the planner: reference(k) is made at k - 1, that of tick 0 together with that of tick 1.
         let version = operator.at(state.tick.max(1)).version;
-        let plan = self.plan.unwrap_or_else(|| Plan::at_rest(0, state.foot_position));
+        let plan = self.plan.unwrap_or_else(|| TickPlan::at_rest(0, state.foot_position));
         let active = self.commands[0].mode == Mode::Active.code();
-        self.plan = Some(Plan::next(Some(plan), state, active, operator));
+        self.plan = Some(TickPlan::next(Some(plan), state, active, operator));
         plan.reference(version)
     }
 
@@ -193,7 +192,7 @@ impl Simulation {
             DeadTime::One => &self.commands[0],
             DeadTime::Two => &self.commands[1],
         };
-        // The drive knows one dead time, and counts commands that are missing by their ticks.
+        // The drive expects a dead time of one tick and counts missing commands by their ticks.
         self.plant.take(&Command { tick: tick - 1, ..*due });
     }
 }
@@ -208,14 +207,14 @@ mod tests {
     }
 
     #[test]
-    fn ticks_follow_each_other_as_between_the_processes() {
+    fn simulation_ticks_match_processes() {
         let mut simulation = Simulation::new(&settings()).unwrap();
         assert_eq!(simulation.snapshot().command.mode, Mode::Hold.code());
         for k in 0..300 {
             assert_eq!(simulation.tick(), k);
             let s = *simulation.step().unwrap();
             assert_eq!((s.state.tick, s.reference.tick, s.command.tick, s.command.request.state_tick), (k, k, k, k));
-            assert_eq!(s.state.command_tick, (k - 2).max(-1), "what acted until the state");
+            assert_eq!(s.state.command_tick, (k - 2).max(-1), "the command that acted until the state");
             assert_eq!(s.command.mode, Mode::Active.code());
             assert_eq!(s.operator.at(k).version, s.command.request.parameters_version);
         }
@@ -223,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn the_brakes_hold_until_the_first_torque_acts() {
+    fn simulation_before_first_torque_brakes_hold() {
         for (dead_time, held) in [(DeadTime::None, 0), (DeadTime::One, 1), (DeadTime::Two, 2)] {
             let mut simulation = Simulation::with_dead_time(&settings(), dead_time).unwrap();
             let start = simulation.snapshot().state.joint_position;
@@ -234,13 +233,13 @@ mod tests {
                     moved = Some(k);
                 }
             }
-            // The torque that acts from tick `held` on shows in the state after it.
+            // A torque that acts from tick `held` on changes the state after it.
             assert_eq!(moved, Some(held + 1), "{dead_time:?}");
         }
     }
 
     #[test]
-    fn a_change_put_in_takes_effect_at_the_tick_it_was_told() {
+    fn simulation_change_acts_at_returned_tick() {
         let mut simulation = Simulation::new(&settings()).unwrap();
         for _ in 0..10 {
             simulation.step().unwrap();
@@ -256,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn two_simulations_are_the_same_to_the_last_bit() {
+    fn simulation_same_settings_give_same_bits() {
         let settings = settings();
         let (mut a, mut b) = (Simulation::new(&settings).unwrap(), Simulation::new(&settings).unwrap());
         for _ in 0..400 {

@@ -1,4 +1,4 @@
-//! One simulation from start to end, and its figures.
+//! Simulation of a scenario from start to end, with its figures.
 
 use crate::extremes::Extremes;
 use crate::recording::Recording;
@@ -8,52 +8,52 @@ use hapfic_log::{LogError, Metrics, MetricsSummary, Names, convert};
 use hapfic_messages::{Operator, Parameters};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Divided by, and not multiplied by the period, 3800 ticks are 3.8 s.
+/// Divisor for ticks: 3800 divided by it is exactly 3.8 s, unlike 3800 times the period.
 const TICKS_PER_S: f64 = 1.0 / PERIOD_S;
 
-/// How a simulation ended.
+/// End of a simulation.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum End {
-    /// All ticks are done.
+    /// All ticks are simulated.
     #[default]
     Completed,
-    /// It could not go on.
+    /// An error ended it; the message.
     Failed(String),
-    /// Somebody asked for its end.
+    /// The stop flag ended it.
     Stopped,
 }
 
-/// What came of a simulation.
+/// Result of a simulation.
 #[derive(Clone, Debug, Default)]
 pub struct Done {
-    /// How it ended.
+    /// End of the simulation.
     pub end: End,
-    /// Ticks that were done.
+    /// Number of simulated ticks.
     pub ticks: u64,
-    /// The figures that a log of it gives.
+    /// Metrics of its log.
     pub metrics: MetricsSummary,
-    /// Those that it does not.
+    /// Figures beyond the metrics.
     pub extremes: Extremes,
 }
 
 impl Done {
-    /// Simulated time, s.
+    /// Simulated time [s].
     #[must_use]
     pub fn simulated_s(&self) -> f64 {
         self.ticks as f64 / TICKS_PER_S
     }
 }
 
-/// Simulates a scenario to its end, or until `stop` is set; writes it down as it goes, if there is a recording.
+/// Simulates a scenario to its end, or until `stop` is set, and writes the recording, if any.
 ///
 /// # Errors
-/// [`LogError`] if the recording cannot be written. That a simulation cannot go on is an end, not an error.
+/// [`LogError`] if the recording cannot be written. A failed simulation is an [`End`], not an error.
 pub fn study(settings: &Settings, stop: &AtomicBool, recording: Option<&mut Recording>) -> Result<Done, LogError> {
     let mut simulation = match Simulation::new(settings) {
         Ok(simulation) => simulation,
         Err(e) => return Ok(Done { end: End::Failed(e.to_string()), ..Done::default() }),
     };
-    let mut sums = Sums {
+    let mut sums = StudySums {
         names: {
             let plant = simulation.plant();
             Names::new(settings, plant.chain(), plant.body_names())
@@ -79,7 +79,7 @@ pub fn study(settings: &Settings, stop: &AtomicBool, recording: Option<&mut Reco
         }
         ticks += 1;
     }
-    // What was announced in the last tick is in force in none, and in the log all the same.
+    // A set announced in the last tick never takes effect, but belongs in the log.
     sums.announce(simulation.operator())?;
     Ok(Done { end, ticks, metrics: sums.metrics.summary(), extremes: sums.extremes })
 }
@@ -88,8 +88,8 @@ fn step(simulation: &mut Simulation) -> Result<Snapshot, SimulationError> {
     simulation.step().copied()
 }
 
-/// Figures that grow tick by tick.
-struct Sums<'a> {
+/// Metrics and figures, summed over the ticks.
+struct StudySums<'a> {
     names: Names,
     metrics: Metrics,
     extremes: Extremes,
@@ -98,7 +98,7 @@ struct Sums<'a> {
     recording: Option<&'a mut Recording>,
 }
 
-impl Sums<'_> {
+impl StudySums<'_> {
     fn take(&mut self, snapshot: &Snapshot) -> Result<(), LogError> {
         self.announce(&snapshot.operator)?;
         let (state, reference, command) = match &mut self.recording {
@@ -116,7 +116,7 @@ impl Sums<'_> {
         Ok(())
     }
 
-    /// Each set once, when it is announced.
+    /// Adds each set once, when it is announced.
     fn announce(&mut self, operator: &Operator) -> Result<(), LogError> {
         for set in [&operator.current, &operator.next] {
             if set.version > self.announced {
@@ -147,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn a_scenario_is_simulated_to_its_end() {
+    fn study_without_error_completes() {
         let done = study(&settings(&["duration_s=4.5"]), &AtomicBool::new(false), None).unwrap();
         assert_eq!((&done.end, done.ticks, done.simulated_s()), (&End::Completed, 4500, 4.5));
         assert_eq!(Done { ticks: 3800, ..Done::default() }.simulated_s(), 3.8);
@@ -159,17 +159,17 @@ mod tests {
     }
 
     #[test]
-    fn one_that_cannot_go_on_says_why() {
-        let mut mad = settings(&["duration_s=1.0"]);
-        // No file can say that: it stands for gains with which the numbers overflow.
-        mad.initial.stiffness = [f64::NAN; 3];
-        let done = study(&mad, &AtomicBool::new(false), None).unwrap();
+    fn study_overflow_reports_reason() {
+        let mut overflowing = settings(&["duration_s=1.0"]);
+        // Invalid in a file; stands for gains with which the numbers overflow.
+        overflowing.initial.stiffness = [f64::NAN; 3];
+        let done = study(&overflowing, &AtomicBool::new(false), None).unwrap();
         assert!(matches!(&done.end, End::Failed(error) if error.contains("lower the gains")), "{:?}", done.end);
         assert!(done.ticks < 1000, "{}", done.ticks);
     }
 
     #[test]
-    fn one_that_was_stopped_says_so() {
+    fn study_stop_flag_stops() {
         let done = study(&settings(&[]), &AtomicBool::new(true), None).unwrap();
         assert_eq!((done.end, done.ticks, done.metrics.ticks.last), (End::Stopped, 0, None));
     }

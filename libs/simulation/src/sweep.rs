@@ -1,27 +1,27 @@
-//! `--sweep`: the values that settings go through, and all their combinations.
+//! `--sweep`: values of settings, and all their combinations.
 
 use anyhow::{Result, bail, ensure};
 
-/// Most runs of one study: each is checked before the first one starts.
-const MOST_RUNS: usize = 10_000;
-/// How a sweep is written.
+/// Maximum number of runs of a study; all settings are checked before the first run.
+const MAX_RUNS: usize = 10_000;
+/// Syntax of a sweep.
 const USAGE: &str = "KEY=V1,V2,... or KEY=FROM:TO:COUNT";
 
-/// A setting and the values it goes through.
+/// A setting and its values.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Sweep {
-    /// As `--set` names it.
+    /// Key, as in `--set`.
     pub key: String,
-    /// As `--set` would have them.
+    /// Values, as in `--set`.
     pub values: Vec<String>,
 }
 
 impl Sweep {
-    /// Reads `KEY=V1,V2,...`; a value may be a range `FROM:TO:COUNT` of numbers, ends included. Commas and colons within
-    /// brackets or quotes belong to the value.
+    /// Reads `KEY=V1,V2,...`; a value may be a range `FROM:TO:COUNT` of numbers, ends included. Commas and colons
+    /// within brackets or quotes belong to the value.
     ///
     /// # Errors
-    /// What is wrong with it. Whether there is such a setting, and may have such values, is for those who load it to say.
+    /// If the syntax is invalid. Loading the settings checks the key and the values.
     pub fn read(argument: &str) -> Result<Self> {
         let Some((key, text)) = argument.split_once('=') else {
             bail!("--sweep {argument}: found no =, expected {USAGE}");
@@ -38,7 +38,7 @@ impl Sweep {
     }
 }
 
-/// All combinations of some sweeps; the last one changes fastest. Without sweeps there is one, of nothing.
+/// All combinations of some sweeps; the last one changes fastest. Without sweeps there is one run without overrides.
 #[derive(Clone, Debug, Default)]
 pub struct Grid {
     sweeps: Vec<Sweep>,
@@ -48,7 +48,7 @@ impl Grid {
     /// Reads all sweeps of a command line.
     ///
     /// # Errors
-    /// If one cannot be read, two are of one setting, or they make too many runs.
+    /// If the syntax is invalid, two sweeps have the same key, or there are too many runs.
     pub fn read(arguments: &[String]) -> Result<Self> {
         let mut sweeps: Vec<Sweep> = Vec::new();
         let mut runs = 1_usize;
@@ -61,22 +61,22 @@ impl Grid {
             );
             runs = runs.saturating_mul(sweep.values.len());
             ensure!(
-                runs <= MOST_RUNS,
-                "--sweep {argument}: found {runs} runs with it, expected at most {MOST_RUNS}; take fewer values"
+                runs <= MAX_RUNS,
+                "--sweep {argument}: found {runs} runs with it, expected at most {MAX_RUNS}; take fewer values"
             );
             sweeps.push(sweep);
         }
         Ok(Self { sweeps })
     }
 
-    /// Runs.
+    /// Number of runs.
     #[must_use]
     #[allow(clippy::len_without_is_empty)] // A grid has at least one run.
     pub fn len(&self) -> usize {
         self.sweeps.iter().map(|sweep| sweep.values.len()).product()
     }
 
-    /// The sweeps, in the order in which they were written.
+    /// The sweeps, in the order of the command line.
     #[must_use]
     pub fn sweeps(&self) -> &[Sweep] {
         &self.sweeps
@@ -100,27 +100,27 @@ impl Grid {
         values
     }
 
-    /// The same as `KEY=VALUE`.
+    /// The values of a run as `KEY=VALUE`.
     #[must_use]
     pub fn overrides(&self, run: usize) -> Vec<String> {
         self.sweeps.iter().zip(self.values(run)).map(|(sweep, value)| format!("{}={value}", sweep.key)).collect()
     }
 }
 
-/// The parts between separators that are in no brackets and no quotes.
+/// Splits a text at separators outside of brackets and quotes.
 fn split(text: &str, separator: char) -> Vec<&str> {
     let (mut depth, mut quote, mut parts, mut start) = (0_usize, None, Vec::new(), 0);
-    for (place, letter) in text.char_indices() {
+    for (index, character) in text.char_indices() {
         match quote {
-            Some(open) if letter == open => quote = None,
+            Some(open) if character == open => quote = None,
             Some(_) => {}
-            None => match letter {
-                '"' | '\'' => quote = Some(letter),
+            None => match character {
+                '"' | '\'' => quote = Some(character),
                 '[' | '{' => depth += 1,
                 ']' | '}' => depth = depth.saturating_sub(1),
-                _ if letter == separator && depth == 0 => {
-                    parts.push(text[start..place].trim());
-                    start = place + letter.len_utf8();
+                _ if character == separator && depth == 0 => {
+                    parts.push(text[start..index].trim());
+                    start = index + character.len_utf8();
                 }
                 _ => {}
             },
@@ -130,7 +130,7 @@ fn split(text: &str, separator: char) -> Vec<&str> {
     parts
 }
 
-/// Numbers at equal distances, ends included.
+/// Equidistant numbers, ends included.
 fn range(argument: &str, from: &str, to: &str, count: &str) -> Result<Vec<String>> {
     let number = |text: &str| match text.parse::<f64>() {
         Ok(number) if number.is_finite() => Ok(number),
@@ -138,24 +138,24 @@ fn range(argument: &str, from: &str, to: &str, count: &str) -> Result<Vec<String
     };
     let (first, last) = (number(from)?, number(to)?);
     let count: usize = match count.parse() {
-        Ok(count) if (2..=MOST_RUNS).contains(&count) => count,
-        _ => bail!("--sweep {argument}: found COUNT {count:?}, expected a whole number in [2, {MOST_RUNS}]"),
+        Ok(count) if (2..=MAX_RUNS).contains(&count) => count,
+        _ => bail!("--sweep {argument}: found COUNT {count:?}, expected a whole number in [2, {MAX_RUNS}]"),
     };
     if let Some(whole) = whole_numbers(from, to, count) {
         return Ok(whole);
     }
-    let share = |place: usize| place as f64 / (count - 1) as f64;
-    Ok((0..count).map(|place| format!("{:?}", rounded(first * (1.0 - share(place)) + last * share(place)))).collect())
+    let share = |index: usize| index as f64 / (count - 1) as f64;
+    Ok((0..count).map(|index| format!("{:?}", rounded(first * (1.0 - share(index)) + last * share(index)))).collect())
 }
 
-/// The range, if it is one of whole numbers, written so: a setting that counts something takes no others.
+/// The range as integers, if all its numbers are integers: a setting that counts accepts no other.
 fn whole_numbers(from: &str, to: &str, count: usize) -> Option<Vec<String>> {
     let (first, last) = (from.parse::<i64>().ok()?, to.parse::<i64>().ok()?);
     let (span, gaps) = (last.checked_sub(first)?, i64::try_from(count).ok()? - 1);
-    (span % gaps == 0).then(|| (0..=gaps).map(|place| (first + place * (span / gaps)).to_string()).collect())
+    (span % gaps == 0).then(|| (0..=gaps).map(|index| (first + index * (span / gaps)).to_string()).collect())
 }
 
-/// To twelve digits: 0.3 in the middle of 0.1 and 0.5, not what the sum of two halves comes to.
+/// Rounds to twelve digits, so that the midpoint of 0.1 and 0.5 reads 0.3.
 fn rounded(value: f64) -> f64 {
     format!("{value:.11e}").parse().unwrap_or(value)
 }
@@ -175,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn lists_are_split_outside_of_brackets_and_quotes() {
+    fn sweep_list_splits_outside_brackets_and_quotes() {
         let sweep = Sweep::read(" controller.taper = 0.1, 0.2,0.3").unwrap();
         assert_eq!(
             sweep,
@@ -184,13 +184,13 @@ mod tests {
         assert_eq!(values("operator.2.desired_force=[0, 0, 50],[0,0,80]"), ["[0, 0, 50]", "[0,0,80]"]);
         assert_eq!(values("fault=[{kind=\"kill\",at=[1,2]}],[]"), ["[{kind=\"kill\",at=[1,2]}]", "[]"]);
         assert_eq!(values("title=\"a,b:c:d\",'e,f'"), ["\"a,b:c:d\"", "'e,f'"]);
-        // What a setting makes of nothing is for it to say.
+        // Loading the settings checks the empty value.
         assert_eq!(values("a=1,,2"), ["1", "", "2"]);
         assert_eq!(values("a=b=c"), ["b=c"]);
     }
 
     #[test]
-    fn ranges_have_both_ends_and_round_numbers() {
+    fn sweep_range_has_both_ends_and_round_numbers() {
         assert_eq!(values("a=0.1:0.5:5"), ["0.1", "0.2", "0.3", "0.4", "0.5"]);
         assert_eq!(values("a=1:2:3"), ["1.0", "1.5", "2.0"]);
         assert_eq!(values("a=10:50:3"), ["10", "30", "50"]);
@@ -200,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn combinations_come_in_order_each_once() {
+    fn grid_combinations_are_ordered_and_unique() {
         let grid = Grid::read(&["a=1,2".to_owned(), "b=x,y,z".to_owned()]).unwrap();
         let all: Vec<_> = (0..grid.len()).map(|run| grid.values(run).join("")).collect();
         assert_eq!(all, ["1x", "1y", "1z", "2x", "2y", "2z"]);
@@ -210,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_told() {
+    fn sweep_invalid_argument_is_rejected() {
         for (arguments, words) in [
             (&["taper"][..], "--sweep taper: found no =, expected KEY=V1,V2,... or KEY=FROM:TO:COUNT"),
             (&["a=1:x:3"], "found \"x\", expected a number"),

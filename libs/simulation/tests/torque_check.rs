@@ -1,4 +1,4 @@
-//! The gate's torque check against every request of the stack.
+//! The gate's torque check on all requests of the stack.
 #![allow(clippy::unwrap_used)]
 
 use hapfic_config::Settings;
@@ -7,7 +7,7 @@ use hapfic_messages::ValidationError;
 use hapfic_simulation::Simulation;
 
 #[test]
-fn every_request_of_the_stack_passes_and_a_changed_torque_does_not() {
+fn torque_check_changed_torque_is_rejected() {
     for scenario in ["floor", "ball-actuators"] {
         let settings = Settings::load(scenario, &["controller.gravity_compensation=true".to_owned()]).unwrap();
         let mut simulation = Simulation::new(&settings).unwrap();

@@ -4,11 +4,13 @@ use crate::atomic::{AtomicU32, Ordering};
 
 /// Sequence number and waiters of one doorbell, on a cache line of its own.
 ///
-/// A notifier increments the sequence and wakes the waiters, if there are any. A waiter registers itself, and sleeps only while the
-/// sequence is the one it has seen last. Both orders are sequentially consistent: either the notifier sees the waiter, or the waiter
-/// sees the new sequence. A process that dies while it sleeps leaves `waiters` too high; each notification then makes its system call.
+/// A notifier increments the sequence and wakes the waiters, if there are any. A waiter registers itself, and sleeps
+/// only while the sequence is the one it has seen last. Both orders are sequentially consistent: either the notifier
+/// sees the waiter, or the waiter sees the new sequence. A process that dies while it sleeps leaves `waiters` too high;
+/// each notification then makes its system call.
 #[derive(Debug)]
 #[repr(C, align(64))]
+#[repr(C)]
 pub struct DoorbellWord {
     sequence: AtomicU32,
     waiters: AtomicU32,
@@ -22,7 +24,8 @@ impl Default for DoorbellWord {
 }
 
 impl DoorbellWord {
-    /// Increments the sequence; calls `wake` with it if there are waiters. What was written before is visible to all who see it.
+    /// Increments the sequence; calls `wake` with it if there are waiters. Earlier writes are visible to every thread
+    /// that sees it.
     pub fn notify(&self, wake: impl FnOnce(&AtomicU32)) {
         self.sequence.fetch_add(1, Ordering::SeqCst);
         loom_fence();
@@ -37,7 +40,7 @@ impl DoorbellWord {
         self.sequence.load(Ordering::SeqCst)
     }
 
-    /// The word to sleep on.
+    /// Futex word of the waiters.
     #[must_use]
     pub fn futex(&self) -> &AtomicU32 {
         &self.sequence
@@ -60,7 +63,7 @@ impl DoorbellWord {
         self.polled.store(u32::from(polled), Ordering::Relaxed);
     }
 
-    /// Registers a waiter as long as the guard lives.
+    /// Registers a waiter until the guard drops.
     #[must_use]
     pub fn register(&self) -> WaiterGuard<'_> {
         self.waiters.fetch_add(1, Ordering::SeqCst);
@@ -75,7 +78,7 @@ fn loom_fence() {
     loom::sync::atomic::fence(Ordering::SeqCst);
 }
 
-/// Registration of a thread that sleeps, or is about to.
+/// Registration of a thread that sleeps, or is about to sleep.
 #[derive(Debug)]
 pub struct WaiterGuard<'a>(&'a DoorbellWord);
 

@@ -1,4 +1,4 @@
-//! Words of the present generation of a process: what its predecessor wrote never counts.
+//! Words of the present generation of a process: those of its predecessor never count.
 
 use crate::atomic::{AtomicU32, Ordering};
 use crate::versioned_cell::VersionedCell;
@@ -7,6 +7,7 @@ use crate::versioned_cell::VersionedCell;
 ///
 /// `W` counts the words and the tag: `GenerationCell<4>` holds three words.
 #[derive(Debug)]
+#[repr(C)]
 pub struct GenerationCell<const W: usize> {
     expected: AtomicU32,
     cell: VersionedCell<W>,
@@ -24,13 +25,15 @@ fn tag(generation: u32) -> u64 {
 }
 
 impl<const W: usize> GenerationCell<W> {
-    /// Expects words of another generation from now on: those of the one before do not count any more. By any thread.
+    /// Expects words of another generation from now on: those of the previous generation no longer count. Any thread
+    /// may call it.
     pub fn expect(&self, generation: u32) {
         self.expected.store(generation, Ordering::Release);
     }
 
-    /// Writes the words of a generation; the first word is replaced by its tag. By one thread only. Words of another generation than
-    /// the expected one are kept out of readers' sight.
+    /// Writes the words of a generation; the first word is replaced by its tag. Only one thread may call it.
+    ///
+    /// Readers do not see words of a generation that is not expected.
     pub fn write(&self, generation: u32, mut words: [u64; W]) {
         words[0] = tag(generation);
         self.cell.write(words);

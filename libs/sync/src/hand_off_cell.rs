@@ -1,9 +1,9 @@
-//! Ownership that two threads hand to each other.
+//! Hand-off of ownership between two threads.
 
 use crate::atomic::{AtomicPtr, Ordering};
 use core::marker::PhantomData;
 
-/// A box that is either here or with the one thread that took it. No call waits or allocates.
+/// Cell whose box is either inside or owned by the thread that took it. No call waits or allocates.
 pub struct HandOffCell<T> {
     content: AtomicPtr<T>,
     owns: PhantomData<Box<T>>,
@@ -27,15 +27,16 @@ impl<T> core::fmt::Debug for HandOffCell<T> {
 }
 
 impl<T> HandOffCell<T> {
-    /// Takes the box, if it is here.
+    /// Takes the box, if the cell holds it.
     #[must_use]
     pub fn take(&self) -> Option<Box<T>> {
         let content = self.content.swap(core::ptr::null_mut(), Ordering::AcqRel);
-        // SAFETY: every pointer but null comes from `Box::into_raw` in `put`, and the swap gave it to this thread alone.
+        // SAFETY: every pointer but null comes from `Box::into_raw` in `put`, and the swap gave it to this thread
+        // alone.
         (!content.is_null()).then(|| unsafe { Box::from_raw(content) })
     }
 
-    /// Puts a box here. Returns the one that was here before, if there was one.
+    /// Puts a box into the cell. Returns the previous box, if any.
     pub fn put(&self, content: Box<T>) -> Option<Box<T>> {
         let before = self.content.swap(Box::into_raw(content), Ordering::AcqRel);
         // SAFETY: as in `take`.

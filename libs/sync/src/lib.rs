@@ -1,6 +1,7 @@
-//! Lock-free pieces of the stack: each a few atomics without system calls, so that `loom` can explore every interleaving.
+//! Lock-free primitives of the stack: each a few atomics without system calls, so that `loom` can explore every
+//! interleaving.
 //!
-//! | piece | between | used by |
+//! | primitive | between | used by |
 //! |---|---|---|
 //! | [`DoorbellWord`] | a notifier and its waiters, across processes | `ipc`'s doorbells |
 //! | [`DeadlineWord`] | a waiting thread and the helper thread that ends its wait | `ipc`'s deadline timer |

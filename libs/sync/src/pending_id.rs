@@ -1,8 +1,8 @@
-//! Whether the newest request still waits to be taken.
+//! State of the newest request: pending or closed.
 
 use crate::atomic::{AtomicU64, Ordering};
 
-/// The newest request's id, and whether it is pending: either its taker takes it or its owner withdraws it, never both.
+/// Id of the newest request, and whether it is pending: the taker takes it or the owner withdraws it, never both.
 #[derive(Debug)]
 pub struct PendingId(AtomicU64);
 
@@ -21,18 +21,18 @@ impl Default for PendingId {
 }
 
 impl PendingId {
-    /// Makes a request pending, instead of the one before. By its owner.
+    /// Makes a request pending, in place of the previous one. Only the owner may call it.
     pub fn open(&self, id: u64) {
         self.0.store(pending(id), Ordering::Release);
     }
 
-    /// Takes a request. `false` if it was withdrawn, replaced or taken before.
+    /// Takes a request. Returns `false` if it was withdrawn, replaced or taken before.
     #[must_use]
     pub fn take(&self, id: u64) -> bool {
         self.close(id)
     }
 
-    /// Withdraws a request. `false` if it was taken.
+    /// Withdraws a request. Returns `false` if it was taken.
     #[must_use]
     pub fn withdraw(&self, id: u64) -> bool {
         self.close(id)

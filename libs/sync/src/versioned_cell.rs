@@ -1,13 +1,14 @@
-//! Several words that are read as one writer wrote them together.
+//! Words that readers get as one write stored them.
 
 use crate::atomic::{AtomicU64, Ordering, fence};
 use crate::spin_loop;
 
 /// `N` words with a version, written by one thread and read by many.
 ///
-/// Two slots in turn: a writer that is preempted in the middle of a write disturbs no reader. A reader starts again only if the writer
-/// has begun its second write meanwhile.
+/// Writes alternate between two slots: a writer that is preempted during a write disturbs no reader. A reader repeats
+/// only if the writer has begun its second write meanwhile.
 #[derive(Debug)]
+#[repr(C)]
 pub struct VersionedCell<const N: usize> {
     version: AtomicU64,
     slots: [[AtomicU64; N]; 2],
@@ -21,7 +22,7 @@ impl<const N: usize> Default for VersionedCell<N> {
 }
 
 impl<const N: usize> VersionedCell<N> {
-    /// Writes all words. By one thread only.
+    /// Writes all words. Only one thread may call it.
     pub fn write(&self, words: [u64; N]) {
         let next = self.version.load(Ordering::Relaxed) + 1;
         // A reader that sees one of these words sees the version before it, too.
@@ -32,7 +33,7 @@ impl<const N: usize> VersionedCell<N> {
         self.version.store(next, Ordering::Release);
     }
 
-    /// The words of one write: the newest, or the one that was the newest when this was called. All zero before the first.
+    /// Words of one write: the newest, or the one that was newest at the call. All zero before the first.
     #[must_use]
     pub fn read(&self) -> [u64; N] {
         loop {

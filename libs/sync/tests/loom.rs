@@ -1,6 +1,7 @@
-//! Every interleaving of each lock-free piece, explored by loom: `RUSTFLAGS="--cfg loom" cargo test -p hapfic-sync --release`.
+//! Every interleaving of each lock-free primitive, explored by loom: `RUSTFLAGS="--cfg loom" cargo test -p hapfic-sync
+//! --release`.
 //!
-//! Each test names what it explores. Where an older design was wrong it stands beside the new one, and loom finds its fault.
+//! Tests of older, wrong designs stand beside those of the present ones: loom finds their faults.
 #![cfg(loom)]
 #![allow(clippy::unwrap_used, missing_docs)]
 
@@ -9,28 +10,28 @@ use loom::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use loom::sync::{Arc, Condvar, Mutex};
 use loom::thread;
 
-/// The kernel's futex: comparing and falling asleep are one step under the lock of the hash bucket.
+/// Model of the kernel's futex: comparison and sleep are one step under the lock of the hash bucket.
 #[derive(Default)]
 struct Futex {
     bucket: Mutex<()>,
-    sleepers: Condvar,
+    waiters: Condvar,
 }
 
 impl Futex {
     fn wait(&self, word: &AtomicU32, expected: u32) {
         let held = self.bucket.lock().unwrap();
         if word.load(Ordering::SeqCst) == expected {
-            drop(self.sleepers.wait(held).unwrap());
+            drop(self.waiters.wait(held).unwrap());
         }
     }
 
     fn wake(&self) {
         drop(self.bucket.lock().unwrap());
-        self.sleepers.notify_all();
+        self.waiters.notify_all();
     }
 }
 
-/// A notifier and a waiter: no notification is lost. A lost one would be a deadlock, which loom reports.
+/// A notifier and a waiter: no notification is lost. A lost notification would be a deadlock, which loom reports.
 #[test]
 fn doorbell_waiter_always_wakes() {
     loom::model(|| {
@@ -46,16 +47,16 @@ fn doorbell_waiter_always_wakes() {
             futex.wait(word.futex(), 0);
         }
         assert_eq!(word.sequence(), 1, "the only wake-up is the notification");
-        assert_eq!(message.load(Ordering::Relaxed), 1, "what was written before the notification is visible");
+        assert_eq!(message.load(Ordering::Relaxed), 1, "writes before the notification are visible");
         notifier.join().unwrap();
         assert!(!word.has_waiters());
     });
 }
 
-/// The same with the waiter registered after it fell asleep, as a program without `WaiterGuard` would: loom finds the lost wake-up.
+/// The same without a registered waiter: loom finds the lost wake-up.
 #[test]
 #[should_panic(expected = "deadlock")]
-fn doorbell_without_registration_loses_a_wake_up() {
+fn doorbell_without_registration_loses_wake_up() {
     loom::model(|| {
         let shared = Arc::new((DoorbellWord::default(), Futex::default()));
         let theirs = Arc::clone(&shared);
@@ -65,9 +66,10 @@ fn doorbell_without_registration_loses_a_wake_up() {
     });
 }
 
-/// A deadline that is disarmed or replaced while the helper thread looks at it: it fires at most once, and never a replaced one.
+/// A deadline that is disarmed or replaced while the helper thread checks it: it fires at most once, and never if
+/// replaced.
 #[test]
-fn deadline_fires_once_and_never_a_replaced_one() {
+fn deadline_replaced_or_disarmed_never_fires() {
     loom::model(|| {
         let word = Arc::new(DeadlineWord::default());
         word.arm(10);
@@ -75,16 +77,16 @@ fn deadline_fires_once_and_never_a_replaced_one() {
         let helper = thread::spawn(move || [theirs.fire_if_due(10), theirs.fire_if_due(10)]);
         word.arm(20);
         word.disarm();
-        let looks = helper.join().unwrap();
-        assert!(looks.iter().filter(|(_, fired)| *fired).count() <= 1);
-        assert!(looks.iter().all(|(when, fired)| !fired || *when == 10), "the one at 20 is not due");
-        assert!(!word.is_armed(), "a look that came late must not arm it again");
+        let checks = helper.join().unwrap();
+        assert!(checks.iter().filter(|(_, fired)| *fired).count() <= 1);
+        assert!(checks.iter().all(|(when, fired)| !fired || *when == 10), "the one at 20 is not due");
+        assert!(!word.is_armed(), "a late check must not arm it again");
     });
 }
 
-/// Two threads that take the gate, work and put it back: each has it alone, and no work is lost.
+/// Two threads that take the gate, work and put it back: each owns it alone, and no work is lost.
 #[test]
-fn hand_off_has_one_owner() {
+fn hand_off_two_threads_one_owner() {
     loom::model(|| {
         let cell = Arc::new(HandOffCell::default());
         assert!(cell.put(Box::new(0_u32)).is_none());
@@ -92,7 +94,7 @@ fn hand_off_has_one_owner() {
         let work = |cell: &HandOffCell<u32>| {
             let Some(mut gate) = cell.take() else { return 0 };
             *gate += 1;
-            assert!(cell.put(gate).is_none(), "nobody can have put another one meanwhile");
+            assert!(cell.put(gate).is_none(), "no other thread puts a box meanwhile");
             1
         };
         let spare = thread::spawn(move || work(&theirs));
@@ -118,9 +120,10 @@ fn versioned_cell_reads_whole_writes() {
     });
 }
 
-/// A successor is expected while the predecessor's last heartbeat is being recorded: nothing of the predecessor counts afterwards.
+/// A successor is expected while the predecessor's last heartbeat is recorded: the predecessor does not count
+/// afterwards.
 #[test]
-fn generation_cell_hides_the_predecessor() {
+fn generation_cell_hides_predecessor() {
     loom::model(|| {
         let cell = Arc::new(GenerationCell::<3>::default());
         let theirs = Arc::clone(&cell);
@@ -137,7 +140,7 @@ fn generation_cell_hides_the_predecessor() {
     });
 }
 
-/// The heartbeat words as they were: a generation that is checked first, and words that are stored one by one afterwards.
+/// Heartbeat words of an older design: it checks the generation first, and then stores the words one by one.
 struct CheckedFirst {
     generation: AtomicU64,
     tick: AtomicU64,
@@ -159,7 +162,7 @@ impl CheckedFirst {
 /// Loom finds the race of that design: the predecessor's tick survives into its successor.
 #[test]
 #[should_panic(expected = "tick of the predecessor")]
-fn checking_the_generation_first_lets_the_predecessor_survive() {
+fn generation_checked_first_keeps_predecessor() {
     loom::model(|| {
         let words = Arc::new(CheckedFirst { generation: AtomicU64::new(0), tick: AtomicU64::new(0) });
         let theirs = Arc::clone(&words);
@@ -170,9 +173,9 @@ fn checking_the_generation_first_lets_the_predecessor_survive() {
     });
 }
 
-/// An operator's server that withdraws while the gate takes: exactly one of them has the request.
+/// An operator's server that withdraws while the gate takes: exactly one of them gets the request.
 #[test]
-fn pending_id_is_taken_or_withdrawn() {
+fn pending_id_taken_or_withdrawn() {
     loom::model(|| {
         let pending = Arc::new(PendingId::default());
         pending.open(1);
@@ -185,9 +188,10 @@ fn pending_id_is_taken_or_withdrawn() {
     });
 }
 
-/// A request that was withdrawn and replaced: the gate, which finds the old one in its queue first, takes the new one alone.
+/// A request that was withdrawn and replaced: the gate, which finds the old request in its queue first, takes only the
+/// new one.
 #[test]
-fn pending_id_replaced_request_is_not_taken() {
+fn pending_id_replaced_request_not_taken() {
     loom::model(|| {
         let pending = Arc::new(PendingId::default());
         pending.open(1);

@@ -1,16 +1,17 @@
-//! Process of the planner: state(k) in, reference(k + 1) out, one tick ahead, so that the controller never waits for it.
+//! Process of the planner: state(k) in, reference(k + 1) out, one tick ahead, so that the controller never waits for
+//! it.
 //!
-//! While the drive is not under torque (before the first command, and while braking) the reference is the position of the
-//! foot.
+//! While the drive is not under torque (before the first command, and while braking) the reference is the position of
+//! the foot.
 
 use hapfic_config::Settings;
 use hapfic_ipc::inject::Injector;
 use hapfic_ipc::realtime::SchedRequest;
 use hapfic_ipc::{Context, Gaps, Input, IpcError, Output, TickTimes, Wait, Wakes, clock, topic};
 use hapfic_messages::{Clock, Command, Mode, Operator, Reference, State, TickBuffer};
-use hapfic_planner::Plan;
+use hapfic_planner::TickPlan;
 
-struct Ports {
+struct PlannerPorts {
     state: Input<State>,
     command: Input<Command>,
     operator: Input<Operator>,
@@ -23,7 +24,7 @@ struct Ports {
 /// # Errors
 /// [`IpcError`] if messaging fails.
 pub fn run(context: &mut Context, settings: &Settings) -> Result<(), IpcError> {
-    let mut ports = Ports {
+    let mut ports = PlannerPorts {
         state: context.bus.input(&topic::STATE, Wait::Yes)?,
         command: context.bus.input(&topic::COMMAND, if context.clock == Clock::Lockstep { Wait::Yes } else { Wait::No })?,
         operator: context.bus.input(&topic::OPERATOR, Wait::No)?,
@@ -36,13 +37,13 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), IpcError> {
     };
     context.ready(SchedRequest::new(settings.realtime.priority_planner, settings.realtime.core_planner))?;
     let last_tick = settings.duration_ticks as i64 - 1;
-    let mut plan: Option<Plan> = None;
+    let mut plan: Option<TickPlan> = None;
     let mut commands = TickBuffer::<Command>::default();
     let mut operator: Option<Operator> = None;
     let mut seen = -1;
     if let Some((mut input, tick)) = handed_over {
         let Some(last) = context.handed_over(&mut input, |r: &Reference| r.tick == tick)? else { return Ok(()) };
-        plan = Some(Plan::resumed(&last));
+        plan = Some(TickPlan::resumed(&last));
         // Its state was that of the previous tick.
         seen = tick - 1;
     }
@@ -51,8 +52,8 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), IpcError> {
     let instead = command_sent.as_ref().map(|listener| listener as &dyn Wakes);
     while let Some(state) = context.next_state(&mut ports.state, seen, Gaps::Never, instead, || {
         ports.reference.preloan();
-        ports.command.preloan();
-        ports.operator.preloan();
+        ports.command.update_connections();
+        ports.operator.update_connections();
     })? {
         let wake = clock::now_ns();
         context.begin();
@@ -69,11 +70,11 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), IpcError> {
         let active = commands.before(state.tick).is_some_and(|c| c.mode == Mode::Active.code());
         if state.tick == 0 {
             // Tick 0 has no previous tick that could plan its reference.
-            let first = Plan::at_rest(0, state.foot_position);
+            let first = TickPlan::at_rest(0, state.foot_position);
             plan = Some(first);
             send(context, &mut ports, &first, parameters.version)?;
         }
-        let next = Plan::next(plan, &state, active, &operator);
+        let next = TickPlan::next(plan, &state, active, &operator);
         plan = Some(next);
         let mut published = 0;
         if next.tick <= last_tick {
@@ -87,8 +88,8 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), IpcError> {
             latency_ns: 0,
         })?;
         ports.reference.preloan();
-        ports.state.preloan();
-        ports.command.preloan();
+        ports.state.update_connections();
+        ports.command.update_connections();
         let failed_connections = ports.reference.failed_connections()
             + ports.state.failed_connections()
             + ports.command.failed_connections()
@@ -103,7 +104,7 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), IpcError> {
     Ok(())
 }
 
-fn send(context: &Context, ports: &mut Ports, plan: &Plan, parameters_version: u64) -> Result<u64, IpcError> {
+fn send(context: &Context, ports: &mut PlannerPorts, plan: &TickPlan, parameters_version: u64) -> Result<u64, IpcError> {
     let reference = Reference { stamp_ns: context.stamp(), ..plan.reference(parameters_version) };
     ports.injector.send(&mut ports.reference, &reference, plan.tick)
 }
@@ -113,7 +114,7 @@ fn send(context: &Context, ports: &mut Ports, plan: &Plan, parameters_version: u
 /// Returns `false` if the process must end.
 fn receive_inputs(
     context: &mut Context,
-    ports: &mut Ports,
+    ports: &mut PlannerPorts,
     commands: &mut TickBuffer<Command>,
     operator: &mut Option<Operator>,
     tick: i64,

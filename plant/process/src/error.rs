@@ -1,14 +1,14 @@
-//! Errors of the plant's process.
+//! Errors of the plant process.
 
 use hapfic_plant::PlantError;
 
-/// An error of the plant's process.
+/// An error of the plant process.
 #[derive(Debug, thiserror::Error)]
 pub enum PlantProcessError {
-    /// The simulated robot and its world.
+    /// The simulated robot or its world failed.
     #[error(transparent)]
     Plant(#[from] PlantError),
-    /// Messaging.
+    /// Messaging failed.
     #[error(transparent)]
     Ipc(#[from] hapfic_ipc::IpcError),
 }

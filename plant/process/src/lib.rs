@@ -1,7 +1,7 @@
-//! The plant as a process: the clock of the stack.
+//! Plant process: the clock of the stack.
 //!
-//! At tick k it publishes state(k), takes command(k - 1), and advances under it, while controller and gate already work on
-//! state(k). Everything starts with the gate's command(-1).
+//! At tick k the plant publishes state(k), accepts command(k - 1), and advances under it, while controller and gate
+//! already work on state(k). The first tick waits for the gate's command(-1).
 
 mod error;
 
@@ -14,14 +14,15 @@ use hapfic_messages::{Clock, Command, Credit, PERIOD_NS, State, TickBuffer};
 use hapfic_plant::Plant;
 use std::time::Duration;
 
-/// How long the plant leaves the processor to those who answer its state before it simulates: on one core it would be in their
-/// way, its priority being the highest.
-const COURTESY: Duration = Duration::from_micros(300);
+/// Wait for the answer to a state before the simulation starts.
+///
+/// The plant has the highest priority: on a shared core it would otherwise delay controller and gate.
+const ANSWER_TIMEOUT: Duration = Duration::from_micros(300);
 
-/// How long it looks out for a command once the controller has woken it, ns: the gate has the request by then, and is awake.
-const ANY_MOMENT_NS: u64 = 30_000;
+/// Busy-poll window for a command after the controller has woken the plant [ns]; the gate works on the request by then.
+const BUSY_POLL_NS: u64 = 30_000;
 
-struct Ports {
+struct PlantPorts {
     state: Output<State>,
     injector: Injector<State>,
     command: Input<Command>,
@@ -29,14 +30,14 @@ struct Ports {
     commands: TickBuffer<Command>,
 }
 
-impl Ports {
-    /// Takes in the commands that have come.
+impl PlantPorts {
+    /// Receives all pending commands.
     fn read(&mut self, context: &mut Context) -> Result<(), IpcError> {
         let commands = &mut self.commands;
         context.drain(&mut self.command, |new| commands.insert(new))
     }
 
-    /// Takes in commands up to the one that answers a tick.
+    /// Receives commands up to the one that answers `tick`.
     fn read_answer(&mut self, context: &mut Context, tick: i64) -> Result<(), IpcError> {
         let commands = &mut self.commands;
         context.take_until(&mut self.command, |new| {
@@ -45,30 +46,31 @@ impl Ports {
         })
     }
 
-    /// What can be done while nobody waits for it.
-    fn slack(&mut self, context: &mut Context) -> Result<(), IpcError> {
+    /// Work of the idle time after a tick.
+    fn idle_work(&mut self, context: &mut Context) -> Result<(), IpcError> {
         self.state.preloan();
-        self.command.preloan();
+        self.command.update_connections();
         context.report_failed_connections(
             self.state.failed_connections() + self.command.failed_connections() + self.credit.failed_connections(),
         );
         self.injector.listen()
     }
 
-    /// Passes the command that is due at `tick` to the drive: never one that answers this tick's own state already.
-    fn pass(&self, plant: &mut Plant, tick: i64) {
+    /// Passes the command that is due at `tick` to the drive. A command that answers the state of `tick` is not due
+    /// yet.
+    fn pass_command(&self, plant: &mut Plant, tick: i64) {
         if let Some(command) = self.commands.before(tick) {
             plant.take(command);
         }
     }
 }
 
-/// Runs the plant until its last tick or its end.
+/// Runs the plant until its last tick or a request to end.
 ///
 /// # Errors
-/// [`PlantProcessError`] if the world cannot be built, messaging fails or the simulation leaves the numbers.
+/// [`PlantProcessError`] if the world cannot be built, messaging fails or the simulation leaves the finite numbers.
 pub fn run(context: &mut Context, settings: &Settings) -> Result<(), PlantProcessError> {
-    let mut ports = Ports {
+    let mut ports = PlantPorts {
         state: context.bus.output(&topic::STATE)?,
         injector: Injector::open(context)?,
         command: context.bus.input(&topic::COMMAND, Wait::Yes)?,
@@ -86,7 +88,7 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), PlantProces
             return Ok(());
         }
         ports.read(context)?;
-        // Everyone is there by now: meet them before time counts.
+        // All processes have started: connect before the first tick.
         ports.state.preloan();
     }
     let mut resumed = None;
@@ -108,22 +110,22 @@ fn realtime(
     context: &mut Context,
     settings: &Settings,
     plant: &mut Plant,
-    ports: &mut Ports,
+    ports: &mut PlantPorts,
     resumed: Option<State>,
 ) -> Result<(), PlantProcessError> {
     let doorbell = context.bus.doorbell(topic::COMMAND_DOORBELL);
     let deadline_timer = context.deadline_timer("hapfic-plant-dl", doorbell, PERIOD_NS, settings.realtime.priority_plant)?;
-    // Two periods to get everyone's first steps out of the way.
-    let begun = clock::now_ns() + 2 * PERIOD_NS;
+    // Two periods for the start-up work of the other processes.
+    let start_ns = clock::now_ns() + 2 * PERIOD_NS;
     let (first, mut slipped) = match &resumed {
-        // The periods in which there was no plant have slipped, too.
-        Some(last) => (last.tick, last.slipped + begun.saturating_sub(last.stamp_ns) / PERIOD_NS),
+        // The periods without a plant count as slipped.
+        Some(last) => (last.tick, last.slipped + start_ns.saturating_sub(last.stamp_ns) / PERIOD_NS),
         None => (0, 0),
     };
-    // When tick 0 would have been due had nothing slipped.
-    let start = begun.wrapping_sub((first as u64 + slipped) * PERIOD_NS);
+    // Time at which tick 0 would have been due without slips.
+    let tick_0_ns = start_ns.wrapping_sub((first as u64 + slipped) * PERIOD_NS);
     for tick in first..settings.duration_ticks as i64 {
-        let due = start.wrapping_add((tick as u64 + slipped) * PERIOD_NS);
+        let due = tick_0_ns.wrapping_add((tick as u64 + slipped) * PERIOD_NS);
         let mut wake = clock::now_ns();
         while wake < due {
             clock::sleep_until(due);
@@ -134,28 +136,28 @@ fn realtime(
         }
         context.begin();
         let lateness = wake - due;
-        // A whole period or more: time slips, and is not caught up by a burst of ticks.
+        // A lateness of a period or more is a slip: no burst of ticks catches up.
         slipped += lateness / PERIOD_NS;
         let mut state = plant.sample();
         state.wake_lateness_ns = lateness;
         state.slipped = slipped;
         state.stamp_ns = clock::now_ns();
-        // What is rung from here on may be the answer.
-        ports.command.forget();
+        // From here on a notification may belong to the answer.
+        ports.command.discard_notifications();
         let published = ports.injector.send(&mut ports.state, &state, tick)?;
-        // Usually it is here already, having been awaited; whatever is read now costs those who wait for this state their processor.
+        // The previous tick has usually received it. Reading here delays controller and gate on a shared core.
         if ports.commands.at(tick - 1).is_none() {
             ports.read(context)?;
         }
-        // One that comes from here on is too late for this tick.
-        let due_now = ports.commands.before(tick).map(|command| command.tick);
-        let answered = await_answer(context, ports, &deadline_timer, tick, published)?;
-        if let Some(command) = due_now.and_then(|tick| ports.commands.at(tick)) {
+        // A command that arrives from here on is too late for this tick.
+        let due_tick = ports.commands.before(tick).map(|command| command.tick);
+        let latency_ns = await_answer(context, ports, &deadline_timer, tick, published)?;
+        if let Some(command) = due_tick.and_then(|tick| ports.commands.at(tick)) {
             plant.take(command);
         }
         plant.advance()?;
-        context.account(TickTimes { tick, due_ns: due, wake_ns: wake, publish_ns: published, latency_ns: answered })?;
-        ports.slack(context)?;
+        context.account(TickTimes { tick, due_ns: due, wake_ns: wake, publish_ns: published, latency_ns })?;
+        ports.idle_work(context)?;
         if !context.running() {
             return Ok(());
         }
@@ -163,24 +165,24 @@ fn realtime(
     Ok(())
 }
 
-/// Waits for the command that answers `tick`, for a while. Returns how long it took, ns; zero if it did not come.
+/// Waits for the command that answers `tick` until a timeout; returns the latency [ns], zero without an answer.
 fn await_answer(
     context: &mut Context,
-    ports: &mut Ports,
+    ports: &mut PlantPorts,
     deadline_timer: &DeadlineTimer,
     tick: i64,
     published: u64,
 ) -> Result<u64, IpcError> {
-    // None was sent: then there is none to wait for.
+    // Zero: fault injection has suppressed the state, so the timeout starts now.
     let sent = if published == 0 { clock::now_ns() } else { published };
-    let end = sent + COURTESY.as_nanos() as u64;
+    let end = sent + ANSWER_TIMEOUT.as_nanos() as u64;
     deadline_timer.set(end);
     loop {
-        // Woken by a command, by the controller that is about to get it, by the deadline_timer, or by a signal.
+        // Woken by a command, by the controller before the command, by the deadline timer, or by a signal.
         wait(&[&ports.command], Duration::MAX)?;
         let woken = clock::now_ns();
         ports.read_answer(context, tick)?;
-        if ports.commands.at(tick).is_none() && woken < end && poll(&[&ports.command], woken + ANY_MOMENT_NS) {
+        if ports.commands.at(tick).is_none() && woken < end && poll(&[&ports.command], woken + BUSY_POLL_NS) {
             ports.read_answer(context, tick)?;
         }
         let now = clock::now_ns();
@@ -197,13 +199,13 @@ fn await_answer(
 fn lockstep(
     context: &mut Context,
     plant: &mut Plant,
-    ports: &mut Ports,
+    ports: &mut PlantPorts,
     resumed: Option<State>,
     ticks: i64,
 ) -> Result<(), PlantProcessError> {
     let mut credit = -1;
-    let mut said = resumed;
-    for tick in said.map_or(0, |state| state.tick)..ticks {
+    let mut last_published = resumed;
+    for tick in last_published.map_or(0, |state| state.tick)..ticks {
         while credit < tick {
             if let Some(new) = ports.credit.newest()? {
                 credit = credit.max(new.tick);
@@ -215,24 +217,24 @@ fn lockstep(
         }
         context.begin();
         let due = clock::now_ns();
-        // A successor says once more what its forerunner said last, for those who had not heard it.
-        let state = said.take().unwrap_or_else(|| plant.sample());
+        // A successor republishes the last state of its predecessor, for processes that missed it.
+        let state = last_published.take().unwrap_or_else(|| plant.sample());
         let published = ports.injector.send(&mut ports.state, &state, tick)?;
         loop {
             ports.read(context)?;
             if ports.commands.at(tick - 1).is_some() {
                 break;
             }
-            // Whoever joins late gets the last state handed over here.
+            // A process that connects late receives the last state here.
             ports.state.preloan();
             if !context.wait(&[&ports.command], tick)? {
                 return Ok(());
             }
         }
-        ports.pass(plant, tick);
+        ports.pass_command(plant, tick);
         plant.advance()?;
         context.account(TickTimes { tick, due_ns: due, wake_ns: due, publish_ns: published, latency_ns: 0 })?;
-        ports.slack(context)?;
+        ports.idle_work(context)?;
     }
     Ok(())
 }

@@ -2,7 +2,7 @@
 
 use crate::registry::{self, Registration};
 use anyhow::{Context, Result, anyhow, bail};
-use hapfic_ipc::service::Caller;
+use hapfic_ipc::service::RequestClient;
 use hapfic_ipc::{Bus, IpcError};
 use hapfic_messages::{OperatorKind, OperatorReply, OperatorRequest, ReplyCode};
 use std::fmt::Write;
@@ -22,7 +22,7 @@ const RETRY_INTERVAL: Duration = Duration::from_millis(20);
 pub fn find(run: Option<&str>) -> Result<Registration> {
     let mut runs = registry::running()?;
     if runs.is_empty() {
-        bail!("no stack is running, expected one of this user. Hint: start one with `hapfic run`");
+        bail!("no stack is running, expected a stack of this user. Hint: start it with `hapfic run`");
     }
     let list = runs.iter().fold(String::new(), |mut list, r| {
         let _ = write!(list, "\n  {}  {}  {}", r.run, r.scenario, r.log.display());
@@ -30,9 +30,9 @@ pub fn find(run: Option<&str>) -> Result<Registration> {
     });
     match run {
         Some(name) => {
-            let at = runs.iter().position(|r| r.run == name);
-            let at = at.with_context(|| format!("--run {name}: no such run, expected one of{list}"))?;
-            Ok(runs.swap_remove(at))
+            let index = runs.iter().position(|r| r.run == name);
+            let index = index.with_context(|| format!("--run {name}: no such run, expected one of{list}"))?;
+            Ok(runs.swap_remove(index))
         }
         None if runs.len() > 1 => {
             bail!("{} stacks are running, expected --run NAME with one of{list}", runs.len())
@@ -43,7 +43,7 @@ pub fn find(run: Option<&str>) -> Result<Registration> {
 
 /// Connection to a run.
 pub struct Connection {
-    caller: Caller,
+    caller: RequestClient,
 }
 
 impl Connection {
@@ -52,18 +52,18 @@ impl Connection {
     /// # Errors
     /// If the run has ended, or accepts no connection.
     pub fn open(registration: &Registration) -> Result<Self> {
-        hapfic_ipc::service::quiet();
+        hapfic_ipc::service::silence_transport_log();
         let domain = registration.domain()?;
         let name = format!("client{}", std::process::id());
-        let begun = Instant::now();
+        let started = Instant::now();
         loop {
-            let opened = registry::while_alive(&registration.run, || -> Result<Caller, IpcError> {
-                Caller::open(&Bus::open(&domain, &name)?)
+            let opened = registry::while_alive(&registration.run, || -> Result<RequestClient, IpcError> {
+                RequestClient::open(&Bus::open(&domain, &name)?)
             })?;
             match opened {
                 None => bail!("run {} has ended. Its log: {}", registration.run, registration.log.display()),
                 Some(Ok(caller)) => return Ok(Self { caller }),
-                Some(Err(e)) if begun.elapsed() > CONNECT_TIMEOUT => {
+                Some(Err(e)) if started.elapsed() > CONNECT_TIMEOUT => {
                     return Err(e).with_context(|| format!("run {}: cannot connect", registration.run));
                 }
                 Some(Err(_)) => std::thread::sleep(RETRY_INTERVAL),
@@ -71,7 +71,7 @@ impl Connection {
         }
     }
 
-    /// Sends a request and waits for the reply; `None` if there is none in time.
+    /// Sends a request and waits for the reply; `None` after the time-out.
     ///
     /// # Errors
     /// If the text is too long, or messaging fails.
@@ -81,10 +81,10 @@ impl Connection {
     }
 }
 
-/// Connects to a run, sends one request, and disconnects. Returns the reply's text if the run did as requested.
+/// Connects to a run, sends one request, and disconnects. Returns the text of a positive reply.
 ///
 /// # Errors
-/// The reason if the run did not.
+/// The reason if the run rejects the request or does not answer.
 pub fn ask_once(registration: &Registration, kind: OperatorKind, text: &str) -> Result<String> {
     let reply = Connection::open(registration)?.ask(kind, text)?;
     let reply = reply.ok_or_else(|| {
@@ -92,6 +92,6 @@ pub fn ask_once(registration: &Registration, kind: OperatorKind, text: &str) -> 
     })?;
     match reply.parts()? {
         (ReplyCode::Done, text) => Ok(text.to_owned()),
-        (ReplyCode::Refused, text) => Err(anyhow!("{text}")),
+        (ReplyCode::Rejected, text) => Err(anyhow!("{text}")),
     }
 }

@@ -5,10 +5,10 @@ use crate::log_line;
 use crate::recorder::GATE;
 use crate::watch;
 use anyhow::{Context, Result};
-use hapfic_config::{Fault, OperatorChange, PERIOD_S, Parameters, differences};
+use hapfic_config::{Fault, OperatorChange, PERIOD_S, ParameterSettings, differences};
 use hapfic_gate_process::change_exchange::{ChangeClient, ChangeOutcome, ChangeReply};
-use hapfic_gate_process::shared_status::SharedStatus;
-use hapfic_ipc::service::{Asked, Requests};
+use hapfic_gate_process::status::SharedStatus;
+use hapfic_ipc::service::{PendingRequest, RequestServer};
 use hapfic_ipc::{Bus, Domain, IpcError, wait};
 use hapfic_messages::{Clock, Detector, Mode, OperatorKind, OperatorReply, Phase, Process, REPLY_TEXT, ReplyCode, Severity};
 use std::fmt::Write;
@@ -24,12 +24,12 @@ const POLL_INTERVAL: Duration = Duration::from_millis(20);
 /// Time the gate may take to accept a change. The gate polls every tick, so a longer wait means that no tick is done.
 const GATE_TIMEOUT: Duration = Duration::from_millis(500);
 /// Attempts to apply a change while the script changes parameters too.
-const TRIES: usize = 8;
+const CHANGE_ATTEMPTS: usize = 8;
 /// Interval between two clean-ups of dead clients when there are many.
 const CLEAN_UP_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Processes whose status is reported.
-const STARTED: [Process; 4] = [Process::Plant, Process::Planner, Process::Controller, Process::Standby];
+const REPORTED_PROCESSES: [Process; 4] = [Process::Plant, Process::Planner, Process::Controller, Process::Standby];
 
 /// Arguments of [`OperatorServer::start`].
 #[derive(Debug)]
@@ -47,7 +47,7 @@ pub struct OperatorServerStart {
     /// Ticks of the run.
     pub ticks: i64,
     /// Initial parameters, target included.
-    pub initial: Parameters,
+    pub initial: ParameterSettings,
     /// Channel of parameter changes to the gate.
     pub change_client: ChangeClient,
     /// Channel of requested faults to the main thread.
@@ -72,17 +72,17 @@ impl OperatorServer {
     /// If the thread cannot be started or its ports cannot be opened.
     pub fn start(start: OperatorServerStart) -> Result<Self> {
         let end = Arc::new(AtomicBool::new(false));
-        let seen = Arc::clone(&end);
+        let end_flag = Arc::clone(&end);
         let (ready, opened) = channel();
         let thread = std::thread::Builder::new()
             .name("hapfic-operator".to_owned())
             .spawn(move || {
-                let ports = Bus::open(&start.domain, "operator").and_then(|bus| Requests::open(&bus).map(|r| (bus, r)));
+                let ports = Bus::open(&start.domain, "operator").and_then(|bus| RequestServer::open(&bus).map(|r| (bus, r)));
                 match ports {
                     Ok((_bus, requests)) => {
                         let _ = ready.send(Ok(()));
                         let base = start.initial;
-                        let served = RequestHandler { start, base, version: 1 }.serve(requests, &seen);
+                        let served = RequestHandler { start, base, version: 1 }.serve(requests, &end_flag);
                         if let Err(e) = served {
                             log_line(&format!("hapfic: the operator server has failed, the run continues without it: {e}"));
                         }
@@ -108,58 +108,58 @@ impl Drop for OperatorServer {
     }
 }
 
-/// The thread's state.
+/// State of the server thread.
 struct RequestHandler {
     start: OperatorServerStart,
     /// Latest known parameter set, on which the next change is made, and its version.
-    base: Parameters,
+    base: ParameterSettings,
     version: u64,
 }
 
 impl RequestHandler {
-    fn serve(&mut self, mut requests: Requests, end: &AtomicBool) -> Result<(), IpcError> {
+    fn serve(&mut self, mut requests: RequestServer, end: &AtomicBool) -> Result<(), IpcError> {
         let mut cleaned_up = Instant::now();
         while !end.load(Ordering::Acquire) {
             wait(&[&requests], POLL_INTERVAL)?;
-            while let Some(asked) = self.next(&mut requests) {
+            while let Some(incoming) = self.next(&mut requests) {
                 let arrived = self.due_tick();
-                let (reply, stop) = match asked.request.parts() {
+                let (reply, stop) = match incoming.request.parts() {
                     Ok((OperatorKind::Set, text)) => (self.set(text), false),
                     Ok((OperatorKind::Status, _)) => (OperatorReply::new(ReplyCode::Done, &self.status_text()), false),
                     Ok((OperatorKind::Stop, _)) => (self.stop(), true),
                     Ok((OperatorKind::EmergencyStop, _)) => (self.emergency_stop(), false),
                     Ok((OperatorKind::Rearm, _)) => (self.rearm(), false),
                     Ok((OperatorKind::Inject, text)) => (self.inject(text), false),
-                    Err(defect) => {
-                        self.start.shared.requests_rejected.fetch_add(1, Ordering::Relaxed);
-                        let text = format!("request rejected: {defect}. Hint: use the same version of hapfic as the run");
-                        (OperatorReply::new(ReplyCode::Refused, &text), false)
+                    Err(error) => {
+                        self.start.shared.operator.rejected.fetch_add(1, Ordering::Relaxed);
+                        let text = format!("request rejected: {error}. Hint: use the same version of hapfic as the run");
+                        (OperatorReply::new(ReplyCode::Rejected, &text), false)
                     }
                 };
                 // Fails only if the client is gone.
-                let _ = asked.reply(&OperatorReply { arrived_tick: arrived, ..reply });
+                let _ = incoming.reply(&OperatorReply { arrived_tick: arrived, ..reply });
                 if stop {
-                    self.start.shared.asked_to_stop.store(true, Ordering::Release);
+                    self.start.shared.operator.end_requested.store(true, Ordering::Release);
                 }
             }
-            if cleaned_up.elapsed() > CLEAN_UP_INTERVAL && requests.crowded() {
-                self.start.shared.cleanup_requested.store(true, Ordering::Release);
+            if cleaned_up.elapsed() > CLEAN_UP_INTERVAL && requests.needs_clean_up() {
+                self.start.shared.operator.cleanup_requested.store(true, Ordering::Release);
                 cleaned_up = Instant::now();
             }
         }
         Ok(())
     }
 
-    /// Takes the next request. The half-made connection of a killed client must not block the other clients.
-    fn next(&self, requests: &mut Requests) -> Option<Asked> {
+    /// Receives the next request. The half-made connection of a killed client must not block the other clients.
+    fn next(&self, requests: &mut RequestServer) -> Option<PendingRequest> {
         requests.take().unwrap_or_else(|_| {
-            self.start.shared.requests_rejected.fetch_add(1, Ordering::Relaxed);
+            self.start.shared.operator.rejected.fetch_add(1, Ordering::Relaxed);
             None
         })
     }
 
     fn due_tick(&self) -> i64 {
-        self.start.shared.gated.load(Ordering::Acquire) + 1
+        self.start.shared.gate.tick.load(Ordering::Acquire) + 1
     }
 
     fn stop(&self) -> OperatorReply {
@@ -169,9 +169,9 @@ impl RequestHandler {
     /// Requests a latched stop and replies with its tick; the gate latches at the next tick.
     fn emergency_stop(&self) -> OperatorReply {
         let shared = &self.start.shared;
-        shared.stop_latched(Detector::Operator);
+        shared.orders.stop_latched(Detector::Operator);
         if self.await_gate(|severity| severity == Severity::Stopped) {
-            let tick = shared.gated.load(Ordering::Acquire);
+            let tick = shared.gate.tick.load(Ordering::Acquire);
             return OperatorReply::new(
                 ReplyCode::Done,
                 &format!("latched stop at tick {tick}: the drive brakes until `hapfic rearm`"),
@@ -185,25 +185,26 @@ impl RequestHandler {
 
     fn rearm(&self) -> OperatorReply {
         let shared = &self.start.shared;
-        if shared.severity.load(Ordering::Relaxed) != Severity::Stopped.code() {
-            return OperatorReply::new(ReplyCode::Refused, "nothing to re-arm: the run is not in a latched stop");
+        if shared.gate.severity.load(Ordering::Relaxed) != Severity::Stopped.code() {
+            return OperatorReply::new(ReplyCode::Rejected, "nothing to re-arm: the run is not in a latched stop");
         }
-        shared.rearms.fetch_add(1, Ordering::AcqRel);
+        shared.orders.rearms.fetch_add(1, Ordering::AcqRel);
         if self.await_gate(|severity| severity < Severity::Stopped) {
-            let text = "re-armed: the drive brakes for 20 good ticks in a row, then the torque ramps in from the foot's present position";
+            let text = "re-armed: the drive brakes for 20 good ticks in a row, then the torque ramps in from the foot's present \
+                        position";
             return OperatorReply::new(ReplyCode::Done, text);
         }
         OperatorReply::new(ReplyCode::Done, "re-armed: takes effect with the next tick")
     }
 
     fn inject(&self, text: &str) -> OperatorReply {
-        let rejected = |text: &str| OperatorReply::new(ReplyCode::Refused, text);
+        let rejected = |text: &str| OperatorReply::new(ReplyCode::Rejected, text);
         let pairs: Vec<&str> = text.split('\0').filter(|pair| !pair.is_empty()).collect();
         let fault = match Fault::from_pairs(&pairs) {
             Ok(fault) => fault,
             Err(e) => return rejected(&e.to_string()),
         };
-        if !self.start.shared.go.load(Ordering::Acquire) {
+        if !self.start.shared.orders.start.load(Ordering::Acquire) {
             return rejected(
                 "nothing injected: the run has not started yet, expected its first tick. Hint: try again in a moment",
             );
@@ -220,11 +221,11 @@ impl RequestHandler {
         )
     }
 
-    /// Waits until the gate's severity is as expected, for [`GATE_TIMEOUT`] at most.
+    /// Waits until the gate's severity is as expected, for at most [`GATE_TIMEOUT`]; returns whether it is.
     fn await_gate(&self, expected: impl Fn(Severity) -> bool) -> bool {
-        let begun = Instant::now();
-        while begun.elapsed() < GATE_TIMEOUT {
-            if Severity::from_code(self.start.shared.severity.load(Ordering::Acquire)).is_some_and(&expected) {
+        let started = Instant::now();
+        while started.elapsed() < GATE_TIMEOUT {
+            if Severity::from_code(self.start.shared.gate.severity.load(Ordering::Acquire)).is_some_and(&expected) {
                 return true;
             }
             std::thread::sleep(Duration::from_micros(500));
@@ -234,23 +235,24 @@ impl RequestHandler {
 
     /// Applies all pairs at one tick, or none.
     fn set(&mut self, text: &str) -> OperatorReply {
-        let rejected = |text: &str| OperatorReply::new(ReplyCode::Refused, text);
-        if !self.start.shared.go.load(Ordering::Acquire) {
+        let rejected = |text: &str| OperatorReply::new(ReplyCode::Rejected, text);
+        if !self.start.shared.orders.start.load(Ordering::Acquire) {
             return rejected(
                 "nothing changed: the run has not started yet, expected its first tick. Hint: try again in a moment",
             );
         }
         let arrived = self.due_tick();
         let pairs: Vec<&str> = text.split('\0').filter(|pair| !pair.is_empty()).collect();
-        for _ in 0..TRIES {
+        for _ in 0..CHANGE_ATTEMPTS {
             let request = match OperatorChange::from_pairs(&pairs, &self.base) {
                 Ok(request) => request,
                 Err(e) => return rejected(&e.to_string()),
             };
-            let made_on = request.relative.then_some(self.version);
-            let Some(reply) = self.start.change_client.ask(made_on, &request.change, GATE_TIMEOUT) else {
+            let base_version = request.relative.then_some(self.version);
+            let Some(reply) = self.start.change_client.ask(base_version, &request.change, GATE_TIMEOUT) else {
                 return rejected(
-                    "nothing changed: the gate has taken no change in time, expected it to poll every tick. Hint: see `hapfic status`",
+                    "nothing changed: the gate has accepted no change in time, expected a poll every tick. \
+                     Hint: see `hapfic status`",
                 );
             };
             let before = self.base_of(&reply);
@@ -281,36 +283,36 @@ impl RequestHandler {
         rejected("nothing changed: the script changes parameters faster than single axes can be set. Hint: give the whole vector")
     }
 
-    /// The parameter set before a change; its target is the initial one until the operator sets another.
-    fn base_of(&self, reply: &ChangeReply) -> Parameters {
+    /// Returns the parameters before a change, with the initial target until the operator sets a target.
+    fn base_of(&self, reply: &ChangeReply) -> ParameterSettings {
         let target_position = reply.before.target_position.or(self.start.initial.target_position);
-        Parameters { target_position, ..reply.before }
+        ParameterSettings { target_position, ..reply.before }
     }
 
-    /// Status as JSON, short enough for a reply.
+    /// Formats the status as JSON, short enough for a reply.
     fn status_text(&self) -> String {
         let status = self.status();
         let text = serde_json::to_string(&status).unwrap_or_default();
         if text.len() <= REPLY_TEXT {
             return text;
         }
-        // Names may have the length of paths; the client has them from the registration.
+        // The client also has these long texts from the registration.
         let short = Status { scenario: String::new(), log: PathBuf::new(), ..status };
         serde_json::to_string(&short).unwrap_or_default()
     }
 
     fn status(&self) -> Status {
         let shared = &self.start.shared;
-        let snapshot = shared.snapshot.lock().map(|g| *g).unwrap_or_default();
-        let tick = shared.gated.load(Ordering::Acquire);
-        let latencies = if self.start.clock == Clock::Realtime { shared.latencies.sorted() } else { Vec::new() };
+        let snapshot = shared.recorder.snapshot.lock().map(|g| *g).unwrap_or_default();
+        let tick = shared.gate.tick.load(Ordering::Acquire);
+        let latencies = if self.start.clock == Clock::Realtime { shared.recorder.latencies.sorted() } else { Vec::new() };
         let name = |process: Process| if process == GATE { "gate" } else { process.name() };
         Status {
             run: self.start.run.clone(),
             scenario: self.start.scenario.clone(),
             clock: self.start.clock.name().to_owned(),
             mode: Mode::from_code(snapshot.mode).map_or("?", Mode::name).to_owned(),
-            severity: Severity::from_code(shared.severity.load(Ordering::Relaxed)).map_or("?", Severity::name).to_owned(),
+            severity: Severity::from_code(shared.gate.severity.load(Ordering::Relaxed)).map_or("?", Severity::name).to_owned(),
             tick,
             end_tick: self.start.ticks,
             time_s: tick.max(0) as f64 * PERIOD_S,
@@ -319,35 +321,35 @@ impl RequestHandler {
             tracking_m: snapshot.tracking,
             position_bound_m: snapshot.bound,
             parameters_version: snapshot.version,
-            announced_version: shared.announced.load(Ordering::Relaxed),
+            announced_version: shared.gate.announced.load(Ordering::Relaxed),
             latency_us: LatencyQuantiles::of(&latencies),
-            primary: Process::from_code(shared.primary.load(Ordering::Relaxed)).map_or("?", Process::name).to_owned(),
-            processes: STARTED
+            primary: Process::from_code(shared.gate.primary.load(Ordering::Relaxed)).map_or("?", Process::name).to_owned(),
+            processes: REPORTED_PROCESSES
                 .iter()
                 .filter(|process| self.start.standby || **process != Process::Standby)
                 .chain([&GATE])
                 .map(|process| {
-                    let heartbeat = shared.heartbeat(*process);
+                    let heartbeat = shared.heartbeats.read(*process);
                     ProcessStatus {
                         name: name(*process).to_owned(),
-                        phase: heartbeat.phase().map_or("no heartbeat", Phase::name).to_owned(),
-                        tick: heartbeat.tick(),
-                        heard_ms_ago: heartbeat.age_ns().map(|ns| ns as f64 * 1e-6),
-                        rejected: heartbeat.rejected(),
+                        phase: heartbeat.phase.map_or("no heartbeat", Phase::name).to_owned(),
+                        tick: heartbeat.tick,
+                        heartbeat_age_ms: heartbeat.age_ns().map(|ns| ns as f64 * 1e-6),
+                        rejected: heartbeat.rejected,
                     }
                 })
                 .collect(),
             late_ticks: snapshot.late,
             missed_ticks: snapshot.missed,
             brake_ticks: snapshot.braked,
-            rejected_requests: shared.requests_rejected.load(Ordering::Relaxed),
+            rejected_requests: shared.operator.rejected.load(Ordering::Relaxed),
             log: self.start.log.clone(),
             log_bytes: std::fs::metadata(&self.start.log).map_or(0, |m| m.len()),
         }
     }
 }
 
-fn describe(reply: &ChangeReply, arrived: i64, before: &Parameters, after: &Parameters) -> String {
+fn describe(reply: &ChangeReply, arrived: i64, before: &ParameterSettings, after: &ParameterSettings) -> String {
     let mut text = format!(
         "parameters {} in force from tick {} (asked at tick {arrived}, taken at tick {})",
         reply.version, reply.effective_tick, reply.taken_tick

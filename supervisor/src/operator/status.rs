@@ -37,7 +37,7 @@ pub struct Status {
     pub announced_version: u64,
     /// Latency from state to command in the last second [us]; none in lockstep.
     pub latency_us: Option<LatencyQuantiles>,
-    /// Primary controller: the gate takes its requests if both controllers answer.
+    /// Primary controller: the gate uses its requests if both controllers send them.
     pub primary: String,
     /// Status of the processes and of the gate.
     pub processes: Vec<ProcessStatus>,
@@ -65,7 +65,7 @@ pub struct ProcessStatus {
     /// Tick of its last heartbeat.
     pub tick: i64,
     /// Heartbeat age [ms].
-    pub heard_ms_ago: Option<f64>,
+    pub heartbeat_age_ms: Option<f64>,
     /// Number of rejected messages.
     pub rejected: u32,
 }
@@ -121,7 +121,7 @@ impl Status {
             None => writeln!(out, "  state -> command: none in lockstep")?,
         }
         for p in &self.processes {
-            let age = p.heard_ms_ago.map_or("never".to_owned(), |ms| format!("{ms:.0} ms ago"));
+            let age = p.heartbeat_age_ms.map_or("never".to_owned(), |ms| format!("{ms:.0} ms ago"));
             let primary = if p.name == self.primary { ", primary" } else { "" };
             writeln!(
                 out,

@@ -1,7 +1,7 @@
 //! The drain thread: receives all messages, sorts them by tick, and passes them to the writer.
 
-use super::Record;
-use hapfic_gate_process::shared_status::SharedStatus;
+use super::RecordedMessage;
+use hapfic_gate_process::status::SharedStatus;
 use hapfic_ipc::{Bus, Domain, Input, IpcError, Output, topic};
 use hapfic_messages::{Check, Clock, Command, Credit, Event, Operator, Process, Reference, Request, State, Timing};
 use std::sync::Arc;
@@ -11,8 +11,8 @@ use std::time::Duration;
 
 /// Interval at which shared memory is drained.
 ///
-/// In lockstep the plant may wait for the drain. In realtime no process does, and each drain costs a wake-up and a poll
-/// of all ports.
+/// In lockstep the plant may wait for the drain. In realtime no process waits, and each drain costs a wake-up and a
+/// poll of all ports.
 const fn drain_interval(clock: Clock) -> Duration {
     Duration::from_millis(match clock {
         Clock::Lockstep => 1,
@@ -21,18 +21,18 @@ const fn drain_interval(clock: Clock) -> Duration {
 }
 
 /// Ticks that a message may be ahead of the last command.
-const AHEAD: i64 = 3;
+const MAX_TICKS_AHEAD: i64 = 3;
 
 /// Inputs of all topics, and the channel to the writer.
-pub(super) struct Drain {
+pub(super) struct DrainThread {
     clock: Clock,
     window: i64,
     shared: Arc<SharedStatus>,
-    sender: SyncSender<Vec<Record>>,
+    sender: SyncSender<Vec<RecordedMessage>>,
     /// Batches to reuse: allocating each would cost more than draining.
-    empties: Receiver<Vec<Record>>,
+    empty_batches: Receiver<Vec<RecordedMessage>>,
     /// Received messages, topic by topic, and their indices in the order of ticks.
-    received: Vec<Option<Record>>,
+    received: Vec<Option<RecordedMessage>>,
     order: Vec<(i64, usize)>,
     state: Input<State>,
     reference: Input<Reference>,
@@ -47,14 +47,14 @@ pub(super) struct Drain {
     last: [i64; 4],
 }
 
-impl Drain {
+impl DrainThread {
     pub(super) fn open(
         domain: &Domain,
         clock: Clock,
         credit_ticks: u32,
         shared: Arc<SharedStatus>,
-        sender: SyncSender<Vec<Record>>,
-        empties: Receiver<Vec<Record>>,
+        sender: SyncSender<Vec<RecordedMessage>>,
+        empty_batches: Receiver<Vec<RecordedMessage>>,
     ) -> Result<Self, IpcError> {
         let bus = Bus::open(domain, "recorder")?;
         Ok(Self {
@@ -63,7 +63,7 @@ impl Drain {
             window: i64::from(credit_ticks).min(topic::RECORDER_DEPTH as i64 / 4),
             shared,
             sender,
-            empties,
+            empty_batches,
             received: Vec::new(),
             order: Vec::new(),
             state: bus.recorder_input(&topic::STATE)?,
@@ -83,12 +83,14 @@ impl Drain {
         let mut newest = -1;
         loop {
             // Read before draining, so that all messages sent before the flag are received.
-            let last = self.shared.drain.load(Ordering::Acquire);
-            let batch = self.take_all()?;
+            let end = self.shared.orders.drain.load(Ordering::Acquire);
+            let batch = self.receive_all()?;
             for record in &batch {
                 match record {
-                    Record::Timing(timing) => self.shared.record_heartbeat(timing),
-                    Record::State(state) => newest = newest.max(state.tick),
+                    RecordedMessage::Timing(timing) if timing.process == Process::Supervisor.code() && timing.latency_ns > 0 => {
+                        self.shared.recorder.latencies.push(timing.latency_ns);
+                    }
+                    RecordedMessage::State(state) => newest = newest.max(state.tick),
                     _ => {}
                 }
             }
@@ -106,21 +108,21 @@ impl Drain {
                 + self.event.failed_connections()
                 + self.timing.failed_connections()
                 + self.credit.failed_connections();
-            self.shared.recorder_failed_connections.store(failed_connections, Ordering::Relaxed);
-            self.shared.listened();
+            self.shared.recorder.failed_connections.store(failed_connections, Ordering::Relaxed);
+            self.shared.recorder.rounds.fetch_add(1, Ordering::Release);
             let empty = batch.is_empty();
             if !empty && self.sender.send(batch).is_err() {
-                // The writer has failed, and reports that itself.
+                // The writer has failed, and reports its own error.
                 return Ok(());
             }
-            if last && empty {
+            if end && empty {
                 return Ok(());
             }
             if self.clock == Clock::Lockstep {
                 // A plant that has just connected finds the credit in the history.
                 self.credit.preloan();
             }
-            if !last {
+            if !end {
                 // The recorder polls: a notification would cost every sender a system call per message.
                 std::thread::sleep(drain_interval(self.clock));
             }
@@ -128,20 +130,20 @@ impl Drain {
     }
 }
 
-impl Drain {
+impl DrainThread {
     /// Receives all new messages; returns them in the order of ticks, causes first.
-    fn take_all(&mut self) -> Result<Vec<Record>, IpcError> {
+    fn receive_all(&mut self) -> Result<Vec<RecordedMessage>, IpcError> {
         let received = &mut self.received;
         received.clear();
-        // Effects before their causes: the messages behind a command of this batch are then in it too, or in an earlier one.
+        // Effects before their causes: this batch or an earlier batch then holds the messages that led to a command.
         let mut ends = [0; 7];
-        ends[0] = take(&mut self.timing, received, Record::Timing)?;
-        ends[1] = take(&mut self.event, received, Record::Event)?;
-        ends[2] = take(&mut self.command, received, Record::Command)?;
-        ends[3] = take(&mut self.request, received, Record::Request)?;
-        ends[4] = take(&mut self.reference, received, Record::Reference)?;
-        ends[5] = take(&mut self.state, received, Record::State)?;
-        ends[6] = take(&mut self.operator, received, Record::Operator)?;
+        ends[0] = receive_new(&mut self.timing, received, RecordedMessage::Timing)?;
+        ends[1] = receive_new(&mut self.event, received, RecordedMessage::Event)?;
+        ends[2] = receive_new(&mut self.command, received, RecordedMessage::Command)?;
+        ends[3] = receive_new(&mut self.request, received, RecordedMessage::Request)?;
+        ends[4] = receive_new(&mut self.reference, received, RecordedMessage::Reference)?;
+        ends[5] = receive_new(&mut self.state, received, RecordedMessage::State)?;
+        ends[6] = receive_new(&mut self.operator, received, RecordedMessage::Operator)?;
         self.order.clear();
         for topic in (0..ends.len()).rev() {
             let begin = if topic == 0 { 0 } else { ends[topic - 1] };
@@ -150,7 +152,7 @@ impl Drain {
         }
         // A stable sort keeps the order within a tick.
         self.order.sort_by_key(|(tick, _)| *tick);
-        let mut batch = self.empties.try_recv().unwrap_or_default();
+        let mut batch = self.empty_batches.try_recv().unwrap_or_default();
         for i in 0..self.order.len() {
             if let Some(record) = self.received[self.order[i].1].take()
                 && self.is_new(&record)
@@ -162,17 +164,17 @@ impl Drain {
     }
 
     /// Whether a message is not recorded yet: the last messages of a lost process are republished.
-    fn is_new(&mut self, record: &Record) -> bool {
+    fn is_new(&mut self, record: &RecordedMessage) -> bool {
         let (last, tick) = match record {
-            Record::State(m) => (&mut self.last[0], m.tick),
-            Record::Reference(m) => (&mut self.last[1], m.tick),
-            Record::Request(m) if m.controller == Process::Controller.code() => (&mut self.last[2], m.tick),
-            Record::Request(m) => (&mut self.last[3], m.tick),
+            RecordedMessage::State(m) => (&mut self.last[0], m.tick),
+            RecordedMessage::Reference(m) => (&mut self.last[1], m.tick),
+            RecordedMessage::Request(m) if m.controller == Process::Controller.code() => (&mut self.last[2], m.tick),
+            RecordedMessage::Request(m) => (&mut self.last[3], m.tick),
             _ => return true,
         };
         let new = tick > *last;
         // An implausibly late tick is recorded too, but does not hide later ones.
-        if new && tick <= self.shared.gated.load(Ordering::Acquire) + AHEAD {
+        if new && tick <= self.shared.gate.tick.load(Ordering::Acquire) + MAX_TICKS_AHEAD {
             *last = tick;
         }
         new
@@ -180,7 +182,11 @@ impl Drain {
 }
 
 /// Receives the new messages of a topic; returns the number of all received messages.
-fn take<T>(input: &mut Input<T>, received: &mut Vec<Option<Record>>, wrap: fn(T) -> Record) -> Result<usize, IpcError>
+fn receive_new<T>(
+    input: &mut Input<T>,
+    received: &mut Vec<Option<RecordedMessage>>,
+    wrap: fn(T) -> RecordedMessage,
+) -> Result<usize, IpcError>
 where
     T: Check + hapfic_messages::Message,
 {

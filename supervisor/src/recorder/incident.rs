@@ -1,15 +1,15 @@
 //! The post-mortem: a short file beside the log with the events around each brake or latched stop.
 //!
 //! An incident begins when the severity rises to brake or stopped, and ends when it is nominal again, or with the run.
-//! The recorder replaces the whole file at the begin, at each further transition and at the end of an incident. So a
-//! readable file exists whenever the supervisor is lost. In lockstep messages carry no wall-clock time, and times are
-//! counted in ticks.
+//! The recorder replaces the whole file at the start, at each further transition and at the end of an incident. So a
+//! readable file exists whenever the supervisor is lost. In lockstep messages carry no wall-clock time, and the file
+//! counts times in ticks.
 
 mod account;
 
-use super::Record;
-use account::{Age, Incident, Torques};
-use hapfic_gate_process::shared_status::SharedStatus;
+use super::RecordedMessage;
+use account::{MessageAge, OpenIncident, TorqueHistory};
+use hapfic_gate_process::status::SharedStatus;
 use hapfic_messages::{Clock, Command, Event, EventKind, Mode, Process, Severity, Source, Timing};
 use std::collections::VecDeque;
 use std::fs::{self, File};
@@ -18,11 +18,11 @@ use std::path::{Path, PathBuf};
 
 /// Ticks by which a cause may precede the transition.
 const CAUSE_TICKS: i64 = 50;
-/// Ticks for which events are kept, and their largest number.
+/// Ticks for which the recorder keeps events, and their largest number.
 const HISTORY_TICKS: i64 = 2000;
 const HISTORY_EVENTS: usize = 256;
 /// Incidents described in full.
-const IN_FULL: u64 = 20;
+const MAX_DESCRIBED: u64 = 20;
 
 /// Number of incidents, and the file that describes them.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
@@ -36,21 +36,21 @@ pub struct IncidentSummary {
 }
 
 /// Observes the recorded messages, and writes the post-mortem.
-pub(super) struct Incidents {
+pub(super) struct PostMortem {
     clock: Clock,
     /// Name of the log, for the heading.
     log: String,
     file: PathBuf,
     /// Whether a file can lie beside the log.
-    beside: bool,
+    has_file: bool,
     error: Option<String>,
     severity: u32,
     last: [LastMessage; Process::ALL.len()],
-    torques: Torques,
+    torques: TorqueHistory,
     events: VecDeque<Event>,
     /// Text of the closed incidents.
     closed: String,
-    open: Option<Incident>,
+    open: Option<OpenIncident>,
     count: u64,
     /// Whether the file lacks new text.
     dirty: bool,
@@ -63,27 +63,27 @@ struct LastMessage {
     tick: Option<i64>,
 }
 
-impl Incidents {
+impl PostMortem {
     /// Starts without incidents, and removes the file of an earlier run.
     pub(super) fn new(log: &Path, clock: Clock) -> Self {
         let file = log.with_extension("incidents.md");
         // No file can lie beside a device or a pipe.
-        let beside = !fs::metadata(log).is_ok_and(|metadata| !metadata.is_file());
-        let stale = if beside { fs::remove_file(&file) } else { Ok(()) };
-        let error = match stale {
-            Err(cause) if cause.kind() != io::ErrorKind::NotFound => Some(cannot("remove", &file, &cause)),
-            _ if !beside => Some(format!("{}: not a regular file, so it has no post-mortem", log.display())),
+        let has_file = !fs::metadata(log).is_ok_and(|metadata| !metadata.is_file());
+        let removed = if has_file { fs::remove_file(&file) } else { Ok(()) };
+        let error = match removed {
+            Err(cause) if cause.kind() != io::ErrorKind::NotFound => Some(file_error("remove", &file, &cause)),
+            _ if !has_file => Some(format!("{}: not a regular file, so it has no post-mortem", log.display())),
             _ => None,
         };
         Self {
             clock,
             log: log.file_name().unwrap_or_default().to_string_lossy().into_owned(),
             file,
-            beside,
+            has_file,
             error,
             severity: Severity::Nominal.code(),
             last: [LastMessage::default(); Process::ALL.len()],
-            torques: Torques::default(),
+            torques: TorqueHistory::default(),
             events: VecDeque::new(),
             closed: String::new(),
             open: None,
@@ -92,22 +92,22 @@ impl Incidents {
         }
     }
 
-    /// Evaluates a record. Returns whether the log must be synced to the disk first: the drive brakes or stops.
-    pub(super) fn observe(&mut self, record: &Record, shared: &SharedStatus) -> bool {
+    /// Evaluates a message. Returns whether the log must be synced to the disk first: the drive brakes or stops.
+    pub(super) fn observe(&mut self, record: &RecordedMessage, shared: &SharedStatus) -> bool {
         match record {
-            Record::State(m) => self.record_heartbeat(Process::Plant.code(), m.stamp_ns, m.tick),
-            Record::Reference(m) => self.record_heartbeat(Process::Planner.code(), m.stamp_ns, m.tick),
-            Record::Request(m) => {
-                self.record_heartbeat(m.controller, m.stamp_ns, m.tick);
+            RecordedMessage::State(m) => self.record_last_message(Process::Plant.code(), m.stamp_ns, m.tick),
+            RecordedMessage::Reference(m) => self.record_last_message(Process::Planner.code(), m.stamp_ns, m.tick),
+            RecordedMessage::Request(m) => {
+                self.record_last_message(m.controller, m.stamp_ns, m.tick);
                 self.torques.request(m);
                 if let Some(open) = self.open.as_mut().filter(|open| m.tick <= open.begin.tick) {
                     open.torques.request(m);
                 }
             }
-            Record::Command(m) => self.command(m),
-            Record::Timing(m) => self.timing(m),
-            Record::Event(m) => return self.event(m, shared),
-            Record::Operator(_) => {}
+            RecordedMessage::Command(m) => self.command(m),
+            RecordedMessage::Timing(m) => self.timing(m),
+            RecordedMessage::Event(m) => return self.event(m, shared),
+            RecordedMessage::Operator(_) => {}
         }
         false
     }
@@ -121,27 +121,27 @@ impl Incidents {
         (self.count > 0).then(|| IncidentSummary { count: self.count, file: self.file.clone(), error: self.error.clone() })
     }
 
-    fn record_heartbeat(&mut self, process: u32, stamp_ns: u64, tick: i64) {
+    fn record_last_message(&mut self, process: u32, stamp_ns: u64, tick: i64) {
         if let Some(last) = self.last.get_mut(process as usize) {
             last.stamp_ns = last.stamp_ns.max(stamp_ns);
             last.tick = last.tick.max(Some(tick));
         }
     }
 
-    /// Evaluates a heartbeat. Heartbeats alone have wall-clock times in lockstep; those are ignored.
+    /// Evaluates a heartbeat. Ignores its wall-clock times in lockstep, where no other message has any.
     fn timing(&mut self, m: &Timing) {
         let stamp_ns = if self.clock == Clock::Realtime { m.wake_ns.max(m.publish_ns) } else { 0 };
-        self.record_heartbeat(m.process, stamp_ns, m.tick);
+        self.record_last_message(m.process, stamp_ns, m.tick);
     }
 
     fn command(&mut self, m: &Command) {
-        self.record_heartbeat(Process::Supervisor.code(), m.stamp_ns, m.tick);
+        self.record_last_message(Process::Supervisor.code(), m.stamp_ns, m.tick);
         self.torques.command(m);
         let Some(open) = &mut self.open else { return };
         if m.tick <= open.begin.tick {
             open.torques.command(m);
-        } else if open.torque_again.is_none() && m.mode == Mode::Active.code() && m.source == Source::Fresh.code() {
-            open.torque_again = Some((m.tick, m.stamp_ns));
+        } else if open.fresh_torque.is_none() && m.mode == Mode::Active.code() && m.source == Source::Fresh.code() {
+            open.fresh_torque = Some((m.tick, m.stamp_ns));
             if open.end.is_some() {
                 self.close();
                 self.write();
@@ -159,7 +159,7 @@ impl Incidents {
         {
             self.events.pop_front();
         }
-        // After a fatal loss no gate is left to make the transition.
+        // After a fatal loss the gate makes no transition any more.
         let fatal = m.kind == EventKind::Lost.code() && m.severity == Severity::Stopped.code();
         if !(fatal || m.kind == EventKind::Transition.code()) || Severity::from_code(m.severity).is_none() {
             return false;
@@ -171,36 +171,36 @@ impl Incidents {
             // A cleared event is no cause of a later incident.
             self.events.clear();
         }
-        let goes_on = self.open.as_ref().is_some_and(|open| open.end.is_none());
-        if goes_on {
+        let ongoing = self.open.as_ref().is_some_and(|open| open.end.is_none());
+        if ongoing {
             if let Some(open) = self.open.as_mut().filter(|_| nominal) {
                 open.end = Some(*m);
             }
-            // An incident whose torque is back already is complete.
-            if self.open.as_ref().is_some_and(|open| open.end.is_some() && open.torque_again.is_some()) {
+            // An incident is complete with the first fresh torque.
+            if self.open.as_ref().is_some_and(|open| open.end.is_some() && open.fresh_torque.is_some()) {
                 self.close();
             }
             // Incidents that are only counted add no text.
-            self.dirty |= self.count <= IN_FULL;
+            self.dirty |= self.count <= MAX_DESCRIBED;
         } else if braked && before < Severity::Brake.code() {
             self.close();
             self.begin(m, shared);
-            self.dirty |= self.count <= IN_FULL + 1;
+            self.dirty |= self.count <= MAX_DESCRIBED + 1;
         }
         braked
     }
 
     fn begin(&mut self, m: &Event, shared: &SharedStatus) {
         self.count += 1;
-        let mut open = Incident {
+        let mut open = OpenIncident {
             number: self.count,
             begin: *m,
             events: Vec::new(),
-            more_events: 0,
-            torques: self.torques.until(m.tick),
+            omitted_events: 0,
+            torques: self.torques.up_to(m.tick),
             ages: Process::ALL.iter().map(|&process| self.age(process, m, shared)).collect(),
             end: None,
-            torque_again: None,
+            fresh_torque: None,
         };
         for event in self.events.iter().filter(|event| event.tick.saturating_add(CAUSE_TICKS) >= m.tick) {
             open.event(event);
@@ -208,27 +208,27 @@ impl Incidents {
         self.open = Some(open);
     }
 
-    /// Age of a process by the stamps of its messages; without stamps, its heartbeat age.
-    fn age(&self, process: Process, m: &Event, shared: &SharedStatus) -> Age {
+    /// Returns the age of a process by the stamps of its messages; without stamps, its heartbeat age.
+    fn age(&self, process: Process, m: &Event, shared: &SharedStatus) -> MessageAge {
         let LastMessage { stamp_ns, tick } = self.last[process as usize];
         let ns = if stamp_ns > 0 && m.stamp_ns > 0 {
             Some(m.stamp_ns.saturating_sub(stamp_ns))
         } else {
-            shared.heartbeat(process).age_ns()
+            shared.heartbeats.read(process).age_ns()
         };
-        Age { process, ms: ns.map(|ns| ns as f64 / 1e6), tick }
+        MessageAge { process, ms: ns.map(|ns| ns as f64 / 1e6), tick }
     }
 
-    /// Closes the open incident, if there is one.
+    /// Closes the open incident, if any.
     fn close(&mut self) {
-        if let Some(open) = self.open.take().filter(|open| open.number <= IN_FULL) {
+        if let Some(open) = self.open.take().filter(|open| open.number <= MAX_DESCRIBED) {
             // Writing to a string cannot fail.
             let _ = open.write(&mut self.closed);
         }
     }
 
     /// Writes new text to the file. The call comes after the log itself is on the disk.
-    pub(super) fn settle(&mut self) {
+    pub(super) fn write_pending(&mut self) {
         if std::mem::take(&mut self.dirty) {
             self.write();
         }
@@ -236,12 +236,12 @@ impl Incidents {
 
     /// Replaces the file. A failure must not affect the run: the summary holds the first one.
     fn write(&mut self) {
-        if !self.beside {
+        if !self.has_file {
             return;
         }
         let text = self.text();
         if let Err(cause) = replace(&self.file, text.as_bytes()) {
-            self.error.get_or_insert_with(|| cannot("write", &self.file, &cause));
+            self.error.get_or_insert_with(|| file_error("write", &self.file, &cause));
         }
     }
 
@@ -257,12 +257,13 @@ impl Incidents {
             }
         };
         text += &self.closed;
-        if let Some(open) = self.open.as_ref().filter(|open| open.number <= IN_FULL) {
+        if let Some(open) = self.open.as_ref().filter(|open| open.number <= MAX_DESCRIBED) {
             // Writing to a string cannot fail.
             let _ = open.write(&mut text);
         }
-        if self.count > IN_FULL {
-            text += &format!("\n{} further incidents are not described here; the log has them all.\n", self.count - IN_FULL);
+        if self.count > MAX_DESCRIBED {
+            text +=
+                &format!("\n{} further incidents are not described here; the log has them all.\n", self.count - MAX_DESCRIBED);
         }
         text
     }
@@ -270,9 +271,9 @@ impl Incidents {
 
 /// Replaces a file atomically: writes and syncs a temporary file beside it, and renames that.
 fn replace(path: &Path, content: &[u8]) -> io::Result<()> {
-    let mut beside = path.file_name().unwrap_or_default().to_owned();
-    beside.push(format!(".{}.part", std::process::id()));
-    let part = path.with_file_name(beside);
+    let mut part_name = path.file_name().unwrap_or_default().to_owned();
+    part_name.push(format!(".{}.part", std::process::id()));
+    let part = path.with_file_name(part_name);
     let _ = fs::remove_file(&part);
     // `create_new` does not follow a link that another user may have planted.
     let mut file = File::options().write(true).create_new(true).open(&part)?;
@@ -283,7 +284,7 @@ fn replace(path: &Path, content: &[u8]) -> io::Result<()> {
     written
 }
 
-fn cannot(what: &str, path: &Path, cause: &io::Error) -> String {
+fn file_error(what: &str, path: &Path, cause: &io::Error) -> String {
     format!("{}: cannot {what} the post-mortem: {cause}. Hint: check the space and the permissions of its folder", path.display())
 }
 

@@ -1,8 +1,8 @@
 //! The recorder: receives every message of every tick, and writes the log.
 //!
-//! It has two threads, so that a stalled disk does not stall receiving. One drains shared memory every 10 ms, in lockstep
-//! every 1 ms (`drain.rs`). The other encodes, computes the metrics and writes (`write.rs`). Neither is a real-time
-//! thread.
+//! It has two threads, so that a stalled disk does not stall receiving. The drain thread drains shared memory every
+//! 10 ms, in lockstep every 1 ms (`drain.rs`). The writer thread encodes, computes the metrics and writes (`write.rs`).
+//! Neither is a real-time thread.
 
 mod drain;
 mod incident;
@@ -10,24 +10,24 @@ mod viewer_frames;
 mod write;
 
 use anyhow::{Context, Result};
-use drain::Drain;
-use hapfic_gate_process::shared_status::SharedStatus;
+use drain::DrainThread;
+use hapfic_gate_process::status::SharedStatus;
 use hapfic_ipc::{Domain, IpcError};
 use hapfic_log::{LogError, Metrics, MetricsSummary, Viewer, Writer};
 use hapfic_messages::{Clock, Command, Event, Operator, Process, Reference, Request, State, Timing};
 use hapfic_robot::Chain;
-use incident::Incidents;
+use incident::PostMortem;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::mpsc::{channel, sync_channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
 use viewer_frames::ViewerFrames;
-use write::Write;
+use write::WriterThread;
 
-/// Message on its way to the log.
+/// Message in flight to the log.
 #[allow(clippy::large_enum_variant)] // A batch lives for milliseconds; a box for each message would cost more than the memory.
-enum Record {
+enum RecordedMessage {
     State(State),
     Reference(Reference),
     Request(Request),
@@ -44,10 +44,10 @@ enum Record {
 const QUEUE_REALTIME: usize = 512;
 const QUEUE_LOCKSTEP: usize = 64;
 /// Empty batches kept for reuse.
-const EMPTIES: usize = 4;
+const EMPTY_BATCHES: usize = 4;
 
-impl Record {
-    /// Tick of the message; parameters come before all messages to which they may apply.
+impl RecordedMessage {
+    /// Returns the tick of the message; parameters come before all messages to which they may apply.
     fn tick(&self) -> i64 {
         match self {
             Self::State(m) => m.tick,
@@ -85,7 +85,7 @@ pub struct RecorderStart {
 
 /// Result of the recording.
 #[derive(Clone, Copy, Debug)]
-pub struct Recorded {
+pub struct RecordingResult {
     /// Metrics of the run.
     pub metrics: MetricsSummary,
     /// Messages written.
@@ -99,12 +99,12 @@ pub struct Recorded {
 }
 
 /// Result of the writer thread: size of the file, metrics, brakes and stops.
-type Written = (Result<u64, LogError>, Recorded, Option<IncidentSummary>);
+type WriterResult = (Result<u64, LogError>, RecordingResult, Option<IncidentSummary>);
 
 /// A running recorder.
 pub struct Recorder {
     drain: JoinHandle<Result<(), IpcError>>,
-    write: JoinHandle<Written>,
+    write: JoinHandle<WriterResult>,
 }
 
 impl Recorder {
@@ -114,14 +114,14 @@ impl Recorder {
     /// If the threads cannot be started or the ports cannot be opened.
     pub fn start(start: RecorderStart) -> Result<Self> {
         let (sender, receiver) = sync_channel(if start.clock == Clock::Lockstep { QUEUE_LOCKSTEP } else { QUEUE_REALTIME });
-        let (recycle, empties) = sync_channel(EMPTIES);
+        let (recycle, empty_batches) = sync_channel(EMPTY_BATCHES);
         let (ready, connected) = channel();
         let RecorderStart { domain, clock, credit_ticks, writer, viewer, chain, flush_every, log, shared } = start;
         let drain_status = Arc::clone(&shared);
         let drain = std::thread::Builder::new()
             .name("hapfic-recorder".to_owned())
             .spawn(move || {
-                let opened = Drain::open(&domain, clock, credit_ticks, drain_status, sender, empties);
+                let opened = DrainThread::open(&domain, clock, credit_ticks, drain_status, sender, empty_batches);
                 match opened {
                     Ok(mut drain) => {
                         let _ = ready.send(Ok(()));
@@ -137,7 +137,7 @@ impl Recorder {
         let write = std::thread::Builder::new()
             .name("hapfic-writer".to_owned())
             .spawn(move || {
-                Write {
+                WriterThread {
                     writer,
                     viewer,
                     chain,
@@ -147,8 +147,8 @@ impl Recorder {
                     missed: 0,
                     braked: 0,
                     active: false,
-                    timing_at: 0,
-                    incidents: Incidents::new(&log, clock),
+                    timing_log_ns: 0,
+                    incidents: PostMortem::new(&log, clock),
                 }
                 .run(&receiver, &recycle, flush_every)
             })
@@ -163,18 +163,18 @@ impl Recorder {
         self.drain.is_finished() || self.write.is_finished()
     }
 
-    /// Waits for both threads to end, which [`SharedStatus::drain`] requests.
+    /// Waits for both threads to end, which [`RunOrders::drain`](hapfic_gate_process::status::RunOrders::drain) requests.
     ///
     /// Returns the result, the brakes and stops, and the first error.
     #[must_use]
-    pub fn finish(self) -> (Option<Recorded>, Option<IncidentSummary>, Option<String>) {
+    pub fn finish(self) -> (Option<RecordingResult>, Option<IncidentSummary>, Option<String>) {
         let drained = match self.drain.join() {
             Ok(Ok(())) => None,
             Ok(Err(e)) => Some(e.to_string()),
             Err(_) => Some("the recorder's thread panicked".to_owned()),
         };
         match self.write.join() {
-            Ok((Ok(file_bytes), recorded, incidents)) => (Some(Recorded { file_bytes, ..recorded }), incidents, drained),
+            Ok((Ok(file_bytes), recorded, incidents)) => (Some(RecordingResult { file_bytes, ..recorded }), incidents, drained),
             Ok((Err(e), recorded, incidents)) => (Some(recorded), incidents, Some(e.to_string())),
             Err(_) => (None, None, Some("the writer's thread panicked".to_owned())),
         }

@@ -6,7 +6,7 @@ use hapfic_messages::{Parameters, Reference, State};
 use std::collections::VecDeque;
 
 /// Ticks that may wait for their command, and parameter sets that may be in force among them.
-const WAITING: usize = 2 * topic::RECORDER_DEPTH;
+const CAPACITY: usize = 2 * topic::RECORDER_DEPTH;
 
 /// Collects the messages of viewer frames. The command of a tick comes last and completes its frame.
 #[derive(Default)]
@@ -26,7 +26,7 @@ pub(super) struct ViewerFrame {
 }
 
 fn push_bounded<T>(queue: &mut VecDeque<T>, value: T) {
-    if queue.len() == WAITING {
+    if queue.len() == CAPACITY {
         queue.pop_front();
     }
     queue.push_back(value);
@@ -41,7 +41,7 @@ impl ViewerFrames {
         push_bounded(&mut self.references, *reference);
     }
 
-    /// Adds a parameter set if it is newer than all others; returns whether it was.
+    /// Adds a parameter set if it is newer than all others; returns whether it is.
     pub(super) fn parameters(&mut self, set: &Parameters) -> bool {
         let newer = self.operators.back().is_none_or(|last| set.version > last.version);
         if newer {
@@ -50,7 +50,7 @@ impl ViewerFrames {
         newer
     }
 
-    /// Takes the frame of a tick whose command has come, and drops older ones.
+    /// Returns the frame of a tick after its command, and drops older frames.
     pub(super) fn take(&mut self, tick: i64) -> Option<ViewerFrame> {
         while self.states.front().is_some_and(|(s, _)| s.tick < tick) {
             self.states.pop_front();

@@ -1,9 +1,9 @@
 //! The writer thread: encodes and writes messages, computes the metrics, and keeps the post-mortem.
 
-use super::incident::Incidents;
+use super::incident::PostMortem;
 use super::viewer_frames::ViewerFrames;
-use super::{Record, Recorded, Written};
-use hapfic_gate_process::shared_status::{SharedStatus, StatusSnapshot};
+use super::{RecordedMessage, RecordingResult, WriterResult};
+use hapfic_gate_process::status::{SharedStatus, StatusSnapshot};
 use hapfic_log::{LogError, Metrics, Topic, Viewer, Writer, scene};
 use hapfic_messages::{Mode, Operator, Source};
 use hapfic_robot::Chain;
@@ -13,7 +13,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender};
 use std::time::{Duration, Instant};
 
 /// Writer of the log, with the metrics and the viewer frames of the run.
-pub(super) struct Write {
+pub(super) struct WriterThread {
     pub(super) writer: Writer,
     pub(super) viewer: Viewer,
     pub(super) chain: Chain,
@@ -23,17 +23,17 @@ pub(super) struct Write {
     pub(super) missed: u64,
     pub(super) braked: u64,
     pub(super) active: bool,
-    pub(super) timing_at: u64,
-    pub(super) incidents: Incidents,
+    pub(super) timing_log_ns: u64,
+    pub(super) incidents: PostMortem,
 }
 
-impl Write {
+impl WriterThread {
     pub(super) fn run(
         mut self,
-        receiver: &Receiver<Vec<Record>>,
-        recycle: &SyncSender<Vec<Record>>,
+        receiver: &Receiver<Vec<RecordedMessage>>,
+        recycle: &SyncSender<Vec<RecordedMessage>>,
         flush_every: Duration,
-    ) -> Written {
+    ) -> WriterResult {
         let mut failed = None;
         let mut flushed = Instant::now();
         loop {
@@ -51,7 +51,7 @@ impl Write {
                         failed = self.writer.sync().err();
                         flushed = Instant::now();
                     }
-                    self.incidents.settle();
+                    self.incidents.write_pending();
                     batch.clear();
                     // A full channel drops the batch and frees its memory.
                     let _ = recycle.try_send(batch);
@@ -64,10 +64,10 @@ impl Write {
                 flushed = Instant::now();
             }
             if failed.is_some() {
-                self.shared.log_failed.store(true, Ordering::Release);
+                self.shared.recorder.log_failed.store(true, Ordering::Release);
             }
         }
-        let recorded = Recorded {
+        let recorded = RecordingResult {
             metrics: self.metrics.summary(),
             active: self.active,
             messages: Topic::ALL.iter().map(|t| self.writer.messages(*t)).sum(),
@@ -81,28 +81,28 @@ impl Write {
         (finished, recorded, self.incidents.finish())
     }
 
-    fn record(&mut self, record: &Record, write: bool) -> Result<(), LogError> {
+    fn record(&mut self, record: &RecordedMessage, write: bool) -> Result<(), LogError> {
         match record {
-            Record::State(m) => {
+            RecordedMessage::State(m) => {
                 let state = if write { self.writer.state(m)? } else { hapfic_log::convert::state(m, self.writer.names()) };
                 self.metrics.push_state(&state);
                 if self.viewer.due(m.tick) {
                     self.frames.state(m, state);
                 }
             }
-            Record::Reference(m) => {
+            RecordedMessage::Reference(m) => {
                 let reference = if write { self.writer.reference(m)? } else { hapfic_log::convert::reference(m) };
                 self.metrics.push_reference(&reference);
                 if self.viewer.due(m.tick) {
                     self.frames.reference(m);
                 }
             }
-            Record::Request(m) => {
+            RecordedMessage::Request(m) => {
                 if write {
                     self.writer.request(m)?;
                 }
             }
-            Record::Command(m) => {
+            RecordedMessage::Command(m) => {
                 // The command before the first tick only starts the run.
                 if m.tick < 0 {
                     return Ok(());
@@ -113,21 +113,21 @@ impl Write {
                 self.missed += u64::from(self.active && m.source != Source::Fresh.code());
                 self.braked += u64::from(self.active && m.mode >= Mode::Brake.code());
                 if self.viewer.due(m.tick) {
-                    self.show(m.tick, m.mode, write)?;
+                    self.write_frame(m.tick, m.mode, write)?;
                 }
             }
-            Record::Operator(m) => self.operator(m, write)?,
-            Record::Event(m) => {
+            RecordedMessage::Operator(m) => self.operator(m, write)?,
+            RecordedMessage::Event(m) => {
                 let event = if write { self.writer.event(m)? } else { hapfic_log::convert::event(m) };
                 if write {
                     let line = self.viewer.log_line(&event);
                     self.writer.log(m.tick.max(0), &line)?;
                 }
             }
-            Record::Timing(m) => {
+            RecordedMessage::Timing(m) => {
                 // Several processes send at their own pace; readers need ascending times.
-                self.timing_at = self.timing_at.max(self.writer.time_of(m.tick.max(0)));
-                let at = self.timing_at;
+                self.timing_log_ns = self.timing_log_ns.max(self.writer.time_of(m.tick.max(0)));
+                let at = self.timing_log_ns;
                 let timing = if write { self.writer.timing(m, at)? } else { hapfic_log::convert::timing(m) };
                 // A heartbeat without a published message has no tick times.
                 if m.publish_ns > 0 {
@@ -149,7 +149,7 @@ impl Write {
         Ok(())
     }
 
-    fn show(&mut self, tick: i64, mode: u32, write: bool) -> Result<(), LogError> {
+    fn write_frame(&mut self, tick: i64, mode: u32, write: bool) -> Result<(), LogError> {
         let Some(frame) = self.frames.take(tick) else { return Ok(()) };
         let (m, parameters) = (&frame.state, frame.parameters);
         if write {
@@ -159,7 +159,7 @@ impl Write {
             let update = self.viewer.scene_update(tick, &frame.logged.contacts, frame.reference, target);
             self.writer.scene(tick, &update)?;
         }
-        if let Ok(mut snapshot) = self.shared.snapshot.lock() {
+        if let Ok(mut snapshot) = self.shared.recorder.snapshot.lock() {
             *snapshot = StatusSnapshot {
                 time_s: m.time_ns as f64 * 1e-9,
                 foot_position: m.foot_position,

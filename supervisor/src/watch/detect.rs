@@ -1,6 +1,7 @@
 //! The detectors of the supervisor, and its reaction to what they find.
 
 use super::Watch;
+use super::evidence::Suspicion;
 use super::slot::ProcessSlot;
 use crate::children::started;
 use crate::recorder;
@@ -9,15 +10,14 @@ use hapfic_config::OnLoss;
 use hapfic_messages::{Clock, Detector, Phase, Process};
 use std::sync::atomic::Ordering;
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
 
-/// Factor of the time-outs in lockstep, where a late process costs nothing and the host may be busy.
+/// Factor of the time-outs in lockstep, where a late process costs nothing and the machine may be busy.
 const LOCKSTEP_TIMEOUT_FACTOR: u64 = 5;
 
 impl Watch<'_> {
     /// Checks all processes and threads, and restarts what is lost; `false` if the run must end.
     pub(super) fn healthy(&mut self) -> Result<bool> {
-        if self.shared.asked_to_stop.load(Ordering::Relaxed) {
+        if self.shared.operator.end_requested.load(Ordering::Relaxed) {
             self.fault("supervisor", "was asked to end by the operator".to_owned(), "operator");
             return Ok(false);
         }
@@ -25,26 +25,27 @@ impl Watch<'_> {
             self.fault("supervisor", "was asked to end by a signal".to_owned(), "signal");
             return Ok(false);
         }
+        self.evidence.observe(&self.shared.heartbeats, hapfic_ipc::clock::now_ns());
         let healthy = self.check_processes()?;
-        if let Some(age) = self.shared.silence_ns(recorder::GATE)
+        if let Some(age) = self.evidence.silence_ns(recorder::GATE)
             && age > self.silence_limit_ns()
-            && self.shared.heartbeat(recorder::GATE).phase() != Some(Phase::Finished)
+            && self.shared.heartbeats.read(recorder::GATE).phase != Some(Phase::Finished)
         {
             self.fault("gate", format!("has sent no heartbeat for {} ms", age / 1_000_000), "heartbeat");
             return Ok(false);
         }
-        if healthy && self.shared.go.load(Ordering::Relaxed) {
+        if healthy && self.shared.orders.start.load(Ordering::Relaxed) {
             self.inject()?;
             if self.stalled()? {
                 return Ok(false);
             }
         }
-        if self.shared.log_failed.load(Ordering::Acquire) || self.recorder.failed() {
+        if self.shared.recorder.log_failed.load(Ordering::Acquire) || self.recorder.failed() {
             self.fault("recorder", "cannot write the log any further".to_owned(), "recorder");
             return Ok(false);
         }
         if healthy && self.gate.as_ref().is_some_and(JoinHandle::is_finished) {
-            let done = self.shared.gated.load(Ordering::Acquire) + 1 >= self.settings.duration_ticks as i64;
+            let done = self.shared.gate.tick.load(Ordering::Acquire) + 1 >= self.settings.duration_ticks as i64;
             if !done {
                 self.fault("gate", "ended too early".to_owned(), "exit");
                 return Ok(false);
@@ -59,36 +60,48 @@ impl Watch<'_> {
         u64::from(self.settings.supervisor.heartbeat_timeout_ms) * factor * 1_000_000
     }
 
-    /// The tick detector for all processes together: all live, and no tick is done.
+    /// Detects that all processes together do no tick although each is alive; returns whether the run must end.
     fn stalled(&mut self) -> Result<bool> {
-        let gated = self.shared.gated.load(Ordering::Acquire);
+        let gated = self.shared.gate.tick.load(Ordering::Acquire);
         let joining = self.slots.iter().any(ProcessSlot::joining);
         if gated != self.advanced.0 {
             (self.plant_restart_left, self.all_restarted) = (true, false);
         }
         if gated != self.advanced.0 || gated + 1 >= self.settings.duration_ticks as i64 {
-            self.advanced = (gated, Instant::now());
+            self.advanced = (gated, self.evidence.observed_ns());
             return Ok(false);
         }
-        let limit = Duration::from_millis(self.settings.supervisor.stall_timeout_ms.into());
+        let limit_ms = u64::from(self.settings.supervisor.stall_timeout_ms);
+        let limit_ns = limit_ms * 1_000_000;
+        let silent_ns = self.evidence.observed_ns() - self.advanced.1;
+        if silent_ns <= limit_ns / 2 {
+            self.stall_suspicions.clear();
+        } else if self.stall_suspicions.is_empty() {
+            let children = self.slots.iter().filter_map(|slot| slot.child.as_ref());
+            self.stall_suspicions = children.map(|child| (child.pid(), Suspicion::begin(child.pid(), &self.evidence))).collect();
+        }
         // A starting process needs time, but it may also wait for a message that never comes.
-        if self.advanced.1.elapsed() <= if joining { 2 * limit } else { limit } {
+        if silent_ns <= if joining { 2 * limit_ns } else { limit_ns } {
             return Ok(false);
         }
-        self.advanced = (gated, Instant::now());
+        let starved = self.stall_suspicions.iter().any(|(pid, suspicion)| suspicion.is_starved(*pid, &self.evidence));
+        if starved {
+            // The others wait for a process that waits for a processor.
+            self.advanced.1 = self.evidence.observed_ns();
+            return Ok(false);
+        }
+        self.advanced = (gated, self.evidence.observed_ns());
         let rejected: Vec<_> = started(self.settings)
             .iter()
             .chain([&recorder::GATE])
-            .filter(|p| self.shared.heartbeat(**p).rejected() > 0)
-            .map(|p| format!("{p} {}", self.shared.heartbeat(*p).rejected()))
+            .filter(|p| self.shared.heartbeats.read(**p).rejected > 0)
+            .map(|p| format!("{p} {}", self.shared.heartbeats.read(*p).rejected))
             .collect();
         let rejected = if rejected.is_empty() { "none".to_owned() } else { rejected.join(", ") };
         if self.clock == Clock::Lockstep && !std::mem::replace(&mut self.all_restarted, true) {
             // A process waits for a message that another has not sent. The clock waits, so all may restart.
-            let what = format!(
-                "is restarted with the others: no tick was done for {} ms; messages rejected: {rejected}",
-                limit.as_millis()
-            );
+            let what =
+                format!("is restarted with the others: no tick was done for {} ms; messages rejected: {rejected}", limit_ms);
             for process in [Process::Planner, Process::Controller, Process::Standby] {
                 if !self.on_lost(process, Detector::Tick, &what)? {
                     return Ok(true);
@@ -97,15 +110,11 @@ impl Watch<'_> {
             return Ok(false);
         }
         if self.settings.plant.on_loss == OnLoss::Restart && std::mem::take(&mut self.plant_restart_left) {
-            // Then the plant, for which all others wait.
-            let what = format!("has done no tick for {} ms; messages rejected: {rejected}", limit.as_millis());
+            // The plant is next, since all others wait for it.
+            let what = format!("has done no tick for {} ms; messages rejected: {rejected}", limit_ms);
             return Ok(!self.on_lost(Process::Plant, Detector::Tick, &what)?);
         }
-        self.fault(
-            "gate",
-            format!("has published no command for {} ms; messages rejected: {rejected}", limit.as_millis()),
-            "tick",
-        );
+        self.fault("gate", format!("has published no command for {} ms; messages rejected: {rejected}", limit_ms), "tick");
         Ok(true)
     }
 }

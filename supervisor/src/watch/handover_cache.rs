@@ -1,7 +1,7 @@
 //! The hand-over cache: the last states and references, for the successor of a lost process.
 //!
-//! The history of a publisher ends with its process. So the supervisor subscribes too, and republishes the last messages
-//! of a lost process. The successor continues from there; later subscribers find them in the history.
+//! The history of a publisher ends with its process. So the supervisor subscribes too, and republishes the last
+//! messages of a lost process. The successor continues from there; later subscribers find them in the history.
 
 use anyhow::Result;
 use hapfic_ipc::inject::Corruptible;
@@ -11,7 +11,7 @@ use hapfic_messages::{Check, Message, Process, Reference, State, TickBuffer, Tic
 use std::sync::atomic::{AtomicI64, Ordering};
 
 /// Ticks that a message may be ahead of the last command: the planner is one tick ahead, its state another.
-const AHEAD: i64 = 3;
+const MAX_TICKS_AHEAD: i64 = 3;
 
 /// Cached topic.
 struct CachedTopic<T: Message> {
@@ -52,15 +52,15 @@ impl<T: Check + Corruptible + Ticked + Message> CachedTopic<T> {
     }
 }
 
-/// Whether a received message can be one of the last: a tick further ahead is invalid.
+/// Whether a received message can be recent: a tick further ahead is invalid.
 ///
 /// The last command's tick is read after the message. Read before, it may be outdated when the thread was preempted in
 /// between, and valid messages would be dropped.
 fn is_near(tick: i64, gated: &AtomicI64) -> bool {
-    (0..=gated.load(Ordering::Acquire) + AHEAD).contains(&tick)
+    (0..=gated.load(Ordering::Acquire) + MAX_TICKS_AHEAD).contains(&tick)
 }
 
-/// Newest of the ascending `ticks` without a gap between it and the last tick `done`.
+/// Returns the newest of the ascending `ticks` without a gap between it and the last tick `done`.
 fn newest_without_gap(ticks: impl Iterator<Item = i64>, done: i64) -> Option<i64> {
     let mut newest = None;
     for tick in ticks {
@@ -89,7 +89,7 @@ impl HandOverCache {
 
     /// Republishes the last messages of a lost process.
     ///
-    /// Returns the tick from which its successor continues; `None` if it starts without one, as controllers always do.
+    /// Returns the tick from which its successor continues; `None` without history, as always for controllers.
     ///
     /// # Errors
     /// [`IpcError`] if messaging fails.

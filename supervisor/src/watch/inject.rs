@@ -7,7 +7,7 @@ use super::slot::ProcessSlot;
 use crate::children::this_program;
 use anyhow::{Context, Result, bail};
 use hapfic_config::{Fault, FaultKind, FaultTarget};
-use hapfic_gate_process::shared_status::SharedStatus;
+use hapfic_gate_process::status::SharedStatus;
 use hapfic_ipc::{IpcError, Output};
 use hapfic_messages::{Injection, MessageFault, Process};
 use rustix::process::{Resource, Rlimit, Signal, prlimit};
@@ -18,11 +18,11 @@ use std::sync::mpsc::Receiver;
 use std::time::{Duration, Instant};
 
 /// Ticks by which a fault in messages is published before its tick.
-const AHEAD: i64 = 100;
-/// Faults in messages published at a time: a process reads one a tick.
+const PUBLISH_LEAD_TICKS: i64 = 100;
+/// Faults in messages published at a time: a process reads one fault per tick.
 const PUBLISHED_AT_A_TIME: usize = 4;
-/// Largest file system that a fault may fill [bytes]: one made for the purpose.
-const LARGEST_DISK: u64 = 256 << 20;
+/// Largest file system that a fault may fill [bytes]: a file system made for the purpose.
+const MAX_DISK_BYTES: u64 = 256 << 20;
 /// Limit of locked memory under the fault `memory_lock` [bytes].
 const MEMORY_LOCK_LIMIT: u64 = 64 << 10;
 
@@ -35,7 +35,7 @@ pub struct Injections {
     /// Faults in messages not published yet, in the order of time.
     message: VecDeque<Fault>,
     /// Published faults in messages before their tick.
-    coming: Vec<Fault>,
+    upcoming: Vec<Fault>,
     requests: Receiver<Fault>,
     output: Output<Injection>,
     /// Published injections that may still be in the future.
@@ -50,7 +50,7 @@ pub struct Injections {
     pub done: u64,
 }
 
-/// The corruption of messages that a fault means, if any.
+/// Returns the fault in messages that a fault specifies, if any.
 fn message_fault(kind: FaultKind) -> Option<MessageFault> {
     Some(match kind {
         FaultKind::Slow => MessageFault::Slow,
@@ -63,7 +63,7 @@ fn message_fault(kind: FaultKind) -> Option<MessageFault> {
     })
 }
 
-/// The processes that a fault affects.
+/// Returns the processes that a fault affects.
 fn targets(target: FaultTarget) -> &'static [Process] {
     match target {
         FaultTarget::Plant => &[Process::Plant],
@@ -90,7 +90,7 @@ pub fn check(faults: &[Fault], log: &Path, standby: bool) -> Result<()> {
 /// Checks that machine and run allow a fault.
 ///
 /// # Errors
-/// The reason if they do not.
+/// The reason if they do not allow it.
 pub fn possible(fault: &Fault, log: &Path, standby: bool) -> Result<()> {
     let name = fault.kind.name();
     if !standby && matches!(fault.target, FaultTarget::Standby | FaultTarget::Controllers) {
@@ -102,14 +102,14 @@ pub fn possible(fault: &Fault, log: &Path, standby: bool) -> Result<()> {
         let fs = rustix::fs::statfs(folder).with_context(|| format!("fault '{name}': cannot examine {}", folder.display()))?;
         let size = fs.f_blocks as u64 * fs.f_bsize as u64;
         let tmpfs = fs.f_type as u64 == 0x0102_1994;
-        if !tmpfs || size > LARGEST_DISK {
+        if !tmpfs || size > MAX_DISK_BYTES {
             bail!(
-                "fault '{name}': the log's folder {} is on a {} of {} MB, expected a tmpfs of its own of at most {} MB, since the \
-                 fault fills it. Hint: mount -t tmpfs -o size=8m tmpfs DIR",
+                "fault '{name}': the log's folder {} is on a {} of {} MB, expected a tmpfs of its own of at most {} MB, since \
+                 the fault fills it. Hint: mount -t tmpfs -o size=8m tmpfs DIR",
                 folder.display(),
                 if tmpfs { "tmpfs" } else { "disk" },
                 size >> 20,
-                LARGEST_DISK >> 20
+                MAX_DISK_BYTES >> 20
             );
         }
     }
@@ -129,14 +129,14 @@ pub fn describe(fault: &Fault) -> String {
 }
 
 impl Injections {
-    /// Takes the faults of a scenario, and a channel for requested ones.
+    /// Creates the faults of a run from its scenario and a channel for requested faults.
     pub fn new(faults: &[Fault], requests: Receiver<Fault>, output: Output<Injection>, log: &Path) -> Self {
         let (message, system) = faults.iter().copied().partition(|f| message_fault(f.kind).is_some());
         Self {
             system,
             due: Vec::new(),
             message,
-            coming: Vec::new(),
+            upcoming: Vec::new(),
             requests,
             output,
             published: Vec::new(),
@@ -153,7 +153,7 @@ impl Injections {
     #[must_use]
     pub fn near(&self, gated: i64, within: i64) -> bool {
         let soon = |faults: &VecDeque<Fault>| faults.front().is_some_and(|f| f.tick <= gated + within);
-        !self.halted.is_empty() || !self.due.is_empty() || !self.coming.is_empty() || soon(&self.system) || soon(&self.message)
+        !self.halted.is_empty() || !self.due.is_empty() || !self.upcoming.is_empty() || soon(&self.system) || soon(&self.message)
     }
 
     /// Injects the due faults. Returns them with their descriptions.
@@ -167,20 +167,20 @@ impl Injections {
             match message_fault(fault.kind) {
                 Some(message_fault) => {
                     self.publish(&fault, message_fault, gated + 1)?;
-                    self.coming.push(Fault { tick: gated + 1, ..fault });
+                    self.upcoming.push(Fault { tick: gated + 1, ..fault });
                 }
                 None => self.due.push(fault),
             }
         }
         for _ in 0..PUBLISHED_AT_A_TIME {
-            let Some(fault) = self.message.pop_front_if(|f| f.tick <= gated + AHEAD) else { break };
+            let Some(fault) = self.message.pop_front_if(|f| f.tick <= gated + PUBLISH_LEAD_TICKS) else { break };
             if let Some(message_fault) = message_fault(fault.kind) {
                 self.publish(&fault, message_fault, fault.tick)?;
-                self.coming.push(fault);
+                self.upcoming.push(fault);
             }
         }
         // Reported at its tick, not when it is published.
-        self.coming.retain(|fault| {
+        self.upcoming.retain(|fault| {
             let later = fault.tick > gated + 1;
             if !later {
                 done.push((*fault, describe(fault)));
@@ -190,7 +190,7 @@ impl Injections {
         while let Some(fault) = self.system.pop_front_if(|f| f.tick <= gated + 1) {
             self.due.push(fault);
         }
-        // A fault waits for a process that does no ticks; the other faults do not wait for it.
+        // A fault waits until its processes do ticks; the other faults do not wait for it.
         for fault in std::mem::take(&mut self.due) {
             if ready(&fault, slots, shared) {
                 self.apply(&fault, slots)?;
@@ -275,7 +275,7 @@ impl Injections {
         Ok(())
     }
 
-    /// Continues the halted processes whose time is up.
+    /// Continues halted processes at the end of their time.
     fn resume_halted(&mut self, slots: &[ProcessSlot]) {
         let now = Instant::now();
         self.halted.retain(|(process, generation, until)| {

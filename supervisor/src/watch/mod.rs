@@ -1,6 +1,7 @@
 //! The main thread during a run: starts, watches, restarts and ends the processes.
 
 mod detect;
+mod evidence;
 mod handover_cache;
 mod inject;
 mod restart;
@@ -14,13 +15,15 @@ use crate::recorder::{self, Recorder};
 use crate::request::RunRequest;
 use crate::summary::{self, Losses, RunFault};
 use anyhow::Result;
+use evidence::{Evidence, Suspicion};
 use handover_cache::HandOverCache;
 use hapfic_config::{PERIOD_S, Settings};
-use hapfic_gate_process::shared_status::SharedStatus;
+use hapfic_gate_process::status::SharedStatus;
 use hapfic_ipc::realtime::{self, SchedGrants};
 use hapfic_ipc::{Bus, Doorbell, IpcError, Output, ProcessStart};
 use hapfic_messages::{Clock, Detector, Event, EventKind, Phase, Process, RealtimeMode, Severity};
 use inject::Injections;
+use rustix::process::Pid;
 use slot::ProcessSlot;
 use std::path::Path;
 use std::sync::Arc;
@@ -85,6 +88,8 @@ pub struct Watch<'a> {
     clock: Clock,
     shared: Arc<SharedStatus>,
     slots: Vec<ProcessSlot>,
+    /// Killed processes that have not ended: frozen, or inside an uninterruptible system call.
+    abandoned: Vec<Child>,
     gate: Option<JoinHandle<Result<(), IpcError>>>,
     recorder: &'a Recorder,
     stop: Arc<AtomicBool>,
@@ -112,8 +117,11 @@ pub struct Watch<'a> {
     /// Since the last tick: whether the plant may still be restarted, and whether all others have been.
     plant_restart_left: bool,
     all_restarted: bool,
-    /// Last gated tick, and the time at which it was first seen.
-    advanced: (i64, Instant),
+    evidence: Evidence,
+    /// Last gated tick, and the observed time at which it was new [ns].
+    advanced: (i64, u64),
+    /// Suspicions of all processes, if no tick was done for half of the time-out.
+    stall_suspicions: Vec<(Pid, Suspicion)>,
 }
 
 impl<'a> Watch<'a> {
@@ -129,6 +137,7 @@ impl<'a> Watch<'a> {
             settings: &request.settings,
             clock: request.clock,
             slots: Vec::new(),
+            abandoned: Vec::new(),
             gate: Some(gate),
             recorder,
             stop,
@@ -159,7 +168,9 @@ impl<'a> Watch<'a> {
             faults: Vec::new(),
             plant_restart_left: true,
             all_restarted: false,
-            advanced: (-1, Instant::now()),
+            evidence: Evidence::default(),
+            advanced: (-1, 0),
+            stall_suspicions: Vec::new(),
             shared,
         })
     }
@@ -190,23 +201,23 @@ impl<'a> Watch<'a> {
             self.notify.ready();
             self.notify.status(&what);
             self.begun = Instant::now();
-            self.advanced = (-1, Instant::now());
+            self.advanced = (-1, self.evidence.observed_ns());
             let present = started(self.settings).iter().fold(0, |bits, p| bits | bit(*p));
-            self.shared.present.store(present, Ordering::Release);
+            self.shared.presence.present.store(present, Ordering::Release);
             for slot in &mut self.slots {
                 slot.restart.stage = hapfic_gate::restart::RestartStage::Working;
             }
             self.inject()?;
             if self.clock == Clock::Realtime
-                && SchedGrants(self.shared.heartbeat(recorder::GATE).realtime()).has(SchedGrants::FIFO)
+                && SchedGrants(self.shared.heartbeats.read(recorder::GATE).realtime).has(SchedGrants::FIFO)
             {
                 // Restarts must not wait for other processes of the machine; without the privilege they do.
                 let _ = realtime::set_fifo(WATCH_PRIORITY);
             }
-            self.shared.go.store(true, Ordering::Release);
+            self.shared.orders.start.store(true, Ordering::Release);
             completed = self.follow()?;
             if completed {
-                let last = self.shared.gated.load(Ordering::Relaxed);
+                let last = self.shared.gate.tick.load(Ordering::Relaxed);
                 self.report(last, Process::Supervisor, EventKind::Ended, Severity::Nominal, Detector::None, "all ticks are done");
             }
         }
@@ -214,14 +225,14 @@ impl<'a> Watch<'a> {
             launch_s,
             wall_s: begun.elapsed().as_secs_f64(),
             steal_ms: summary::steal_ms().saturating_sub(steal_before_ms),
-            spare_ticks: self.shared.spare_ticks.load(Ordering::Relaxed),
+            spare_ticks: self.shared.gate.spare_ticks.load(Ordering::Relaxed),
             completed,
         })
     }
 
     /// Records a fault that the run does not survive.
     pub fn fault(&mut self, process: &str, what: String, detector: &'static str) {
-        let tick = self.shared.gated.load(Ordering::Relaxed);
+        let tick = self.shared.gate.tick.load(Ordering::Relaxed);
         let (kind, seen) = match detector {
             "exit" => (EventKind::Lost, Detector::Exit),
             "heartbeat" => (EventKind::Lost, Detector::Heartbeat),
@@ -244,8 +255,8 @@ impl<'a> Watch<'a> {
 
     /// Sends an event of the current tick and severity.
     fn note(&mut self, about: Process, kind: EventKind, seen: Detector, text: &str) {
-        let severity = Severity::from_code(self.shared.severity.load(Ordering::Relaxed)).unwrap_or(Severity::Nominal);
-        self.report(self.shared.gated.load(Ordering::Relaxed), about, kind, severity, seen, text);
+        let severity = Severity::from_code(self.shared.gate.severity.load(Ordering::Relaxed)).unwrap_or(Severity::Nominal);
+        self.report(self.shared.gate.tick.load(Ordering::Relaxed), about, kind, severity, seen, text);
     }
 
     /// Waits until all processes report that they are ready; `false` if one does not.
@@ -258,7 +269,7 @@ impl<'a> Watch<'a> {
             let missing: Vec<_> = started(self.settings)
                 .iter()
                 .chain([&recorder::GATE])
-                .filter(|p| self.shared.heartbeat(**p).phase().is_none())
+                .filter(|p| self.shared.heartbeats.read(**p).phase.is_none())
                 .map(|p| p.name())
                 .collect();
             if missing.is_empty() {
@@ -278,9 +289,9 @@ impl<'a> Watch<'a> {
     fn follow(&mut self) -> Result<bool> {
         let mut progress = Progress::new(self.settings.duration_ticks as f64 * PERIOD_S);
         loop {
-            if self.shared.gated.load(Ordering::Acquire) + 1 >= self.settings.duration_ticks as i64 {
+            if self.shared.gate.tick.load(Ordering::Acquire) + 1 >= self.settings.duration_ticks as i64 {
                 progress.clear();
-                let stopped = self.shared.severity.load(Ordering::Relaxed) == Severity::Stopped.code();
+                let stopped = self.shared.gate.severity.load(Ordering::Relaxed) == Severity::Stopped.code();
                 if stopped && !self.stopped_by_budget {
                     self.fault("supervisor", "was in a latched stop when the run ended".to_owned(), "operator");
                 }
@@ -290,7 +301,7 @@ impl<'a> Watch<'a> {
                 progress.clear();
                 return Ok(false);
             }
-            if let Ok(snapshot) = self.shared.snapshot.lock() {
+            if let Ok(snapshot) = self.shared.recorder.snapshot.lock() {
                 progress.show(&snapshot);
             }
             self.notify.watchdog();
@@ -301,7 +312,7 @@ impl<'a> Watch<'a> {
                     doorbell.notify();
                 }
             }
-            let near = joining || self.injections.near(self.shared.gated.load(Ordering::Relaxed), NEAR_TICKS);
+            let near = joining || self.injections.near(self.shared.gate.tick.load(Ordering::Relaxed), NEAR_TICKS);
             self.pause(if near { FAST_POLL_INTERVAL } else { POLL_INTERVAL });
         }
     }
@@ -313,7 +324,7 @@ impl<'a> Watch<'a> {
 
     /// Injects the faults that are due.
     fn inject(&mut self) -> Result<()> {
-        let gated = self.shared.gated.load(Ordering::Acquire);
+        let gated = self.shared.gate.tick.load(Ordering::Acquire);
         for (fault, what) in self.injections.act(&mut self.slots, &self.shared, gated)? {
             let about = Process::from_name(fault.target.name()).unwrap_or(Process::Supervisor);
             self.note(about, EventKind::Injected, Detector::None, &format!("injected fault: {what}"));
@@ -348,12 +359,13 @@ impl<'a> Watch<'a> {
         if completed {
             // A controller whose request the last tick did not need still sends it.
             let begun = Instant::now();
-            let done = |s: &ProcessSlot| s.child.is_none() || self.shared.heartbeat(s.process).phase() == Some(Phase::Finished);
+            let done =
+                |s: &ProcessSlot| s.child.is_none() || self.shared.heartbeats.read(s.process).phase == Some(Phase::Finished);
             while !self.slots.iter().all(done) && begun.elapsed() < LAST_TICK_TIMEOUT {
                 self.pause(FAST_POLL_INTERVAL);
             }
         }
-        self.shared.stop.store(true, Ordering::Release);
+        self.shared.orders.stop.store(true, Ordering::Release);
         if let Some(gate) = self.gate.take() {
             match gate.join() {
                 Ok(Ok(())) => {}
@@ -364,16 +376,27 @@ impl<'a> Watch<'a> {
         if completed {
             // Their last messages lie in their own memory: the recorder drains them before the processes end.
             let begun = Instant::now();
-            let seen = self.shared.rounds();
-            while self.shared.rounds() < seen + 2 && begun.elapsed() < LAST_TICK_TIMEOUT {
+            let seen = self.shared.recorder.rounds.load(Ordering::Acquire);
+            while self.shared.recorder.rounds.load(Ordering::Acquire) < seen + 2 && begun.elapsed() < LAST_TICK_TIMEOUT {
                 self.pause(FAST_POLL_INTERVAL);
             }
         }
         let children: Vec<Child> = self.slots.iter_mut().filter_map(|s| s.child.take()).collect();
-        for process in children::end(children)? {
+        let killed = children::end(children)?;
+        for process in killed.processes {
             self.fault(process.name(), "did not end on request, and was killed".to_owned(), "exit");
         }
-        self.shared.drain.store(true, Ordering::Release);
+        self.abandoned.extend(killed.abandoned);
+        for child in std::mem::take(&mut self.abandoned).iter_mut() {
+            if child.ended()?.is_none() {
+                self.fault(
+                    child.process.name(),
+                    format!("is left behind: it does not end after SIGKILL ({})", child.remains()),
+                    "exit",
+                );
+            }
+        }
+        self.shared.orders.drain.store(true, Ordering::Release);
         Ok(())
     }
 }

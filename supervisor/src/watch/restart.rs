@@ -1,4 +1,4 @@
-//! Restart of a lost process: event, hand-over, start and rejoining; or a latched stop once its budget is spent.
+//! Restart of a lost process: event, hand-over, start and rejoining, or a latched stop after its budget is spent.
 
 use super::slot::{DetectorLimits, ProcessSlot};
 use super::{Watch, bit};
@@ -10,7 +10,6 @@ use hapfic_gate::restart::{RestartAction, RestartPolicy, RestartSignal};
 use hapfic_ipc::realtime::{self, SchedGrants};
 use hapfic_ipc::{ProcessStart, topic};
 use hapfic_messages::{Clock, Detector, EventKind, Process};
-use rustix::process::Signal;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
@@ -19,33 +18,33 @@ const REJECTED_LIMIT: u32 = 20;
 /// Priority of a starting process until it sets its own: below all ticking processes.
 const JOINING_PRIORITY: u32 = 10;
 /// Dead nodes above which the clean-up does not wait for a starting process.
-const MOST_DEAD_NODES: u32 = 3;
+const MAX_DEAD_NODES: u32 = 3;
 
 impl Watch<'_> {
     /// Checks every process and performs its restart actions; `false` if the run must end.
     pub(super) fn check_processes(&mut self) -> Result<bool> {
         let supervisor = &self.settings.supervisor;
         let limits = DetectorLimits {
-            ready: Duration::from_millis(supervisor.ready_timeout_ms.into()),
+            ready_ns: u64::from(supervisor.ready_timeout_ms) * 1_000_000,
             silence_ns: self.silence_limit_ns(),
             behind: (self.clock == Clock::Realtime).then_some(i64::from(supervisor.tick_timeout_ms)),
         };
         for index in 0..self.slots.len() {
             let slot = &mut self.slots[index];
             let process = slot.process;
-            if let Some((detector, what)) = slot.check(&self.shared, &limits)?
+            if let Some((detector, what)) = slot.check(&self.shared, &self.evidence, &limits)?
                 && !self.on_lost(process, detector, &what)?
             {
                 return Ok(false);
             }
         }
-        if !self.shared.go.load(Ordering::Relaxed) {
+        if !self.shared.orders.start.load(Ordering::Relaxed) {
             return Ok(true);
         }
         for slot in ControllerSlot::BOTH {
-            let bad = &self.shared.bad_requests[slot as usize];
-            if bad.load(Ordering::Relaxed) >= REJECTED_LIMIT {
-                bad.store(0, Ordering::Relaxed);
+            let rejected = &self.shared.gate.rejected_requests[slot as usize];
+            if rejected.load(Ordering::Relaxed) >= REJECTED_LIMIT {
+                rejected.store(0, Ordering::Relaxed);
                 let what = format!("has sent rejected requests {REJECTED_LIMIT} ticks in a row");
                 if !self.on_lost(slot.process(), Detector::Check, &what)? {
                     return Ok(false);
@@ -53,8 +52,8 @@ impl Watch<'_> {
             }
         }
         self.update_primary();
-        self.cache.receive(&self.shared.gated)?;
-        let rearms = self.shared.rearms.load(Ordering::Acquire);
+        self.cache.receive(&self.shared.gate.tick)?;
+        let rearms = self.shared.orders.rearms.load(Ordering::Acquire);
         if rearms != std::mem::replace(&mut self.rearms, rearms) {
             self.stopped_by_budget = false;
             self.faults.retain(|fault| fault.detector != "budget");
@@ -68,12 +67,12 @@ impl Watch<'_> {
             self.report_rejected(index);
         }
         self.reconnect_all()?;
-        if self.shared.cleanup_requested.swap(false, Ordering::AcqRel) {
+        if self.shared.operator.cleanup_requested.swap(false, Ordering::AcqRel) {
             self.clean_up()?;
         }
         // Clean-up takes milliseconds and delays starting processes, so it waits for them; topics hold some dead nodes.
         let joining = self.slots.iter().any(ProcessSlot::joining);
-        if self.not_cleaned_up > MOST_DEAD_NODES || (self.not_cleaned_up > 0 && !joining) {
+        if self.not_cleaned_up > MAX_DEAD_NODES || (self.not_cleaned_up > 0 && !joining) {
             self.clean_up()?;
         }
         Ok(true)
@@ -86,11 +85,11 @@ impl Watch<'_> {
         let mut more = false;
         for slot in &mut self.slots {
             // A restarted process counts from zero.
-            let failed_connections = self.shared.heartbeat(slot.process).failed_connections();
+            let failed_connections = self.shared.heartbeats.read(slot.process).failed_connections;
             more |= failed_connections > std::mem::replace(&mut slot.failed_connections, failed_connections);
         }
-        let own = self.shared.heartbeat(crate::recorder::GATE).failed_connections()
-            + self.shared.recorder_failed_connections.load(Ordering::Relaxed);
+        let own = self.shared.heartbeats.read(crate::recorder::GATE).failed_connections
+            + self.shared.recorder.failed_connections.load(Ordering::Relaxed);
         more |= own > std::mem::replace(&mut self.failed_connections, own);
         if !more {
             return Ok(());
@@ -112,7 +111,7 @@ impl Watch<'_> {
     /// Removes dead nodes, after the hand-over cache has received their last messages.
     fn clean_up(&mut self) -> Result<()> {
         self.not_cleaned_up = 0;
-        self.cache.receive(&self.shared.gated)?;
+        self.cache.receive(&self.shared.gate.tick)?;
         self.bus.clean_up_dead_nodes();
         Ok(())
     }
@@ -126,7 +125,7 @@ impl Watch<'_> {
         }
     }
 
-    /// Time of the restart states [ms].
+    /// Returns the time of the restart states [ms].
     fn now_ms(&self) -> u64 {
         self.begun.elapsed().as_millis() as u64
     }
@@ -134,30 +133,33 @@ impl Watch<'_> {
     /// Handles the loss of a process; `false` if the run must end.
     pub(super) fn on_lost(&mut self, process: Process, detector: Detector, what: &str) -> Result<bool> {
         let Some(index) = self.slots.iter().position(|s| s.process == process) else { return Ok(true) };
-        // First, so that the gate stops waiting for the process.
-        self.shared.present.fetch_and(!bit(process), Ordering::AcqRel);
-        let ends_the_run = match process {
-            _ if !self.shared.go.load(Ordering::Relaxed) => true,
+        // Precedes the other steps, so that the gate stops waiting for the process.
+        self.shared.presence.present.fetch_and(!bit(process), Ordering::AcqRel);
+        let fatal = match process {
+            _ if !self.shared.orders.start.load(Ordering::Relaxed) => true,
             Process::Plant => self.settings.plant.on_loss == OnLoss::Fail,
             _ => false,
         };
-        if ends_the_run {
+        if fatal {
             self.fault(process.name(), what.to_owned(), detector.name());
             return Ok(false);
         }
-        self.shared.missing.fetch_or(bit(process), Ordering::AcqRel);
+        self.shared.presence.missing.fetch_or(bit(process), Ordering::AcqRel);
         for doorbell in &self.doorbells {
             doorbell.notify();
         }
         let slot = &mut self.slots[index];
         slot.lost = Some(Instant::now());
         slot.losses += 1;
-        if let Some(child) = slot.child.take() {
-            // The process may still run, or have started others.
-            child.signal(Signal::KILL);
-            children::end(vec![child])?;
-        }
+        // The process may still run, or have started others.
+        let abandoned = slot.child.take().map(children::kill).transpose()?.flatten();
         self.note(process, EventKind::Lost, detector, &format!("{process} {what}"));
+        if let Some(child) = abandoned {
+            // Its successor starts beside it: SIGKILL ends the process before it runs another instruction.
+            let text = format!("{process} is abandoned: it does not end after SIGKILL ({})", child.remains());
+            self.note(process, EventKind::Note, detector, &text);
+            self.abandoned.push(child);
+        }
         self.advance(index, RestartSignal::Lost)?;
         // In lockstep the clock would wait forever; without a plant no tick is left in which the gate could stop.
         if self.stopped_by_budget && (self.clock == Clock::Lockstep || process == Process::Plant) {
@@ -186,13 +188,14 @@ impl Watch<'_> {
 
     fn restart(&mut self, index: usize) -> Result<()> {
         let process = self.slots[index].process;
-        let resume = self.cache.hand_over(process, &self.shared.gated)?;
+        let resume = self.cache.hand_over(process, &self.shared.gate.tick)?;
         let slot = &mut self.slots[index];
         slot.generation += 1;
-        slot.started = Instant::now();
+        slot.started_observed_ns = self.evidence.observed_ns();
+        slot.suspicion = None;
         slot.rejected = 0;
         slot.kill_pending = false;
-        self.shared.reset(process, slot.generation);
+        self.shared.heartbeats.expect(process, slot.generation);
         let start = ProcessStart { generation: slot.generation, resume };
         let child = match Child::start(process, self.settings, self.run_file, start) {
             Ok(child) => child,
@@ -203,7 +206,7 @@ impl Watch<'_> {
             }
         };
         if self.clock == Clock::Realtime
-            && SchedGrants(self.shared.heartbeat(crate::recorder::GATE).realtime()).has(SchedGrants::FIFO)
+            && SchedGrants(self.shared.heartbeats.read(crate::recorder::GATE).realtime).has(SchedGrants::FIFO)
         {
             prioritise_joining(&child, self.cores.reserve);
         }
@@ -221,20 +224,20 @@ impl Watch<'_> {
         let (process, generation) = (slot.process, slot.generation);
         let out = slot.lost.take().map_or(Duration::ZERO, |lost| lost.elapsed());
         slot.longest = slot.longest.max(out);
-        self.shared.present.fetch_or(bit(process), Ordering::AcqRel);
-        self.shared.missing.fetch_and(!bit(process), Ordering::AcqRel);
+        self.shared.presence.present.fetch_or(bit(process), Ordering::AcqRel);
+        self.shared.presence.missing.fetch_and(!bit(process), Ordering::AcqRel);
         if generation > 0 {
             self.swap_roles();
             let text = format!("{process} does ticks again, {:.1} ms after the detected loss", out.as_secs_f64() * 1e3);
             self.note(process, EventKind::Joined, Detector::None, &text);
-            self.injections.republish(process, self.shared.gated.load(Ordering::Acquire))?;
+            self.injections.republish(process, self.shared.gate.tick.load(Ordering::Acquire))?;
         }
         Ok(())
     }
 
     /// Swaps priorities and cores of the controllers after the gate has changed the primary.
     pub(super) fn update_primary(&mut self) {
-        let primary = self.shared.primary.load(Ordering::Relaxed);
+        let primary = self.shared.gate.primary.load(Ordering::Relaxed);
         if std::mem::replace(&mut self.primary, primary) != primary {
             self.swap_roles();
         }
@@ -242,13 +245,13 @@ impl Watch<'_> {
 
     /// Gives the primary controller the higher priority and the shared core, the standby the other core.
     ///
-    /// A starting controller keeps its own until it does ticks.
+    /// A starting controller keeps its priority and core until it does ticks.
     fn swap_roles(&mut self) {
         if self.clock == Clock::Lockstep {
             return;
         }
-        let primary = self.shared.primary.load(Ordering::Relaxed);
-        let present = self.shared.present.load(Ordering::Acquire);
+        let primary = self.shared.gate.primary.load(Ordering::Relaxed);
+        let present = self.shared.presence.present.load(Ordering::Acquire);
         let controllers = self.slots.iter().filter(|s| matches!(s.process, Process::Controller | Process::Standby));
         for slot in controllers.filter(|s| present & bit(s.process) != 0) {
             let first = slot.process.code() == primary;
@@ -257,7 +260,7 @@ impl Watch<'_> {
             let core =
                 if first { realtime.core_controller.or(self.cores.shared) } else { realtime.core_standby.or(self.cores.reserve) };
             let Some(child) = &slot.child else { continue };
-            let granted = SchedGrants(self.shared.heartbeat(slot.process).realtime());
+            let granted = SchedGrants(self.shared.heartbeats.read(slot.process).realtime);
             // Both calls fail only if the controller has just ended.
             if granted.has(SchedGrants::FIFO) {
                 let _ = realtime::set_priority_of(child.pid(), priority);
@@ -273,12 +276,13 @@ impl Watch<'_> {
         let budget = self.settings.supervisor.restart_budget;
         let window_s = f64::from(self.settings.supervisor.restart_window_ms) * 1e-3;
         self.stopped_by_budget = true;
-        self.shared.stop_latched(Detector::Budget);
+        self.shared.orders.stop_latched(Detector::Budget);
         let what = format!("was lost once more after {budget} restarts within {window_s} s: it does not restart");
         self.fault(process.name(), what.clone(), "budget");
         if self.clock == Clock::Realtime && process != Process::Plant {
             crate::log_line(&format!(
-                "hapfic: LATCHED STOP: {process} {what}. The drive brakes. Hint: `hapfic rearm` tries again, `hapfic stop` ends the run"
+                "hapfic: LATCHED STOP: {process} {what}. The drive brakes. Hint: `hapfic rearm` tries again, \
+                 `hapfic stop` ends the run"
             ));
         }
     }
@@ -287,7 +291,7 @@ impl Watch<'_> {
     fn report_rejected(&mut self, index: usize) {
         let slot: &mut ProcessSlot = &mut self.slots[index];
         let process = slot.process;
-        let now = self.shared.heartbeat(process).rejected();
+        let now = self.shared.heartbeats.read(process).rejected;
         let before = std::mem::replace(&mut slot.rejected, now);
         if now > before {
             let text = format!("{process} has rejected {} messages", now - before);
@@ -298,8 +302,8 @@ impl Watch<'_> {
 
 /// Puts a starting process on the reserve core, with a priority above all non-real-time processes.
 ///
-/// A port that connects to the process waits until it has made the connection. Preempted midway on the core of a waiting
-/// real-time thread, the process could not continue: the gate was seen to wait for 15 ms.
+/// A port that connects to the process waits until it has made the connection. Preempted midway on the core of a
+/// waiting real-time thread, the process could not continue: gate waits of 15 ms were measured.
 fn prioritise_joining(child: &Child, core: Option<u32>) {
     // Both calls fail only if the process has already ended.
     if let Some(core) = core {

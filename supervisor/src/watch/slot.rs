@@ -1,17 +1,18 @@
 //! The slot of a process in a run: the process, the state of its restart, and the detectors.
 
+use super::evidence::{Evidence, Suspicion};
 use crate::children::{Child, describe};
 use anyhow::Result;
 use hapfic_gate::restart::{RestartStage, RestartState};
-use hapfic_gate_process::shared_status::SharedStatus;
+use hapfic_gate_process::status::SharedStatus;
 use hapfic_messages::{Detector, Phase, Process};
 use std::time::{Duration, Instant};
 
 /// Limits of the detectors.
 #[derive(Clone, Copy, Debug)]
 pub struct DetectorLimits {
-    /// Time from the start of a process to its first tick.
-    pub ready: Duration,
+    /// Observed time from the start of a process to its first tick [ns].
+    pub ready_ns: u64,
     /// Heartbeat age [ns].
     pub silence_ns: u64,
     /// Ticks of the others during which a process may do none; `None`: the clock waits for it.
@@ -23,21 +24,23 @@ pub struct DetectorLimits {
 pub struct ProcessSlot {
     /// Role of the process.
     pub process: Process,
-    /// Current process, if there is one.
+    /// Current process, if any.
     pub child: Option<Child>,
     /// State of the restart.
     pub restart: RestartState,
     /// Number of the start.
     pub generation: u32,
-    /// Start of the current process.
-    pub started: Instant,
+    /// Observed time at the start of the current process [ns].
+    pub started_observed_ns: u64,
+    /// Suspicion of the current process.
+    pub suspicion: Option<Suspicion>,
     /// Time at which the loss of its predecessor was detected.
     pub lost: Option<Instant>,
     /// Losses so far.
     pub losses: u32,
     /// Longest time from a loss to the successor's first tick.
     pub longest: Duration,
-    /// Whether an injected fault has killed the current process and no detector has seen it yet.
+    /// Whether an injected fault has killed the current process, undetected so far.
     pub kill_pending: bool,
     /// Failed connections of the current process.
     pub failed_connections: u32,
@@ -46,7 +49,7 @@ pub struct ProcessSlot {
 }
 
 impl ProcessSlot {
-    /// Makes the slot of a process in its first start.
+    /// Creates the slot of a process in its first start.
     #[must_use]
     pub fn new(process: Process, child: Child) -> Self {
         Self {
@@ -54,7 +57,8 @@ impl ProcessSlot {
             child: Some(child),
             restart: RestartState::default(),
             generation: 0,
-            started: Instant::now(),
+            started_observed_ns: 0,
+            suspicion: None,
             lost: None,
             losses: 0,
             longest: Duration::ZERO,
@@ -74,42 +78,68 @@ impl ProcessSlot {
     /// Whether the process does ticks.
     #[must_use]
     pub fn ticks(&self, shared: &SharedStatus) -> bool {
-        self.child.is_some() && matches!(shared.heartbeat(self.process).phase(), Some(Phase::Running | Phase::Finished))
+        self.child.is_some() && matches!(shared.heartbeats.read(self.process).phase, Some(Phase::Running | Phase::Finished))
     }
 
-    /// Runs the detectors; returns the first that finds the process lost, and a description.
+    /// Runs the detectors; returns the first detector that finds the process lost, and a description.
     ///
-    /// Exit, heartbeat and tick detector are independent of each other; a fourth check covers the start.
+    /// Exit, heartbeat and tick detector are independent of each other; a fourth check covers the start. None of them counts
+    /// time in which the supervisor did not observe the process, or in which the process waited for a processor.
     ///
     /// # Errors
     /// If the system does not report the process's state.
-    pub fn check(&mut self, shared: &SharedStatus, limits: &DetectorLimits) -> Result<Option<(Detector, String)>> {
+    pub fn check(
+        &mut self,
+        shared: &SharedStatus,
+        evidence: &Evidence,
+        limits: &DetectorLimits,
+    ) -> Result<Option<(Detector, String)>> {
         let Some(child) = &mut self.child else { return Ok(None) };
         if let Some(status) = child.ended()? {
             return Ok(Some((Detector::Exit, describe(status))));
         }
-        let heartbeat = shared.heartbeat(self.process);
-        let phase = heartbeat.phase();
-        if phase == Some(Phase::Finished) {
+        let heartbeat = shared.heartbeats.read(self.process);
+        if heartbeat.phase == Some(Phase::Finished) {
             return Ok(None);
         }
-        if let Some(age) = shared.silence_ns(self.process)
-            && age > limits.silence_ns
-        {
-            return Ok(Some((Detector::Heartbeat, format!("has sent no heartbeat for {} ms", age / 1_000_000))));
+        let pid = child.pid();
+        let gated = shared.gate.tick.load(std::sync::atomic::Ordering::Acquire);
+        let silence_ns = evidence.silence_ns(self.process).unwrap_or(0);
+        let starting_ns = evidence.observed_ns() - self.started_observed_ns;
+        let behind = if self.restart.stage == RestartStage::Working && self.process != Process::Plant {
+            gated - heartbeat.tick
+        } else {
+            0
+        };
+        let found = if silence_ns > limits.silence_ns {
+            let age_ms = heartbeat.age_ns().unwrap_or(0) / 1_000_000;
+            Some((Detector::Heartbeat, format!("has sent no heartbeat for {age_ms} ms")))
+        } else if self.restart.stage == RestartStage::Starting && self.generation > 0 && starting_ns > limits.ready_ns {
+            let what = if heartbeat.phase.is_none() { "did not get ready in time" } else { "got ready and did no tick in time" };
+            Some((Detector::Tick, what.to_owned()))
+        } else if limits.behind.is_some_and(|limit| behind > limit) {
+            Some((Detector::Tick, format!("is alive and has done no tick since tick {}", heartbeat.tick)))
+        } else {
+            if silence_ns <= limits.silence_ns / 2 && limits.behind.is_none_or(|limit| behind <= limit / 2) {
+                self.suspicion = None;
+            } else if self.suspicion.is_none() {
+                self.suspicion = Some(Suspicion::begin(pid, evidence));
+            }
+            None
+        };
+        let Some((detector, what)) = found else { return Ok(None) };
+        // The first look may already be beyond the limit: then the evidence begins now.
+        let suspicion = *self.suspicion.get_or_insert_with(|| Suspicion::begin(pid, evidence));
+        if suspicion.is_new(evidence) || suspicion.is_starved(pid, evidence) {
+            if !suspicion.is_new(evidence) {
+                self.suspicion = Some(Suspicion::begin(pid, evidence));
+            }
+            return Ok(None);
         }
-        if self.restart.stage == RestartStage::Starting && self.generation > 0 && self.started.elapsed() > limits.ready {
-            let what = if phase.is_none() { "did not get ready in time" } else { "got ready and did no tick in time" };
-            return Ok(Some((Detector::Tick, what.to_owned())));
-        }
-        let gated = shared.gated.load(std::sync::atomic::Ordering::Acquire);
-        if let Some(limit) = limits.behind
-            && self.restart.stage == RestartStage::Working
-            && self.process != Process::Plant
-            && gated - heartbeat.tick() > limit
-        {
-            return Ok(Some((Detector::Tick, format!("is alive and has done no tick since tick {}", heartbeat.tick()))));
-        }
-        Ok(None)
+        let delay_ms = evidence.largest_delay().as_secs_f64() * 1e3;
+        Ok(Some((
+            detector,
+            format!("{what} (observed for {} ms; largest delay of the supervisor {delay_ms:.0} ms)", silence_ns / 1_000_000),
+        )))
     }
 }

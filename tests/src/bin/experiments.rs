@@ -47,9 +47,9 @@ fn main() -> ExitCode {
 fn make(files: &[String]) -> Result<Vec<String>, String> {
     let read = |file: &String| std::fs::read_to_string(file).map_err(|error| format!("{file}: cannot be read: {error}"));
     let fill = |file: &String, mut text: String, table: &dyn Fn(usize) -> String| {
-        for (place, (name, _)) in tables::TABLES.iter().enumerate() {
-            if document::has(&text, name) {
-                text = document::replace(&text, name, &table(place)).map_err(|error| format!("{file}: {error}"))?;
+        for (index, (name, _)) in tables::TABLES.iter().enumerate() {
+            if document::has_marker(&text, name) {
+                text = document::replace(&text, name, &table(index)).map_err(|error| format!("{file}: {error}"))?;
             }
         }
         Ok::<_, String>(text)
@@ -57,7 +57,7 @@ fn make(files: &[String]) -> Result<Vec<String>, String> {
     // Checks all markers before minutes of runs.
     let texts = files.iter().map(read).collect::<Result<Vec<_>, _>>()?;
     for (name, _) in tables::TABLES {
-        if !texts.iter().any(|text| document::has(text, name)) {
+        if !texts.iter().any(|text| document::has_marker(text, name)) {
             return Err(format!("{}: found no line `<!-- {name} -->`, expected one before that table", files.join(", ")));
         }
     }
@@ -72,7 +72,7 @@ fn make(files: &[String]) -> Result<Vec<String>, String> {
     let tables: Vec<String> = tables::TABLES.iter().map(|(_, table)| table(&results)).collect();
     for file in files {
         // Reads the file again, since it may have changed meanwhile.
-        let text = fill(file, read(file)?, &|place| tables[place].clone())?;
+        let text = fill(file, read(file)?, &|index| tables[index].clone())?;
         std::fs::write(file, text).map_err(|error| format!("{file}: cannot be written: {error}"))?;
     }
     Ok(shortfalls)

@@ -36,7 +36,7 @@ mod soak;
 mod trace;
 
 use arguments::{Arguments, PartName};
-use part::{Expectation, Part};
+use part::{DocumentPart, Expectation};
 use rustix::fs::{FlockOperation, flock};
 use std::process::ExitCode;
 
@@ -69,7 +69,7 @@ fn make(arguments: &Arguments, words: &[String]) -> Result<Vec<Expectation>, Str
     // Checks all markers before an hour of runs.
     for which in &arguments.parts {
         let empty = which.markers().iter().map(|marker| (*marker, String::new())).collect();
-        fill(&arguments.file, &Part { tables: empty, expectations: Vec::new() }, "")?;
+        fill(&arguments.file, &DocumentPart { tables: empty, expectations: Vec::new() }, "")?;
     }
     // One realtime run at a time, as in the tests.
     let lock = hapfic_tests::hapfic().with_file_name("realtime-tests.lock");
@@ -93,11 +93,11 @@ fn make(arguments: &Arguments, words: &[String]) -> Result<Vec<Expectation>, Str
 }
 
 /// Returns the document with the tables of a part. The first table has a note on machine and date.
-fn fill(file: &str, part: &Part, note: &str) -> Result<String, String> {
+fn fill(file: &str, part: &DocumentPart, note: &str) -> Result<String, String> {
     let mut text = std::fs::read_to_string(file).map_err(|error| format!("{file}: cannot be read: {error}"))?;
-    for (place, (marker, table)) in part.tables.iter().enumerate() {
-        let table = if place == 0 && !note.is_empty() { format!("{note}\n{table}") } else { table.clone() };
-        if !document::has(&text, marker) {
+    for (index, (marker, table)) in part.tables.iter().enumerate() {
+        let table = if index == 0 && !note.is_empty() { format!("{note}\n{table}") } else { table.clone() };
+        if !document::has_marker(&text, marker) {
             return Err(format!("{file}: found no line `<!-- {marker} -->`, expected one before that table; add it"));
         }
         text = document::replace(&text, marker, &table).map_err(|error| format!("{file}: {error}"))?;

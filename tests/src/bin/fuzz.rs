@@ -12,7 +12,7 @@ mod arguments;
 mod worker;
 
 use arguments::Arguments;
-use hapfic_tests::fuzz::{Target, save};
+use hapfic_tests::fuzz::{FuzzTarget, save};
 use std::collections::BTreeSet;
 use std::io::Write;
 use std::path::Path;
@@ -20,7 +20,7 @@ use std::process::{Child, Command, ExitCode, Stdio};
 
 /// Folder for inputs with a finding.
 const FINDINGS: &str = "fuzz-findings";
-/// Exit code for a bad command line.
+/// Exit code for an invalid command line.
 const BAD_INPUT: u8 = 2;
 
 fn main() -> ExitCode {
@@ -68,7 +68,7 @@ fn run(arguments: &Arguments) -> std::io::Result<u64> {
                 reports.extend(result.findings);
             } else {
                 findings += 1;
-                let input = std::fs::read(worker::notebook(scratch.path(), job)).unwrap_or_default();
+                let input = std::fs::read(worker::input_file(scratch.path(), job)).unwrap_or_default();
                 let file = save(Path::new(FINDINGS), target.name, &input)?;
                 let cause = String::from_utf8_lossy(&output.stderr).trim().to_owned();
                 reports.insert(format!("{}: {} ({cause})", file.display(), output.status));
@@ -83,7 +83,7 @@ fn run(arguments: &Arguments) -> std::io::Result<u64> {
 }
 
 /// Starts the process of a campaign.
-fn start(target: &Target, arguments: &Arguments, job: usize, scratch: &Path) -> std::io::Result<Child> {
+fn start(target: &FuzzTarget, arguments: &Arguments, job: usize, scratch: &Path) -> std::io::Result<Child> {
     Command::new(std::env::current_exe()?)
         .args([worker::COMMAND, target.name])
         .args([arguments.seconds.to_string(), arguments.seed.wrapping_add(job as u64).to_string(), job.to_string()])

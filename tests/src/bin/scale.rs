@@ -83,7 +83,7 @@ fn make(arguments: &Arguments, words: &[String]) -> Result<Vec<String>, String> 
 /// Returns the document with the new tables.
 fn fill(file: &str, tables: &str) -> Result<String, String> {
     let text = std::fs::read_to_string(file).map_err(|error| format!("{file}: cannot be read: {error}"))?;
-    if !document::has(&text, MARKER) {
+    if !document::has_marker(&text, MARKER) {
         return Err(format!("{file}: found no line `<!-- {MARKER} -->`, expected one before the tables; add it"));
     }
     document::replace(&text, MARKER, tables).map_err(|error| format!("{file}: {error}"))

@@ -4,7 +4,7 @@ use super::corpus;
 use super::mutate::mutated;
 use super::quiet::caught;
 use super::shape::shape;
-use super::target::{FuzzOutcome, Target};
+use super::target::{FuzzOutcome, FuzzTarget};
 use super::watch::Watchdog;
 use fastrand::Rng;
 use std::collections::BTreeSet;
@@ -17,12 +17,12 @@ use std::time::{Duration, Instant};
 /// Longest execution that is not a finding.
 pub const SLOW: Duration = Duration::from_secs(5);
 /// Largest number of inputs kept for mutation; further ones replace earlier ones.
-const MOST_INPUTS: usize = 2000;
+const MAX_INPUTS: usize = 2000;
 
 /// Length of a campaign, beside one execution of every seed and corpus file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Budget {
-    /// Number of executions: the same ones each time for the same seed.
+pub enum CampaignBudget {
+    /// Number of executions, identical for the same seed.
     Executions(u64),
     /// Duration.
     Time(Duration),
@@ -30,9 +30,9 @@ pub enum Budget {
 
 /// Options of a campaign.
 #[derive(Clone, Debug)]
-pub struct Options {
+pub struct CampaignOptions {
     /// Length.
-    pub budget: Budget,
+    pub budget: CampaignBudget,
     /// Seed of the random numbers.
     pub seed: u64,
     /// Folder of the corpus.
@@ -41,8 +41,8 @@ pub struct Options {
     pub scratch: PathBuf,
     /// Folder for inputs with a finding; made with the first one.
     pub findings: PathBuf,
-    /// File that holds the present input, for the parent process after an abort.
-    pub notebook: Option<PathBuf>,
+    /// File that holds the current input, for the parent process after an abort.
+    pub input_file: Option<PathBuf>,
 }
 
 /// Failure of a target.
@@ -74,8 +74,8 @@ pub struct CampaignResult {
 /// Runs a campaign.
 ///
 /// # Errors
-/// If the corpus cannot be read, or a finding or the notebook cannot be written.
-pub fn campaign(target: &'static Target, options: &Options) -> io::Result<CampaignResult> {
+/// If the corpus cannot be read, or a finding or the input file cannot be written.
+pub fn campaign(target: &'static FuzzTarget, options: &CampaignOptions) -> io::Result<CampaignResult> {
     let mut inputs = (target.seeds)();
     inputs.extend(corpus::load(&options.corpus, target.name)?.into_iter().map(|(_, input)| input));
     let kept = inputs.len();
@@ -83,7 +83,7 @@ pub fn campaign(target: &'static Target, options: &Options) -> io::Result<Campai
         target,
         scratch: &options.scratch,
         findings: &options.findings,
-        notebook: options.notebook.as_ref().map(File::create).transpose()?,
+        input_file: options.input_file.as_ref().map(File::create).transpose()?,
         watch: Watchdog::start(target.name, options.findings.clone()),
         kinds: BTreeSet::new(),
         result: CampaignResult::default(),
@@ -95,18 +95,18 @@ pub fn campaign(target: &'static Target, options: &Options) -> io::Result<Campai
     let mut rng = Rng::with_seed(options.seed);
     let mut executed = 0_u64;
     let continues = |executed: u64| match options.budget {
-        Budget::Executions(most) => executed < most,
-        Budget::Time(most) => start.elapsed() < most,
+        CampaignBudget::Executions(most) => executed < most,
+        CampaignBudget::Time(most) => start.elapsed() < most,
     };
     while continues(executed) {
         let input = mutated(&mut rng, target, &inputs);
         executed += 1;
         if state.execute(&input)? {
-            if inputs.len() < kept + MOST_INPUTS {
+            if inputs.len() < kept + MAX_INPUTS {
                 inputs.push(input);
             } else {
-                let place = rng.usize(kept..inputs.len());
-                inputs[place] = input;
+                let index = rng.usize(kept..inputs.len());
+                inputs[index] = input;
             }
         }
     }
@@ -115,10 +115,10 @@ pub fn campaign(target: &'static Target, options: &Options) -> io::Result<Campai
 }
 
 struct CampaignState<'a> {
-    target: &'static Target,
+    target: &'static FuzzTarget,
     scratch: &'a Path,
     findings: &'a Path,
-    notebook: Option<File>,
+    input_file: Option<File>,
     watch: Watchdog,
     /// Kinds of the findings so far.
     kinds: BTreeSet<String>,
@@ -128,15 +128,15 @@ struct CampaignState<'a> {
 impl CampaignState<'_> {
     /// Executes an input; returns whether its rejection has a new shape.
     fn execute(&mut self, input: &[u8]) -> io::Result<bool> {
-        if let Some(file) = &self.notebook {
+        if let Some(file) = &self.input_file {
             file.set_len(input.len() as u64)?;
             file.write_all_at(input, 0)?;
         }
-        self.watch.begins(input);
+        self.watch.begin(input);
         let since = Instant::now();
         let outcome = caught(|| (self.target.execute)(input, self.scratch));
         let took = since.elapsed();
-        self.watch.ended();
+        self.watch.end();
         self.result.executions += 1;
         if took > SLOW {
             self.found(input, &format!("slow: took {:.1} s", took.as_secs_f64()))?;

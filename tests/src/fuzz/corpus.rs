@@ -5,7 +5,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 /// Corpus of this repository: a folder of small inputs for each target, with all inputs that ever had a finding.
-pub const FOLDER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/corpus");
+pub const CORPUS_FOLDER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/corpus");
 
 /// Loads the inputs of a target, sorted by file name; none if the corpus has no folder for the target.
 ///

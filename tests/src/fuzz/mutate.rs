@@ -1,14 +1,14 @@
 //! Mutation of inputs: by bits and bytes, and for text also by words and lines.
 
-use super::target::Target;
+use super::target::FuzzTarget;
 use fastrand::Rng;
 use std::ops::Range;
 
 /// Largest number of edits of one input.
-const MOST_EDITS: usize = 6;
+const MAX_EDITS: usize = 6;
 /// Largest number of repetitions of a piece: deep nesting, long lists.
-const MOST_REPEATS: usize = 3000;
-/// Length of most pieces [bytes].
+const MAX_REPEATS: usize = 3000;
+/// Largest length of most pieces [bytes].
 const PIECE: usize = 32;
 
 /// Boundary numbers, as text.
@@ -51,7 +51,7 @@ const NUMBERS: &[&str] = &[
     "true",
 ];
 
-/// Boundary numbers, as they stand in a record.
+/// Boundary numbers, as bytes of a record.
 const WORDS: &[u64] = &[
     0,
     1,
@@ -82,21 +82,21 @@ const WORDS: &[u64] = &[
 ];
 
 /// Brackets, quotes and separators.
-const SIGNS: &[&str] = &[
+const PUNCTUATION: &[&str] = &[
     "[", "]", "[[", "]]", "{", "}", "\"", "'", "\"\"\"", "\n", "=", ".", ",", ":", "<", "/>", "</", ">", "<!--", "\0", " ",
     "\\u0000", "\u{feff}", "é", "a.", "{a=", "[1,", "<a>", "{\"a\":",
 ];
 
 /// Makes an input from the existing ones.
-pub(super) fn mutated(rng: &mut Rng, target: &Target, inputs: &[Vec<u8>]) -> Vec<u8> {
+pub(super) fn mutated(rng: &mut Rng, target: &FuzzTarget, inputs: &[Vec<u8>]) -> Vec<u8> {
     let mut input = chosen(rng, inputs).to_vec();
-    for _ in 0..rng.usize(1..=MOST_EDITS) {
+    for _ in 0..rng.usize(1..=MAX_EDITS) {
         if target.text && rng.u8(0..4) > 0 {
             edit_text(rng, target.dictionary, inputs, &mut input);
         } else {
             edit_bytes(rng, target.dictionary, inputs, &mut input);
         }
-        input.truncate(target.longest);
+        input.truncate(target.max_bytes);
     }
     input
 }
@@ -142,8 +142,8 @@ fn edit_bytes(rng: &mut Rng, dictionary: &[&str], inputs: &[Vec<u8>], input: &mu
         7 | 8 => {
             let word = rng.choice(WORDS).copied().unwrap_or_default().to_le_bytes();
             let width = 1 << rng.usize(0..4);
-            if let Some(place) = input.get_mut(at..at + width) {
-                place.copy_from_slice(&word[..width]);
+            if let Some(bytes) = input.get_mut(at..at + width) {
+                bytes.copy_from_slice(&word[..width]);
             }
         }
         9 => {
@@ -152,7 +152,7 @@ fn edit_bytes(rng: &mut Rng, dictionary: &[&str], inputs: &[Vec<u8>], input: &mu
         }
         _ => {
             let piece = input[at..(at + rng.usize(1..=4)).min(input.len())].to_vec();
-            let new = piece.repeat(rng.usize(1..=MOST_REPEATS));
+            let new = piece.repeat(rng.usize(1..=MAX_REPEATS));
             replace(input, at..at, &new);
         }
     }
@@ -204,8 +204,8 @@ fn edit_text(rng: &mut Rng, dictionary: &[&str], inputs: &[Vec<u8>], input: &mut
         }
         _ => {
             let at = rng.usize(0..=input.len());
-            let repeats = if rng.u8(0..8) == 0 { rng.usize(1..=MOST_REPEATS) } else { 1 };
-            let new = rng.choice(SIGNS).copied().unwrap_or_default().repeat(repeats);
+            let repeats = if rng.u8(0..8) == 0 { rng.usize(1..=MAX_REPEATS) } else { 1 };
+            let new = rng.choice(PUNCTUATION).copied().unwrap_or_default().repeat(repeats);
             replace(input, at..at, new.as_bytes());
         }
     }

@@ -1,7 +1,7 @@
 //! Shape of an error message: its text without the input's own words and numbers.
 
 /// Largest shape [bytes]; longer messages differ at their start.
-const LONGEST: usize = 200;
+const MAX_BYTES: usize = 200;
 
 /// Returns a message without digits and without quoted text.
 #[must_use]
@@ -12,7 +12,7 @@ pub fn shape(message: &str) -> String {
     let mut in_number = false;
     let mut before = ' ';
     for c in message.chars() {
-        if shape.len() >= LONGEST {
+        if shape.len() >= MAX_BYTES {
             break;
         }
         if let Some(end) = quote {

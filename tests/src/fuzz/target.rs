@@ -13,7 +13,7 @@ pub enum FuzzOutcome {
 
 /// Decoder with its inputs.
 #[derive(Clone, Copy, Debug)]
-pub struct Target {
+pub struct FuzzTarget {
     /// Name on the command line, and of its folder in the corpus.
     pub name: &'static str,
     /// First inputs, beside those of the corpus.
@@ -23,8 +23,8 @@ pub struct Target {
     /// Whether the format is text, so that lines, words and numbers are mutated.
     pub text: bool,
     /// Largest input [bytes].
-    pub longest: usize,
-    /// Decodes an input and uses the result; panics if a promise is broken. The folder, empty at first, is for its
+    pub max_bytes: usize,
+    /// Decodes an input and uses the result; panics if a property does not hold. The folder, empty at first, is for its
     /// files.
     pub execute: fn(&[u8], &Path) -> FuzzOutcome,
 }

@@ -10,15 +10,16 @@ mod runfile;
 mod stage;
 mod urdf;
 
-use super::target::Target;
+use super::target::FuzzTarget;
 
 /// All targets.
-pub static ALL: [Target; 6] = [config::TARGET, change::TARGET, urdf::TARGET, log::TARGET, message::TARGET, runfile::TARGET];
+pub static ALL_TARGETS: [FuzzTarget; 6] =
+    [config::TARGET, change::TARGET, urdf::TARGET, log::TARGET, message::TARGET, runfile::TARGET];
 
 /// Target with this name.
 #[must_use]
-pub fn named(name: &str) -> Option<&'static Target> {
-    ALL.iter().find(|target| target.name == name)
+pub fn target_named(name: &str) -> Option<&'static FuzzTarget> {
+    ALL_TARGETS.iter().find(|target| target.name == name)
 }
 
 /// Words of a scenario.

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 const HANG_TIMEOUT: Duration = Duration::from_secs(60);
 const POLL_INTERVAL: Duration = Duration::from_millis(100);
 
-/// Present activity of a campaign.
+/// Current activity of a campaign.
 #[derive(Debug, Default)]
 enum Activity {
     #[default]
@@ -49,11 +49,11 @@ impl Watchdog {
         Self { activity, thread: Some(thread) }
     }
 
-    pub(super) fn begins(&self, input: &[u8]) {
+    pub(super) fn begin(&self, input: &[u8]) {
         self.set(Activity::Executing(Instant::now(), input.to_vec()));
     }
 
-    pub(super) fn ended(&self) {
+    pub(super) fn end(&self) {
         self.set(Activity::Idle);
     }
 

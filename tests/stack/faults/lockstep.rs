@@ -1,15 +1,15 @@
 //! Lockstep: the loss of a process only pauses the clock.
 
-use super::trace::Trace;
+use super::trace::EventTrace;
 use crate::log_file::{Streams, expect_complete, streams};
-use hapfic_tests::Stack;
+use hapfic_tests::StackSandbox;
 use prost::Message;
 
 const BASE: [&str; 4] = ["run", "floor", "--clock", "lockstep"];
 /// Settings for runs with many losses.
 const UNLIMITED_RESTARTS: [&str; 4] = ["--set", "supervisor.restart_budget=100000", "--set", "supervisor.restart_backoff_ms=0"];
 
-fn run(stack: &Stack, log: &str, more: &[&str]) -> Streams {
+fn run(stack: &StackSandbox, log: &str, more: &[&str]) -> Streams {
     stack.run(&[&BASE[..], &["--log", log], more].concat()).expect(0);
     expect_complete(&stack.path(log));
     streams(&stack.path(log))
@@ -37,14 +37,14 @@ fn expect_undisturbed(disturbed: &Streams, undisturbed: &Streams) {
 
 #[test]
 fn lockstep_two_hundred_kills_same_torque() {
-    let stack = Stack::new();
+    let stack = StackSandbox::new();
     let undisturbed = run(&stack, "undisturbed.mcap", &[]);
     // 150 kills of one process and 25 of both controllers.
     let faults = "fault=[{kind=\"kill\",process=[\"controller\",\"standby\",\"planner\"],random={count=150,from_s=0.0,to_s=9.5}},\
                   {kind=\"kill\",process=\"controllers\",random={count=25,from_s=0.0,to_s=9.5}}]";
     let disturbed = run(&stack, "disturbed.mcap", &[&UNLIMITED_RESTARTS[..], &["--set", faults]].concat());
     expect_undisturbed(&disturbed, &undisturbed);
-    let trace = Trace::read(&stack.path("disturbed.mcap"));
+    let trace = EventTrace::read(&stack.path("disturbed.mcap"));
     let killed = trace.events.iter().filter(|e| e.kind == "lost" && e.text.contains("SIGKILL")).count();
     assert_eq!(killed, 200, "{}", trace.text());
     assert!(trace.commands.iter().all(|c| c.source == "fresh" && c.mode == "active"));
@@ -53,7 +53,7 @@ fn lockstep_two_hundred_kills_same_torque() {
 
 #[test]
 fn lockstep_plant_restart_same_bytes() {
-    let stack = Stack::new();
+    let stack = StackSandbox::new();
     let scenario = ["--duration", "4"];
     let undisturbed = run(&stack, "undisturbed.mcap", &scenario);
     let faults = "fault=[{kind=\"kill\",process=\"plant\",random={count=12,from_s=0.0,to_s=3.9}},\
@@ -61,13 +61,13 @@ fn lockstep_plant_restart_same_bytes() {
     let more = [&UNLIMITED_RESTARTS[..], &scenario, &["--set", "plant.on_loss=restart", "--set", faults]].concat();
     let disturbed = run(&stack, "disturbed.mcap", &more);
     expect_undisturbed(&disturbed, &undisturbed);
-    let trace = Trace::read(&stack.path("disturbed.mcap"));
+    let trace = EventTrace::read(&stack.path("disturbed.mcap"));
     assert_eq!(trace.events("lost", "plant").len(), 12, "{}", trace.text());
 }
 
 #[test]
 fn lockstep_hanging_process_replaced_by_heartbeat() {
-    let stack = Stack::new();
+    let stack = StackSandbox::new();
     let scenario = ["--duration", "2"];
     let undisturbed = run(&stack, "undisturbed.mcap", &scenario);
     let faults = "fault=[{kind=\"stop\",process=\"planner\",at_s=0.5,for_ms=600000},\
@@ -75,7 +75,7 @@ fn lockstep_hanging_process_replaced_by_heartbeat() {
     let more = [&scenario[..], &["--set", faults, "--set", "supervisor.heartbeat_timeout_ms=200"]].concat();
     let disturbed = run(&stack, "disturbed.mcap", &more);
     expect_undisturbed(&disturbed, &undisturbed);
-    let trace = Trace::read(&stack.path("disturbed.mcap"));
+    let trace = EventTrace::read(&stack.path("disturbed.mcap"));
     for process in ["planner", "controller"] {
         let lost = trace.events("lost", process);
         assert!(!lost.is_empty() && lost[0].detector == "heartbeat", "{process}:\n{}", trace.text());
@@ -85,10 +85,10 @@ fn lockstep_hanging_process_replaced_by_heartbeat() {
 
 #[test]
 fn lockstep_bad_messages_rejected_without_effect() {
-    let stack = Stack::new();
+    let stack = StackSandbox::new();
     let scenario = ["--duration", "1.5", "--set", "supervisor.stall_timeout_ms=500"];
     let undisturbed = run(&stack, "undisturbed.mcap", &scenario);
-    let trace = Trace::read(&stack.path("undisturbed.mcap"));
+    let trace = EventTrace::read(&stack.path("undisturbed.mcap"));
     assert!(trace.events.iter().all(|e| e.kind != "rejected"), "{}", trace.text());
     for (process, kind) in [
         ("controller", "nan"),
@@ -101,7 +101,7 @@ fn lockstep_bad_messages_rejected_without_effect() {
         let faults = format!("fault=[{{kind=\"{kind}\",process=\"{process}\",at_s=0.8,for_ms=3}}]");
         let disturbed = run(&stack, "disturbed.mcap", &[&scenario[..], &["--set", &faults]].concat());
         expect_undisturbed(&disturbed, &undisturbed);
-        let trace = Trace::read(&stack.path("disturbed.mcap"));
+        let trace = EventTrace::read(&stack.path("disturbed.mcap"));
         let rejected = trace.events.iter().filter(|e| e.kind == "rejected" && e.detector == "check").count();
         // The gate reports each bad request, and the supervisor restarts the controller after an unusable one. The
         // controllers reject the planner's references.
@@ -117,13 +117,13 @@ fn lockstep_bad_messages_rejected_without_effect() {
 
 #[test]
 fn lockstep_controller_invalid_requests_replaced() {
-    let stack = Stack::new();
+    let stack = StackSandbox::new();
     let scenario = ["--duration", "1.5"];
     let undisturbed = run(&stack, "undisturbed.mcap", &scenario);
     let faults = "fault=[{kind=\"nan\",process=\"controller\",at_s=0.8,for_ms=400}]";
     let disturbed = run(&stack, "disturbed.mcap", &[&scenario[..], &["--set", faults]].concat());
     expect_undisturbed(&disturbed, &undisturbed);
-    let trace = Trace::read(&stack.path("disturbed.mcap"));
+    let trace = EventTrace::read(&stack.path("disturbed.mcap"));
     let lost = trace.events("lost", "controller");
     assert!(!lost.is_empty() && lost[0].detector == "check", "{}", trace.text());
     assert!(!trace.events("joined", "controller").is_empty(), "{}", trace.text());
@@ -131,13 +131,13 @@ fn lockstep_controller_invalid_requests_replaced() {
 
 #[test]
 fn lockstep_restart_budget_spent_ends_run() {
-    let stack = Stack::new();
+    let stack = StackSandbox::new();
     let faults = "fault=[{kind=\"kill\",process=\"planner\",random={count=50,from_s=0.1,to_s=1.0}}]";
     let end = stack.run(&[&BASE[..], &["--log", "run.mcap", "--set", faults, "--set", "supervisor.restart_budget=3"]].concat());
     end.expect(3);
     assert!(end.out.contains("FAULT              planner was lost once more after 3 restarts within 10 s"), "{}", end.out);
-    assert!(end.out.contains("seen by: budget"), "{}", end.out);
-    let trace = Trace::read(&stack.path("run.mcap"));
+    assert!(end.out.contains("detected by: budget"), "{}", end.out);
+    let trace = EventTrace::read(&stack.path("run.mcap"));
     assert_eq!(trace.events("restarted", "planner").len(), 3, "{}", trace.text());
     expect_complete(&stack.path("run.mcap"));
     let report = std::fs::read_to_string(stack.path("run.incidents.md")).unwrap();

@@ -1,8 +1,8 @@
 //! Faults of the machine: a full disk, CPU hogs, a limit on locked memory.
 
-use super::trace::Trace;
+use super::trace::EventTrace;
 use crate::log_file::expect_complete;
-use hapfic_tests::Stack;
+use hapfic_tests::StackSandbox;
 use std::process::Command;
 
 /// Small file system in memory, unmounted when dropped.
@@ -25,7 +25,7 @@ impl Drop for SmallDisk<'_> {
 
 #[test]
 fn full_disk_ends_run_log_readable() {
-    let stack = Stack::new();
+    let stack = StackSandbox::new();
     let folder = stack.path("small");
     let Some(_disk) = SmallDisk::mount(&folder) else {
         std::io::Write::write_all(&mut std::io::stderr(), b"skipped: this user may not mount a tmpfs\n").unwrap();
@@ -40,13 +40,13 @@ fn full_disk_ends_run_log_readable() {
     // Recovered to another disk, if the log is not whole.
     let recovered = stack.path("recovered.mcap");
     stack.run(&["recover", "small/run.mcap", "--output", recovered.to_str().unwrap()]).expect(0);
-    let trace = Trace::read(if recovered.exists() { &recovered } else { &log });
+    let trace = EventTrace::read(if recovered.exists() { &recovered } else { &log });
     assert!(trace.commands.len() > 300, "{} commands", trace.commands.len());
 }
 
 #[test]
 fn full_disk_shared_disk_rejected() {
-    let stack = Stack::new();
+    let stack = StackSandbox::new();
     let disk = rustix::fs::statfs(stack.path("")).unwrap();
     if disk.f_type as u64 == 0x0102_1994 && disk.f_blocks as u64 * disk.f_bsize as u64 <= 256 << 20 {
         // The temporary folder is a small tmpfs, which the fault may fill.
@@ -61,17 +61,17 @@ fn full_disk_shared_disk_rejected() {
 
 #[test]
 fn hog_every_core_lockstep_complete() {
-    let stack = Stack::new();
+    let stack = StackSandbox::new();
     let faults = "fault=[{kind=\"hog\",at_s=0.2,for_ms=1000}]";
     stack.run(&["run", "floor", "--clock", "lockstep", "--duration", "2", "--log", "run.mcap", "--set", faults]).expect(0);
     assert_eq!(expect_complete(&stack.path("run.mcap")), 2000);
-    let trace = Trace::read(&stack.path("run.mcap"));
+    let trace = EventTrace::read(&stack.path("run.mcap"));
     assert!(trace.events.iter().any(|e| e.kind == "injected" && e.text.contains("hog")), "{}", trace.text());
 }
 
 #[test]
 fn memory_lock_running_process_limited() {
-    let stack = Stack::new();
+    let stack = StackSandbox::new();
     let mut run = stack.start(&["run", "floor", "--clock", "lockstep", "--duration", "3600", "--log", "run.mcap"]);
     let children = run.children(&["plant", "planner", "controller", "standby"]);
     let planner = children.iter().find(|(name, _)| name == "planner").unwrap().1;
@@ -90,6 +90,6 @@ fn memory_lock_running_process_limited() {
     }
     assert_eq!(stack.run(&["stop"]).code, Some(0));
     run.finish().expect(3);
-    let trace = Trace::read(&stack.path("run.mcap"));
+    let trace = EventTrace::read(&stack.path("run.mcap"));
     assert_eq!(trace.events("injected", "planner").len(), 1, "{}", trace.text());
 }

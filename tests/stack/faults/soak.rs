@@ -1,9 +1,9 @@
 //! Short soak: the surviving processes do not grow while others are lost. `just soak` is the long one.
 
-use super::trace::Trace;
+use super::trace::EventTrace;
 use crate::log_file::expect_complete;
-use crate::realtime::alone;
-use hapfic_tests::{Stack, children_of};
+use crate::realtime::realtime_lock;
+use hapfic_tests::{StackSandbox, children_of};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
@@ -37,8 +37,8 @@ fn shared_files(run: &str) -> usize {
 
 #[test]
 fn soak_survivors_do_not_grow() {
-    let _alone = alone();
-    let stack = Stack::new();
+    let _lock = realtime_lock();
+    let stack = StackSandbox::new();
     let faults = "fault=[{kind=\"kill\",process=[\"controller\",\"standby\",\"planner\"],random={count=60,from_s=1.0,to_s=12.0}},\
                   {kind=\"stop\",process=[\"controller\",\"standby\",\"planner\"],for_ms=20,random={count=15,from_s=1.0,to_s=12.0}},\
                   {kind=\"kill\",process=\"controllers\",random={count=5,from_s=1.0,to_s=12.0}}]";
@@ -62,7 +62,7 @@ fn soak_survivors_do_not_grow() {
     let after = at(15, begun);
     run.finish().expect(0);
     assert_eq!(expect_complete(&stack.path("run.mcap")), 16_000);
-    let trace = Trace::read(&stack.path("run.mcap"));
+    let trace = EventTrace::read(&stack.path("run.mcap"));
     let lost = trace.events.iter().filter(|e| e.kind == "lost").count();
     assert!(lost >= 70, "{lost} losses");
     assert_eq!(after.2, 4, "found {} children at the end, expected 4", after.2);

@@ -5,12 +5,12 @@ use std::path::Path;
 
 /// Commands and events of a log.
 #[derive(Default)]
-pub struct Trace {
+pub struct EventTrace {
     pub commands: Vec<proto::Command>,
     pub events: Vec<proto::Event>,
 }
 
-impl Trace {
+impl EventTrace {
     pub fn read(log: &Path) -> Self {
         let mut trace = Self::default();
         for entry in Reader::open(log).unwrap() {

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 /// System call that belongs to a tick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Call {
+pub enum SystemCall {
     /// Wakes the waiters of a doorbell.
     Wake,
     /// Sleeps until a doorbell changes.
@@ -23,16 +23,16 @@ const PERIOD_S: f64 = 1e-3;
 
 /// System calls of a thread over a trace.
 #[derive(Debug, Default)]
-pub struct Calls {
+pub struct SystemCalls {
     /// Count of each call that belongs to a tick.
-    regular: BTreeMap<Call, u32>,
+    regular: BTreeMap<SystemCall, u32>,
     /// Count of each other call, by name.
     other: BTreeMap<String, u32>,
     /// Time from the first call to the last [ticks].
     pub ticks: f64,
 }
 
-impl Calls {
+impl SystemCalls {
     /// Reads a trace.
     pub fn read(trace: &str) -> Self {
         let mut calls = Self::default();
@@ -48,7 +48,7 @@ impl Calls {
     }
 
     /// Mean count of a call in a tick.
-    pub fn per_tick(&self, call: Call) -> f64 {
+    pub fn per_tick(&self, call: SystemCall) -> f64 {
         f64::from(self.regular.get(&call).copied().unwrap_or(0)) / self.ticks
     }
 
@@ -67,12 +67,12 @@ fn parse_line(line: &str) -> Option<(f64, &str)> {
     (!text.starts_with(['<', '+', '-'])).then_some((time.parse().ok()?, text))
 }
 
-fn regular(text: &str) -> Option<Call> {
+fn regular(text: &str) -> Option<SystemCall> {
     let (name, arguments) = text.split_once('(')?;
     match name {
-        "futex" if arguments.contains("FUTEX_WAKE") => Some(Call::Wake),
-        "futex" if arguments.contains("FUTEX_WAIT") => Some(Call::Wait),
-        "clock_nanosleep" if arguments.contains("TIMER_ABSTIME") => Some(Call::Sleep),
+        "futex" if arguments.contains("FUTEX_WAKE") => Some(SystemCall::Wake),
+        "futex" if arguments.contains("FUTEX_WAIT") => Some(SystemCall::Wait),
+        "clock_nanosleep" if arguments.contains("TIMER_ABSTIME") => Some(SystemCall::Sleep),
         _ => None,
     }
 }
@@ -82,7 +82,7 @@ mod tests {
     use super::*;
 
     /// Trace of a thread that wakes and waits once a tick, with the line `more` after every tick divisible by `every`.
-    fn trace(ticks: u32, every: u32, more: &str) -> Calls {
+    fn trace(ticks: u32, every: u32, more: &str) -> SystemCalls {
         let mut text = String::from("100.0000 restart_syscall(<... resuming interrupted futex ...>) = 0\n");
         for tick in 0..ticks {
             let time = 100.0 + f64::from(tick) * PERIOD_S;
@@ -93,14 +93,14 @@ mod tests {
                 text += &format!("{:.6} {more}\n", time + 3e-4);
             }
         }
-        Calls::read(&text)
+        SystemCalls::read(&text)
     }
 
     #[test]
     fn calls_trace_counted_per_tick() {
         let calls = trace(1000, 1000, "getrusage(RUSAGE_THREAD, {...}) = 0");
         assert!((calls.ticks - 999.0).abs() < 1.0, "{}", calls.ticks);
-        for (call, expected) in [(Call::Wake, 1.0), (Call::Wait, 1.0), (Call::Sleep, 0.0)] {
+        for (call, expected) in [(SystemCall::Wake, 1.0), (SystemCall::Wait, 1.0), (SystemCall::Sleep, 0.0)] {
             assert!((calls.per_tick(call) - expected).abs() < 0.01, "{call:?}: {}", calls.per_tick(call));
         }
         assert_eq!(calls.others(), "");
@@ -113,6 +113,6 @@ mod tests {
         assert_eq!(trace(1000, 500, paused).others(), "2 clock_nanosleep");
         assert_eq!(trace(1000, 20, "getrusage(RUSAGE_THREAD, {...}) = 0").others(), "50 getrusage");
         let wakes = trace(1000, 4, "futex(0x7f88, FUTEX_WAKE, 2147483647) = 0");
-        assert!(wakes.per_tick(Call::Wake) > 1.2, "{}", wakes.per_tick(Call::Wake));
+        assert!(wakes.per_tick(SystemCall::Wake) > 1.2, "{}", wakes.per_tick(SystemCall::Wake));
     }
 }

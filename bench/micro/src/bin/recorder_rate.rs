@@ -1,26 +1,26 @@
-//! Whether the recorder keeps up: messages of many legs' rate through shared memory into a file, none lost.
+//! Throughput of the recorder: messages at the rate of many legs, from shared memory into a file.
 //!
-//! One thread publishes, one drains every millisecond as the recorder's does, one encodes, sums up and writes. First at the rate
-//! of one leg, for the recorder's share of a core; then at a multiple of it. Exit codes: 1 a message was lost, 2 it could not be
-//! measured.
+//! One thread publishes, one drains every millisecond like the recorder, one encodes, accumulates metrics and writes.
+//! The first measurement runs at the rate of one leg, for the recorder's share of a core; the second at a multiple of
+//! it. Exit codes: 1 a message was lost, 2 the measurement failed.
 
 use anyhow::{Context, Result};
 use clap::Parser;
-use hapfic_bench_micro::rate::{Outcome, SchedRequest, measure};
+use hapfic_bench_micro::rate::{RateOptions, RateResult, measure};
 use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Puts many legs' messages through shared memory into a file, and counts what is lost.
+/// Sends the messages of many legs through shared memory into a file, and counts lost ones.
 #[derive(Debug, Parser)]
 struct Arguments {
-    /// Length of each of the two measurements, s
+    /// Length of each of the two measurements [s]
     #[arg(long, default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=3600))]
     seconds: u32,
-    /// Rate of the second one, in rates of one leg (1 kHz)
+    /// Rate of the second measurement, as a multiple of one leg's (1 kHz)
     #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=200))]
     times: u32,
-    /// Where the log is written; removed afterwards [default: a temporary folder]
+    /// Folder of the log, which is removed afterwards [default: a temporary folder]
     #[arg(long)]
     folder: Option<PathBuf>,
 }
@@ -30,18 +30,18 @@ fn main() -> ExitCode {
         Ok(true) => ExitCode::SUCCESS,
         Ok(false) => ExitCode::FAILURE,
         Err(e) => {
-            // Nobody to tell is no reason to fail differently.
+            // A closed stderr does not change the exit code.
             let _ = writeln!(std::io::stderr(), "hapfic-recorder-rate: {e:#}");
             ExitCode::from(2)
         }
     }
 }
 
-/// Measures; says whether nothing was lost.
+/// Runs both measurements. Returns whether no message was lost.
 fn run(arguments: &Arguments) -> Result<bool> {
     let folder = match &arguments.folder {
         Some(folder) => tempfile::tempdir_in(folder).with_context(|| format!("cannot write in {}", folder.display()))?,
-        None => tempfile::tempdir().context("cannot make a temporary folder")?,
+        None => tempfile::tempdir().context("cannot create a temporary folder")?,
     };
     let mut out = std::io::stdout();
     writeln!(
@@ -51,9 +51,9 @@ fn run(arguments: &Arguments) -> Result<bool> {
     )?;
     let mut lost = 0;
     for times in [1, arguments.times] {
-        let outcome = measure(&SchedRequest { times, seconds: arguments.seconds, log: folder.path().join("rate.mcap") })?;
-        lost += outcome.lost();
-        let Outcome { received, message_bytes, file_bytes, wall_s, drain_s, write_s, .. } = outcome;
+        let result = measure(&RateOptions { times, seconds: arguments.seconds, log: folder.path().join("rate.mcap") })?;
+        lost += result.lost();
+        let RateResult { received, message_bytes, file_bytes, wall_s, drain_s, write_s, .. } = result;
         let share = |cpu_s: f64| 100.0 * cpu_s / wall_s;
         writeln!(
             out,
@@ -61,12 +61,12 @@ fn run(arguments: &Arguments) -> Result<bool> {
             received as f64 / wall_s,
             message_bytes as f64 / 1e6 / wall_s,
             file_bytes as f64 / 1e6 / wall_s,
-            outcome.lost(),
+            result.lost(),
             share(drain_s),
             share(write_s)
         )?;
     }
-    let verdict = if lost == 0 { "nothing was lost" } else { "messages were lost" };
+    let verdict = if lost == 0 { "no message was lost" } else { "messages were lost" };
     writeln!(out, "{} x the rate of one leg for {} s: {verdict}", arguments.times, arguments.seconds)?;
     Ok(lost == 0)
 }

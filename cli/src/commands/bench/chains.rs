@@ -3,7 +3,7 @@
 use super::stack::RunTiming;
 use anyhow::{Context, Result, bail, ensure};
 use hapfic_config::{Placement, Settings};
-use hapfic_diagnostics::{Core, Measured, Plan, TIMER};
+use hapfic_diagnostics::{ChainMeasurement, Core, MeasurementPlan, TIMER};
 use hapfic_ipc::realtime::SchedGrants;
 use hapfic_messages::{Command as CommandMessage, PERIOD_NS, Request, State};
 use hapfic_supervisor::children::this_program;
@@ -19,8 +19,8 @@ pub(super) const CHAIN_COMMAND: &str = "bench-chain";
 
 /// Start of the chains after the plant's timer, in each period [ns].
 ///
-/// Two periods of the reference timer: so that timer is as far from the stack's chain, which begins at 0, as from these.
-/// The plant has simulated by then.
+/// Two periods of the reference timer, so that this timer is equally far from the stack's chain, which begins at 0, and
+/// from these chains. By then the plant has simulated the tick.
 const CHAIN_PHASE_NS: u64 = 500_000;
 /// Due time of the timer at the plant's priority, after the plant's timer [ns].
 const TIMER_PHASE_NS: u64 = 850_000;
@@ -40,8 +40,8 @@ pub(super) struct ThreadPlacement {
     pub(super) cores: [Option<u32>; 3],
     /// Core of the stack's gate.
     ///
-    /// The chains' third process is on the core of the others unless the settings assign one to the gate: the wake-up of
-    /// a sleeping process is fastest there.
+    /// The chains' third process is on the core of the others unless the settings assign one to the gate: the wake-up
+    /// of a sleeping process is fastest there.
     pub(super) gate: Option<u32>,
     pub(super) priorities: [u32; 3],
 }
@@ -76,7 +76,7 @@ pub(super) struct ChainKind {
 
 /// Lists all kinds: this program's own, and those of its peers.
 pub(super) fn chain_kinds(peers: &[PathBuf]) -> Result<Vec<ChainKind>> {
-    let own = hapfic_diagnostics::own().map(|kind| ChainKind { program: None, kind: kind.name().to_owned() });
+    let own = hapfic_diagnostics::kernel_kinds().map(|kind| ChainKind { program: None, kind: kind.name().to_owned() });
     let mut all = Vec::from(own);
     for program in peers {
         let output = Command::new(program).arg("kinds").stdin(Stdio::null()).stderr(Stdio::inherit()).output();
@@ -114,17 +114,17 @@ struct Driver {
 #[derive(Debug)]
 pub(super) struct ChainResults {
     /// Chains in the order of their kinds.
-    pub(super) chains: Vec<Measured>,
+    pub(super) chains: Vec<ChainMeasurement>,
     /// Timer at the plant's priority.
-    pub(super) timer: Measured,
+    pub(super) timer: ChainMeasurement,
     /// Reference timers above that priority, on each core of the stack.
-    pub(super) reference_timers: Vec<Measured>,
+    pub(super) reference_timers: Vec<ChainMeasurement>,
 }
 
 /// Plans all chains and timers: chain `i` of `n` sends in the ticks k with k modulo n = i.
-fn plans(kinds: &[ChainKind], placement: &ThreadPlacement, start_ns: u64, seconds: u64) -> Vec<Plan> {
+fn plans(kinds: &[ChainKind], placement: &ThreadPlacement, start_ns: u64, seconds: u64) -> Vec<MeasurementPlan> {
     let n = kinds.len() as u64;
-    let plan = |kind: &str, start_ns: u64, period_ns: u64, cores: &[Option<u32>], priority: Vec<u32>, above_ns: u64| Plan {
+    let plan = |kind: &str, start_ns, period_ns, cores: &[Option<u32>], priority, above_ns| MeasurementPlan {
         kind: kind.to_owned(),
         core: cores.iter().map(|core| Core(*core)).collect(),
         priority,
@@ -147,14 +147,15 @@ fn plans(kinds: &[ChainKind], placement: &ThreadPlacement, start_ns: u64, second
     let reference = |core| {
         let phase_ns = start_ns + REFERENCE_PHASE_NS;
         let plan = plan(TIMER, phase_ns, REFERENCE_PERIOD_NS, &[core; 3], above.clone(), REFERENCE_ABOVE_NS);
-        Plan { count: plan.count + REFERENCE_EXTRA_PERIODS, ..plan }
+        MeasurementPlan { count: plan.count + REFERENCE_EXTRA_PERIODS, ..plan }
     };
     plans.extend(placement.distinct_cores().into_iter().map(reference));
     plans
 }
 
 impl Chains {
-    /// Starts all chains and timers, to begin at `start_ns`. Only for the main thread: they end with their parent thread.
+    /// Starts all chains and timers, to begin at `start_ns`. Only for the main thread: they end with their parent
+    /// thread.
     pub(super) fn start(kinds: &[ChainKind], placement: &ThreadPlacement, start_ns: u64, seconds: u64) -> Result<Self> {
         let (sender, lines) = channel();
         let mut chains = Self { drivers: Vec::new(), chains: kinds.len(), lines };
@@ -167,7 +168,7 @@ impl Chains {
                     command
                 }
             };
-            let child = command.args(plan.words()).stdin(Stdio::null()).stdout(Stdio::piped()).spawn();
+            let child = command.args(plan.arguments()).stdin(Stdio::null()).stdout(Stdio::piped()).spawn();
             let mut child = child.with_context(|| format!("cannot start the chain {}", plan.kind))?;
             let out = child.stdout.take();
             chains.drivers.push(Driver { name: plan.kind.clone(), child, ready: false, line: None });
@@ -235,7 +236,7 @@ impl Chains {
             self.receive(Duration::from_millis(50))?;
         }
         let lines = self.drivers.iter().filter_map(|d| d.line.as_deref());
-        let mut all = lines.map(Measured::parse).collect::<Result<Vec<_>, _>>()?;
+        let mut all = lines.map(ChainMeasurement::parse).collect::<Result<Vec<_>, _>>()?;
         ensure!(all.len() > self.chains, "the reference timers have reported nothing");
         let reference_timers = all.split_off(self.chains + 1);
         let timer = all.pop().context("the timer has reported nothing")?;
@@ -254,7 +255,7 @@ impl Drop for Chains {
 }
 
 /// Lists the privileges that a chain lacks.
-pub(super) fn missing_privileges(name: &str, measured: &Measured, placement: &ThreadPlacement) -> Vec<String> {
+pub(super) fn missing_privileges(name: &str, measured: &ChainMeasurement, placement: &ThreadPlacement) -> Vec<String> {
     let mut list = Vec::new();
     for i in 0..measured.granted.len() {
         let granted = measured.granted(i);
@@ -292,16 +293,16 @@ mod tests {
         ticks.sort_unstable();
         assert_eq!(ticks, (7000..10_000).collect::<Vec<_>>());
         assert_eq!((plans[3].count, plans.len()), (3000, 6));
-        let until = |plan: &Plan| plan.start_ns + plan.count * plan.period_ns;
-        assert!(plans[4..].iter().all(|timer| until(timer) > 10_000_000_000 + 50 * PERIOD_NS), "they outlast the measurement");
+        let until = |plan: &MeasurementPlan| plan.start_ns + plan.count * plan.period_ns;
+        assert!(plans[4..].iter().all(|timer| until(timer) > 10_000_000_000 + 50 * PERIOD_NS), "timers outlast the measurement");
         assert_eq!((plans[4].core[0], plans[5].core[0]), (Core(Some(0)), Core(Some(1))), "a timer on each core of the stack");
         assert!(plans[4].sched_requests().is_ok_and(|requests| requests[0].is_some_and(|w| w.priority == 81)));
     }
 
     #[test]
-    fn missing_privileges_are_listed_by_place() {
+    fn missing_privileges_are_listed_by_process() {
         let placement = ThreadPlacement { cores: [Some(1); 3], gate: Some(1), priorities: [80, 76, 78] };
-        let measured = Measured { kind: "x".to_owned(), hops: 3, count: 0, granted: vec![7, 3, 4], samples: Vec::new() };
+        let measured = ChainMeasurement { kind: "x".to_owned(), hops: 3, count: 0, granted: vec![7, 3, 4], samples: Vec::new() };
         assert_eq!(
             missing_privileges("x", &measured, &placement),
             ["x, process 1: NOT on core 1", "x, process 2: not FIFO, memory not locked"]

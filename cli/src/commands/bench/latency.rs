@@ -3,13 +3,13 @@
 use super::arguments::LatencyArgs;
 use super::chains::{ChainKind, ChainResults, Chains, ThreadPlacement, chain_kinds, missing_privileges};
 use super::load::Load;
-use super::output_paths::{Folder, check};
-use super::results::{About, Results, seen};
-use super::stack::{RunTiming, Stack};
+use super::output_paths::{TemporaryFolder, check};
+use super::results::{BenchResults, MeasurementSetup, host_observations};
+use super::stack::{RunTiming, StackRun};
 use super::steal::StealMonitor;
 use super::ticks::Ticks;
 use super::{figure, table};
-use crate::{Outcome, log_line, print};
+use crate::{CommandOutcome, log_line, print};
 use anyhow::{Context, Result};
 use hapfic_config::Settings;
 use hapfic_diagnostics::cause::Span;
@@ -28,18 +28,18 @@ const POLL_INTERVAL: Duration = Duration::from_millis(10);
 const NS_PER_S: u64 = 1_000_000_000;
 
 /// Measures, and prints the results.
-pub(super) fn latency(args: &LatencyArgs) -> Result<Outcome> {
+pub(super) fn latency(args: &LatencyArgs) -> Result<CommandOutcome> {
     let (settings, kinds) = match prepare(args) {
         Ok(prepared) => prepared,
-        Err(e) => return Ok(Outcome::Rejected(e)),
+        Err(e) => return Ok(CommandOutcome::Rejected(e)),
     };
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP] {
         signal_hook::flag::register(signal, Arc::clone(&stop)).context("cannot handle signals")?;
     }
     let Some(results) = measure(args, &settings, &kinds, &stop)? else {
-        log_line("hapfic: interrupted, nothing was measured");
-        return Ok(Outcome::Failed);
+        log_line("hapfic: interrupted, no results");
+        return Ok(CommandOutcome::Failed);
     };
     print(table::text(&results).trim_end());
     if let Some(path) = &args.json {
@@ -49,7 +49,7 @@ pub(super) fn latency(args: &LatencyArgs) -> Result<Outcome> {
     if let Some(path) = &args.plot {
         figure::write(&results, path)?;
     }
-    Ok(if results.completed { Outcome::Done } else { Outcome::Failed })
+    Ok(if results.completed { CommandOutcome::Done } else { CommandOutcome::Failed })
 }
 
 /// Checks the arguments, and loads the scenario and the kinds of chains.
@@ -75,11 +75,11 @@ fn duration_s(args: &LatencyArgs) -> u64 {
 }
 
 /// Measures; `None` if interrupted. All started processes end with this function, in the reverse order of declaration.
-fn measure(args: &LatencyArgs, settings: &Settings, kinds: &[ChainKind], stop: &AtomicBool) -> Result<Option<Results>> {
-    let folder = Folder::make()?;
+fn measure(args: &LatencyArgs, settings: &Settings, kinds: &[ChainKind], stop: &AtomicBool) -> Result<Option<BenchResults>> {
+    let folder = TemporaryFolder::make()?;
     let longest = Duration::from_secs(2 * duration_s(args) + 60);
     let load = if args.load { Load::start(longest)? } else { Load::NONE };
-    let mut stack = Stack::start(args, duration_s(args), &folder)?;
+    let mut stack = StackRun::start(args, duration_s(args), &folder)?;
     let Some(found) = stack.find(stop)? else { return Ok(None) };
     let placement = ThreadPlacement::new(settings, found);
     let span = span(found, clock::now_ns(), warm_up_s(args), args.seconds);
@@ -107,11 +107,11 @@ fn measure(args: &LatencyArgs, settings: &Settings, kinds: &[ChainKind], stop: &
     let steals: Vec<_> = monitors.into_iter().flat_map(|monitor| monitor.steals).collect();
     let stolen_ms = steals.iter().map(|(_, ms)| ms).sum();
     let ticks = Ticks::read(stack.log())?;
-    let figures = ticks.figures(span, &seen(&measured, steals));
+    let stack_results = ticks.evaluate(span, &host_observations(&measured, steals));
     let names: Vec<_> = kinds.iter().map(|c| c.kind.clone()).collect();
-    let results = Results::new(about(args, &placement, busy), span, figures, &measured, &names);
+    let results = BenchResults::new(setup(args, &placement, busy), span, stack_results, &measured, &names);
     let completed = summary["completed"].as_bool().unwrap_or(false);
-    Ok(Some(Results { completed, stolen_ms, not_granted, ..results }))
+    Ok(Some(BenchResults { completed, stolen_ms, not_granted, ..results }))
 }
 
 /// Time span of the measurement, which begins when the plant's timer is due.
@@ -132,9 +132,9 @@ fn all_missing_privileges(results: &ChainResults, kinds: &[ChainKind], placement
         .collect()
 }
 
-fn about(args: &LatencyArgs, placement: &ThreadPlacement, load: usize) -> About {
+fn setup(args: &LatencyArgs, placement: &ThreadPlacement, load: usize) -> MeasurementSetup {
     let name = |file: &str| std::fs::read_to_string(format!("/proc/sys/kernel/{file}")).unwrap_or_default();
-    About {
+    MeasurementSetup {
         scenario: args.scenario.clone(),
         seconds: args.seconds,
         kernel: format!("{} {}", name("ostype").trim(), name("osrelease").trim()),

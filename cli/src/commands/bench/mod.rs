@@ -14,28 +14,28 @@ mod ticks;
 
 pub use arguments::Bench;
 
-use crate::Outcome;
+use crate::CommandOutcome;
 use crate::commands::run::RunArgs;
 use anyhow::{Context, Result};
 use std::time::Instant;
 
 /// Runs a measurement.
-pub fn bench(what: &Bench) -> Result<Outcome> {
+pub fn bench(what: &Bench) -> Result<CommandOutcome> {
     match what {
         Bench::Latency(args) => latency::latency(args),
     }
 }
 
 /// Runs `hapfic bench-chain`: a driver or relay of a chain over a transport of the kernel.
-pub fn chain(words: &[String]) -> Result<Outcome> {
-    Ok(match hapfic_diagnostics::program(&[chains::CHAIN_COMMAND], words, &hapfic_diagnostics::own()) {
-        Ok(()) => Outcome::Done,
-        Err(e) => Outcome::Rejected(e.into()),
+pub fn chain(arguments: &[String]) -> Result<CommandOutcome> {
+    Ok(match hapfic_diagnostics::program(&[chains::CHAIN_COMMAND], arguments, &hapfic_diagnostics::kernel_kinds()) {
+        Ok(()) => CommandOutcome::Done,
+        Err(e) => CommandOutcome::Rejected(e.into()),
     })
 }
 
 /// Runs `hapfic bench-run`: a run that ends with the measurement.
-pub fn run(parent: i32, args: &RunArgs, since: Instant) -> Result<Outcome> {
-    hapfic_ipc::tie_to_supervisor(parent, hapfic_ipc::Ending::Asked).context("cannot join the measurement")?;
+pub fn run(parent: i32, args: &RunArgs, since: Instant) -> Result<CommandOutcome> {
+    hapfic_ipc::tie_to_supervisor(parent, hapfic_ipc::Ending::Terminated).context("cannot join the measurement")?;
     super::run::run(args, since)
 }

@@ -7,27 +7,29 @@ use std::path::{Path, PathBuf};
 
 /// Temporary folder of this process; dropping it removes everything in it.
 #[derive(Debug)]
-pub(super) struct Folder(PathBuf);
+pub(super) struct TemporaryFolder(PathBuf);
 
-impl Folder {
+impl TemporaryFolder {
+    /// Makes a folder with a unique name, accessible only to this user.
     pub(super) fn make() -> Result<Self> {
         let stamp = hapfic_ipc::clock::unix_ns() % 1_000_000_000;
         let path = std::env::temp_dir().join(format!("hapfic-bench-{}-{stamp}", std::process::id()));
         DirBuilder::new()
             .mode(0o700)
             .create(&path)
-            .with_context(|| format!("cannot make {}, the measurement's folder", path.display()))?;
+            .with_context(|| format!("cannot make {}, the temporary folder of the measurement", path.display()))?;
         Ok(Self(path))
     }
 
+    /// Path of a file in the folder.
     pub(super) fn file(&self, name: &str) -> PathBuf {
         self.0.join(name)
     }
 }
 
-impl Drop for Folder {
+impl Drop for TemporaryFolder {
     fn drop(&mut self) {
-        // Remains lie in the system's temporary folder.
+        // Files that cannot be removed stay in the system's temporary folder.
         let _ = std::fs::remove_dir_all(&self.0);
     }
 }
@@ -53,7 +55,7 @@ mod tests {
 
     #[test]
     fn folder_drop_removes_files() {
-        let folder = Folder::make().unwrap();
+        let folder = TemporaryFolder::make().unwrap();
         let file = folder.file("x");
         std::fs::write(&file, "x").unwrap();
         drop(folder);
@@ -62,7 +64,7 @@ mod tests {
 
     #[test]
     fn check_unwritable_path_is_rejected() {
-        let folder = Folder::make().unwrap();
+        let folder = TemporaryFolder::make().unwrap();
         assert!(check("--plot", &folder.file("a.png"), Some("png")).is_ok());
         for (bad, message) in
             [(folder.file("a.svg"), "found the ending 'svg', expected 'png'"), (folder.file("none/a.png"), "found no folder")]

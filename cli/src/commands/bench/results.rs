@@ -1,120 +1,126 @@
-//! What came of a measurement: for people and, with the same content, for programs.
+//! Results of a measurement, for the table and for JSON.
 
 use super::chains::ChainResults;
-use super::ticks::Figures;
-use hapfic_diagnostics::cause::{Cause, Seen, Span, Verdict};
-use hapfic_diagnostics::hops::PartQuantiles;
-use hapfic_diagnostics::{ChainQuantiles, Distribution, Measured, Ratio};
+use super::ticks::StackResults;
+use hapfic_diagnostics::cause::{Cause, Diagnosis, HostObservations, Span};
+use hapfic_diagnostics::hops::HopQuantiles;
+use hapfic_diagnostics::{ChainMeasurement, ChainQuantiles, Distribution, Ratio};
 use serde::Serialize;
 
-/// What was measured, and where.
+/// Setup of a measurement: scenario, machine and placement.
 #[derive(Clone, Debug, Serialize)]
-pub(super) struct About {
+pub(super) struct MeasurementSetup {
     pub(super) scenario: String,
-    /// How long, s; what was before is a warm-up and does not count.
+    /// Duration after the warm-up [s].
     pub(super) seconds: u64,
-    /// The system's name and version.
+    /// Name and version of the kernel.
     pub(super) kernel: String,
-    /// Cores that may be used.
+    /// Number of usable cores.
     pub(super) cores: usize,
-    /// Cores of plant, controller and gate; none: any.
+    /// Cores of plant, controller and gate; `None`: any.
     pub(super) on_cores: [Option<u32>; 3],
-    /// Those of the chains' three processes.
+    /// Cores of the chains' three processes.
     pub(super) chains_on_cores: [Option<u32>; 3],
-    /// Their priorities.
+    /// Priorities of plant, controller and gate, and of the chains' three processes.
     pub(super) priorities: [u32; 3],
-    /// Busy processes beside it.
+    /// Number of busy processes.
     pub(super) load: usize,
-    /// Bytes of state, request and command.
+    /// Lengths of state, request and command [bytes].
     pub(super) message_bytes: [usize; 3],
-    /// When, s since the Unix epoch.
+    /// Time of the evaluation since the Unix epoch [s].
     pub(super) unix_s: u64,
 }
 
-/// A chain beside the stack's own.
+/// Summary of a chain of the comparison.
 #[derive(Clone, Debug, Serialize)]
-pub(super) struct Chain {
+pub(super) struct ChainSummary {
     pub(super) name: String,
-    /// Message about to be sent -> answer there, us.
+    /// Round trip: before sending -> answer received [us].
     pub(super) round_us: ChainQuantiles,
-    /// How late its driver's timer was, us.
+    /// Lateness of its driver's timer [us].
     pub(super) timer_us: ChainQuantiles,
-    /// Messages without an answer in time.
+    /// Number of messages without an answer in time.
     pub(super) unanswered: u64,
-    /// Messages that were not sent, the one before having taken so long.
+    /// Number of messages not sent, since the previous round trip outlasted their due time.
     pub(super) skipped: u64,
     #[serde(skip)]
     pub(super) round: Distribution,
 }
 
-/// The stack's chain over another.
+/// Ratios of the stack's chain to another chain.
 #[derive(Clone, Debug, Serialize)]
-pub(super) struct Against {
+pub(super) struct ChainRatios {
     pub(super) name: String,
     pub(super) p50: Option<Ratio>,
     pub(super) p999: Option<Ratio>,
 }
 
-/// The ticks that were missed.
+/// Summary of the missed ticks.
 #[derive(Clone, Debug, Serialize)]
-pub(super) struct Misses {
+pub(super) struct MissSummary {
     pub(super) count: u64,
     pub(super) per_100_000: f64,
-    /// By cause, in the order of the rules.
+    /// Number by cause, in the order of the rules.
     pub(super) causes: [(Cause, u64); Cause::ALL.len()],
-    pub(super) list: Vec<Verdict>,
+    pub(super) list: Vec<Diagnosis>,
 }
 
-/// Everything there is to say.
+/// Results of a measurement.
 #[derive(Clone, Debug, Serialize)]
-pub(super) struct Results {
-    pub(super) about: About,
+pub(super) struct BenchResults {
+    pub(super) about: MeasurementSetup,
     /// Whether the run reached its end.
     pub(super) completed: bool,
-    /// Ticks that were measured.
+    /// Number of measured ticks.
     pub(super) ticks: u64,
-    /// State about to be written -> plant has the command, us.
+    /// Begin of writing the state -> plant has received the command [us].
     pub(super) stack_us: ChainQuantiles,
-    /// State published -> plant has the command, us.
+    /// State published -> plant has received the command [us].
     pub(super) published_us: ChainQuantiles,
-    /// Commands that came after the plant had stopped waiting.
+    /// Number of commands after the plant's wait.
     pub(super) late: u64,
-    pub(super) hops_us: Vec<PartQuantiles>,
-    pub(super) chains: Vec<Chain>,
-    /// How late a timer at the plant's priority was, us.
+    pub(super) hops_us: Vec<HopQuantiles>,
+    pub(super) chains: Vec<ChainSummary>,
+    /// Lateness of a timer at the plant's priority [us].
     pub(super) timer_us: ChainQuantiles,
-    pub(super) ratios: Vec<Against>,
-    pub(super) missed: Misses,
-    /// Time stolen meanwhile, ms.
+    pub(super) ratios: Vec<ChainRatios>,
+    pub(super) missed: MissSummary,
+    /// Steal time during the measurement [ms].
     pub(super) stolen_ms: u64,
-    /// Heap allocations between receiving and sending, in all processes of the stack.
+    /// Number of heap allocations between receiving and sending, in all processes of the stack.
     pub(super) allocations: u64,
-    /// Privileges that somebody lacked.
+    /// Privileges that a process lacked.
     pub(super) not_granted: Vec<String>,
     #[serde(skip)]
     pub(super) stack: Distribution,
 }
 
-/// What the witnesses saw.
-pub(super) fn seen(measured_chains: &ChainResults, stolen: Vec<(Span, u64)>) -> Seen {
-    let late = |measured: &Measured| -> Vec<Span> {
+/// Collects the late wake-ups of the reference timers and the steal time.
+pub(super) fn host_observations(measured_chains: &ChainResults, steals: Vec<(Span, u64)>) -> HostObservations {
+    let late = |measured: &ChainMeasurement| -> Vec<Span> {
         measured.samples.iter().map(|s| Span { from_ns: s.due_ns, to_ns: s.wake_ns }).collect()
     };
-    let mut all: Vec<_> = measured_chains.reference_timers.iter().flat_map(late).collect();
-    all.extend(late(&measured_chains.timer));
-    all.sort_unstable_by_key(|span| span.from_ns);
-    // What is on time is of no use, and there is much of it.
-    all.retain(|span| span.to_ns - span.from_ns > hapfic_diagnostics::cause::REFERENCE_LATE_NS / 4);
-    Seen { late: all, stolen }
+    let mut late_timers: Vec<_> = measured_chains.reference_timers.iter().flat_map(late).collect();
+    late_timers.extend(late(&measured_chains.timer));
+    late_timers.sort_unstable_by_key(|span| span.from_ns);
+    // Most samples are on time, which no diagnosis needs.
+    late_timers.retain(|span| span.to_ns - span.from_ns > hapfic_diagnostics::cause::REFERENCE_LATE_NS / 4);
+    HostObservations { late_timers, steals }
 }
 
-impl Results {
-    /// Puts it all together; `span` is the time of the measurement.
-    pub(super) fn new(about: About, span: Span, figures: Figures, measured_chains: &ChainResults, names: &[String]) -> Self {
+impl BenchResults {
+    /// Combines the results of the stack and of the chains; `span` is the time of the measurement.
+    pub(super) fn new(
+        about: MeasurementSetup,
+        span: Span,
+        stack_results: StackResults,
+        measured_chains: &ChainResults,
+        names: &[String],
+    ) -> Self {
         let chains: Vec<_> =
             measured_chains.chains.iter().zip(names).map(|(measured, name)| chain(measured, name, span)).collect();
-        let stack = figures.hops.chain.clone();
-        let against = |chain: &Chain| Against {
+        let stack = stack_results.hops.chain.clone();
+        let ratios = |chain: &ChainSummary| ChainRatios {
             name: chain.name.clone(),
             p50: Ratio::of(0.5, &stack, &chain.round),
             p999: Ratio::of(0.999, &stack, &chain.round),
@@ -129,27 +135,27 @@ impl Results {
         Self {
             about,
             completed: true,
-            ticks: figures.ticks,
+            ticks: stack_results.ticks,
             stack_us: stack.quantiles(),
-            published_us: figures.hops.published.quantiles(),
-            late: figures.hops.late,
-            hops_us: figures.hops.table(),
-            ratios: chains.iter().map(against).collect(),
+            published_us: stack_results.hops.published.quantiles(),
+            late: stack_results.hops.late,
+            hops_us: stack_results.hops.table(),
+            ratios: chains.iter().map(ratios).collect(),
             chains,
             timer_us: timer.quantiles(),
-            missed: Misses::new(figures.missed, figures.ticks),
+            missed: MissSummary::new(stack_results.missed, stack_results.ticks),
             stolen_ms: 0,
-            allocations: figures.allocations,
+            allocations: stack_results.allocations,
             not_granted: Vec::new(),
             stack,
         }
     }
 }
 
-impl Misses {
-    fn new(list: Vec<Verdict>, ticks: u64) -> Self {
+impl MissSummary {
+    fn new(list: Vec<Diagnosis>, ticks: u64) -> Self {
         let count = list.len() as u64;
-        let causes = Cause::ALL.map(|cause| (cause, list.iter().filter(|v| v.cause == cause).count() as u64));
+        let causes = Cause::ALL.map(|cause| (cause, list.iter().filter(|diagnosis| diagnosis.cause == cause).count() as u64));
         Self { count, per_100_000: count as f64 * 1e5 / ticks.max(1) as f64, causes, list }
     }
 }
@@ -158,7 +164,7 @@ fn share(span: Span, at_ns: u64) -> f64 {
     at_ns.saturating_sub(span.from_ns) as f64 / (span.to_ns - span.from_ns).max(1) as f64
 }
 
-fn chain(measured: &Measured, name: &str, span: Span) -> Chain {
+fn chain(measured: &ChainMeasurement, name: &str, span: Span) -> ChainSummary {
     let (mut round, mut timer) = (Distribution::default(), Distribution::default());
     let (mut unanswered, mut skipped) = (0, 0);
     for sample in &measured.samples {
@@ -175,20 +181,21 @@ fn chain(measured: &Measured, name: &str, span: Span) -> Chain {
             None => unanswered += 1,
         }
     }
-    Chain { name: name.to_owned(), round_us: round.quantiles(), timer_us: timer.quantiles(), unanswered, skipped, round }
+    ChainSummary { name: name.to_owned(), round_us: round.quantiles(), timer_us: timer.quantiles(), unanswered, skipped, round }
 }
 
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use hapfic_diagnostics::Sample;
-    use hapfic_diagnostics::cause::{Missed, judge};
+    use hapfic_diagnostics::ChainSample;
+    use hapfic_diagnostics::cause::{MissKind, diagnose};
     use hapfic_diagnostics::hops::{Stamps, TickStamps};
 
-    /// A thousand ticks of 60 us beside a chain of 50 us, of which one was not answered and one not sent, and one tick missed.
-    pub(in super::super) fn sample_results() -> Results {
+    /// Sample of 1000 ticks of 60 us, one of them missed, and a chain of 50 us with one message unanswered and one not
+    /// sent.
+    pub(in super::super) fn sample_results() -> BenchResults {
         let span = Span { from_ns: 1_000_000_000, to_ns: 2_000_000_000 };
-        let mut figures = Figures { ticks: 1000, ..Figures::default() };
+        let mut stack_results = StackResults { ticks: 1000, ..StackResults::default() };
         let mut samples = Vec::new();
         for i in 0..1000 {
             let due = span.from_ns + i * 1_000_000;
@@ -203,25 +210,26 @@ pub(super) mod tests {
                 controller: stamps(20_000, 30_000, 0),
                 gate: stamps(40_000, 50_000, 0),
             };
-            figures.hops.push(i as f64 / 1000.0, &tick);
+            stack_results.hops.push(i as f64 / 1000.0, &tick);
             samples.push(match i {
-                7 => Sample { due_ns: due, ..Sample::default() },
-                6 => Sample { due_ns: due, wake_ns: due + 1, sent_ns: due + 2, end_ns: 0 },
-                _ => Sample { due_ns: due, wake_ns: due + 5_000, sent_ns: due + 6_000, end_ns: due + 56_000 },
+                7 => ChainSample { due_ns: due, ..ChainSample::default() },
+                6 => ChainSample { due_ns: due, wake_ns: due + 1, sent_ns: due + 2, end_ns: 0 },
+                _ => ChainSample { due_ns: due, wake_ns: due + 5_000, sent_ns: due + 6_000, end_ns: due + 56_000 },
             });
         }
-        let timer = |late_ns: u64| Measured {
+        let timer = |late_ns: u64| ChainMeasurement {
             kind: "timer".to_owned(),
             hops: 0,
             count: 1,
             granted: vec![7],
-            samples: vec![Sample { due_ns: span.from_ns, wake_ns: span.from_ns + late_ns, ..Sample::default() }],
+            samples: vec![ChainSample { due_ns: span.from_ns, wake_ns: span.from_ns + late_ns, ..ChainSample::default() }],
         };
-        let futex = Measured { kind: "futex".to_owned(), hops: 3, count: 1000, granted: vec![7; 3], samples };
+        let futex = ChainMeasurement { kind: "futex".to_owned(), hops: 3, count: 1000, granted: vec![7; 3], samples };
         let measured_chains = ChainResults { chains: vec![futex], timer: timer(4_000), reference_timers: vec![timer(900_000)] };
         let window = Span { from_ns: span.from_ns + 500_000, to_ns: span.from_ns + 1_500_000 };
-        figures.missed.push(judge(0, Missed::Unanswered, window, &TickStamps::default(), &seen(&measured_chains, Vec::new())));
-        let about = About {
+        let host = host_observations(&measured_chains, Vec::new());
+        stack_results.missed.push(diagnose(0, MissKind::Unanswered, window, &TickStamps::default(), &host));
+        let about = MeasurementSetup {
             scenario: "floor".to_owned(),
             seconds: 1,
             kernel: "Linux 6.1".to_owned(),
@@ -233,7 +241,7 @@ pub(super) mod tests {
             message_bytes: [8, 16, 24],
             unix_s: 0,
         };
-        Results::new(about, span, figures, &measured_chains, &["futex".to_owned()])
+        BenchResults::new(about, span, stack_results, &measured_chains, &["futex".to_owned()])
     }
 
     #[test]

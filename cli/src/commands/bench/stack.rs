@@ -1,7 +1,7 @@
 //! The measured stack: a run of its own.
 
 use super::arguments::LatencyArgs;
-use super::output_paths::Folder;
+use super::output_paths::TemporaryFolder;
 use anyhow::{Context, Result, bail, ensure};
 use hapfic_ipc::{Bus, IpcError, RunFile, Wait, topic};
 use hapfic_messages::{OperatorKind, PERIOD_NS, ReplyCode};
@@ -27,7 +27,7 @@ const STATES: usize = 20;
 
 /// A run; ended when dropped.
 #[derive(Debug)]
-pub(super) struct Stack {
+pub(super) struct StackRun {
     child: Child,
     log: PathBuf,
     summary: PathBuf,
@@ -45,9 +45,9 @@ pub(super) struct RunTiming {
     pub(super) gate_core: Option<u32>,
 }
 
-impl Stack {
+impl StackRun {
     /// Starts a run of `duration_s` [s].
-    pub(super) fn start(args: &LatencyArgs, duration_s: u64, folder: &Folder) -> Result<Self> {
+    pub(super) fn start(args: &LatencyArgs, duration_s: u64, folder: &TemporaryFolder) -> Result<Self> {
         let (log, summary, stderr) = (folder.file("run.mcap"), folder.file("run.json"), folder.file("stderr.txt"));
         let output = std::fs::File::create(&stderr).with_context(|| format!("cannot write {}", stderr.display()))?;
         let mut command = this_program()?;
@@ -141,7 +141,7 @@ impl Stack {
     }
 }
 
-impl Drop for Stack {
+impl Drop for StackRun {
     fn drop(&mut self) {
         // Like Ctrl-C: the run ends its processes and removes its files.
         if matches!(self.ended(), Ok(None)) {
@@ -168,7 +168,7 @@ fn tick(connection: &Connection) -> Result<Option<i64>> {
     let Some(reply) = connection.ask(OperatorKind::Status, "")? else { return Ok(None) };
     match reply.parts()? {
         (ReplyCode::Done, text) => Ok(serde_json::from_str::<Status>(text).ok().map(|status| status.tick)),
-        (ReplyCode::Refused, text) => bail!("{text}"),
+        (ReplyCode::Rejected, text) => bail!("{text}"),
     }
 }
 

@@ -11,11 +11,11 @@ const COLUMNS: [(&str, usize); 6] =
 const ENDED: &str = "ended";
 
 /// Table of a sweep, printed line by line as the runs end.
-pub struct Table {
+pub struct SweepTable {
     widths: Vec<usize>,
 }
 
-impl Table {
+impl SweepTable {
     /// Makes a table with columns wide enough for all values.
     #[must_use]
     pub fn new(grid: &Grid) -> Self {
@@ -123,7 +123,7 @@ mod tests {
     #[test]
     fn table_row_aligns_with_head() {
         let grid = Grid::read(&["controller.taper=0.1,0.25".to_owned(), "k=[0, 0, 50]".to_owned()]).unwrap();
-        let table = Table::new(&grid);
+        let table = SweepTable::new(&grid);
         let mut done = Done { ticks: 10, ..Done::default() };
         done.metrics.tracking.max_m = [0.001, 0.0075, 0.0];
         done.metrics.force.settled_rms_percent = [None, Some(0.5), Some(0.25)];

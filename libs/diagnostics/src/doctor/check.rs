@@ -1,23 +1,23 @@
-//! One thing a machine says of itself, how good that is, and what would make it better.
+//! Check of one property of a machine: its level, what was found and wanted, and how to improve it.
 
 use serde::{Serialize, Serializer};
 
-/// How good a check is for 1 kHz.
+/// Suitability for 1 kHz.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Level {
     /// As wanted.
     Good,
-    /// It may cost something.
+    /// May cost latency.
     Fair,
-    /// It does cost something.
+    /// Costs latency.
     Bad,
-    /// This kernel does not text.
+    /// Not reported by this kernel.
     Unknown,
 }
 
 impl Level {
-    /// For the table.
+    /// Name in the table.
     #[must_use]
     pub fn mark(self) -> &'static str {
         match self {
@@ -29,58 +29,58 @@ impl Level {
     }
 }
 
-/// What a check is about.
+/// Subject of a check.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Subject {
     /// Version of the kernel.
     Kernel,
-    /// What the kernel can be interrupted in.
+    /// Preemption model of the kernel.
     Preemption,
     /// Whether threads may have a real-time priority.
     Priority,
     /// Whether memory may be locked.
     MemoryLock,
-    /// Whether deep idle states may be held off.
+    /// Whether deep idle states may be disabled.
     CpuLatencyGuard,
-    /// How much of each second real-time threads may have.
+    /// Share of each period that real-time threads may use.
     Throttling,
-    /// The kernel's source of time.
+    /// Clock source of the kernel.
     Clock,
-    /// How finely timers go off.
+    /// Resolution of timers.
     Resolution,
-    /// The processors that may be used.
+    /// Usable cores.
     Cores,
-    /// Whether the run's core is kept free of others.
+    /// Whether the run's core is isolated from other processes.
     Isolation,
-    /// Whether the run's core shares its units with another one.
+    /// Whether the run's core shares its execution units with another one.
     Siblings,
-    /// How long the run's core takes to leave its deepest sleep.
+    /// Exit latency of the deepest idle state of the run's core.
     IdleStates,
-    /// What sets the run's core's frequency.
+    /// Frequency governor of the run's core.
     Governor,
     /// Whether the frequency may rise above the nominal one.
     Turbo,
     /// Whether this is a virtual machine.
     Hypervisor,
-    /// Time the host kept for others since boot.
+    /// Steal time since boot.
     Steal,
-    /// How busy the machine is.
+    /// Load of the machine.
     Load,
-    /// Processor time that this process's group may have.
+    /// Processor time that this process's control group may use.
     Quota,
-    /// Room in shared memory.
+    /// Free shared memory.
     SharedMemory,
-    /// How many files may be open.
+    /// Limit of open files.
     OpenFiles,
-    /// Whether memory may be moved to a disk.
+    /// Whether memory may be swapped out.
     Swap,
-    /// Whether pages are joined behind one's back.
+    /// Whether the kernel merges pages to huge pages.
     HugePages,
 }
 
 impl Subject {
-    /// For the table.
+    /// Name in the table.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -110,33 +110,33 @@ impl Subject {
     }
 }
 
-/// One thing a machine says of itself.
+/// Check of one property of a machine.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct MachineCheck {
-    /// What it is about.
+    /// Subject of the check.
     pub subject: Subject,
-    /// How good it is.
+    /// Suitability.
     pub level: Level,
-    /// What was found.
+    /// Found value.
     pub found: String,
-    /// What is wanted.
+    /// Wanted value.
     pub wanted: &'static str,
-    /// How to get it: a command, or a line of a file. None where it is as wanted, or where nothing helps.
+    /// Instruction, a command or a line of a file; `None` where the value is as wanted, or nothing helps.
     pub how: Option<String>,
 }
 
 impl MachineCheck {
-    /// As wanted.
+    /// Makes a check with the wanted value.
     pub(super) fn good(subject: Subject, found: impl Into<String>, wanted: &'static str) -> Self {
         Self { subject, level: Level::Good, found: found.into(), wanted, how: None }
     }
 
-    /// This kernel does not text.
+    /// Makes a check of a value that this kernel does not report.
     pub(super) fn unknown(subject: Subject, wanted: &'static str) -> Self {
-        Self { subject, level: Level::Unknown, found: "not told by this kernel".to_owned(), wanted, how: None }
+        Self { subject, level: Level::Unknown, found: "not reported by this kernel".to_owned(), wanted, how: None }
     }
 
-    /// At a level, with what would help if that is not `Good`.
+    /// Makes a check at a level, with the instruction if that is not `Good`.
     pub(super) fn at(
         level: Level,
         subject: Subject,
@@ -149,18 +149,18 @@ impl MachineCheck {
     }
 }
 
-/// What a machine says of itself.
+/// All checks of a machine.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct MachineChecks(pub Vec<MachineCheck>);
 
 impl MachineChecks {
-    /// The check about something.
+    /// Finds the check of a subject.
     #[must_use]
     pub fn get(&self, subject: Subject) -> Option<&MachineCheck> {
         self.0.iter().find(|check| check.subject == subject)
     }
 
-    /// How good it is; unknown where there is no such check.
+    /// Level of a subject; `Unknown` where there is no such check.
     #[must_use]
     pub fn level(&self, subject: Subject) -> Level {
         self.get(subject).map_or(Level::Unknown, |check| check.level)

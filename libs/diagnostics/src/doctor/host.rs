@@ -1,16 +1,16 @@
-//! Who else has a claim to the processors: a host, other programs, a limit.
+//! Checks of competitors for the processors: host, other programs, quota.
 
 use super::check::{Level, MachineCheck, Subject};
 use super::process_info::ProcessInfo;
 use super::sysfs::SysfsRoot;
 use std::path::{Component, Path};
 
-/// Whether this is a virtual machine.
+/// Checks whether this is a virtual machine.
 pub(super) fn hypervisor(root: &SysfsRoot) -> MachineCheck {
-    const WANTED: &str = "none: a host may take a processor away at any time";
-    const HOW: &str = "a machine of one's process_info, or dedicated virtual processors pinned to cores (`virsh vcpupin`)";
+    const WANTED: &str = "none: a host may suspend a virtual processor at any time";
+    const HOW: &str = "a physical machine, or dedicated virtual processors pinned to cores (`virsh vcpupin`)";
     let kind = root.text("/sys/hypervisor/type").filter(|kind| !kind.is_empty());
-    // Only on processors of the x86 kind.
+    // Only on x86 processors.
     let flagged = root.text("/proc/cpuinfo").and_then(|text| {
         let flags = text.lines().find(|line| line.starts_with("flags"))?;
         Some(flags.split_whitespace().any(|flag| flag == "hypervisor"))
@@ -27,10 +27,10 @@ pub(super) fn hypervisor(root: &SysfsRoot) -> MachineCheck {
     }
 }
 
-/// Time the host kept for others since boot.
+/// Checks the steal time since boot.
 pub(super) fn steal(root: &SysfsRoot) -> MachineCheck {
     const WANTED: &str = "below 0.1 % of the time";
-    let share = root.text("/proc/stat").and_then(|text| stolen_share(&text));
+    let share = root.text("/proc/stat").and_then(|text| steal_share(&text));
     let Some(share) = share else { return MachineCheck::unknown(Subject::Steal, WANTED) };
     let percent = share * 100.0;
     let level = match percent {
@@ -38,23 +38,23 @@ pub(super) fn steal(root: &SysfsRoot) -> MachineCheck {
         p if p < 1.0 => Level::Fair,
         _ => Level::Bad,
     };
-    let how = "ask for dedicated virtual processors, or take a machine of one's process_info";
+    let how = "use dedicated virtual processors, or a physical machine";
     MachineCheck::at(level, Subject::Steal, format!("{percent:.2} % since boot"), WANTED, how)
 }
 
-/// Part of all processors' time since boot that a host kept for others: the first line of `/proc/stat`.
-fn stolen_share(stat: &str) -> Option<f64> {
+/// Steal time as a share of all processors' time since boot, from the first line of `/proc/stat`.
+fn steal_share(stat: &str) -> Option<f64> {
     let mut words = stat.lines().next()?.split_whitespace();
     if words.next() != Some("cpu") {
         return None;
     }
-    // user nice system idle iowait irq softirq steal; guest times after them are counted in user already.
+    // user nice system idle iowait irq softirq steal; user already includes the guest times after them.
     let times: Vec<u64> = words.take(8).map_while(|word| word.parse().ok()).collect();
     let total = times.iter().fold(0_u64, |sum, time| sum.saturating_add(*time));
     (times.len() == 8 && total > 0).then(|| times[7] as f64 / total as f64)
 }
 
-/// How busy the machine is.
+/// Checks the load of the machine.
 pub(super) fn load(root: &SysfsRoot, process_info: &ProcessInfo) -> MachineCheck {
     const WANTED: &str = "below half of the cores";
     let load: Option<f64> =
@@ -66,13 +66,13 @@ pub(super) fn load(root: &SysfsRoot, process_info: &ProcessInfo) -> MachineCheck
         part if part < 1.5 => Level::Fair,
         _ => Level::Bad,
     };
-    let how = "end what else is running: `top` shows it";
+    let how = "end other programs: `top` shows them";
     MachineCheck::at(level, Subject::Load, format!("{load:.2} on {cores} cores in the last minute"), WANTED, how)
 }
 
-/// Processor time that this process's group may have.
+/// Checks the processor time that this process's control group may use.
 pub(super) fn quota(root: &SysfsRoot) -> MachineCheck {
-    const WANTED: &str = "no limit: it stops the recorder and all that is not real-time";
+    const WANTED: &str = "no limit: it stops the recorder and all other threads that are not real-time";
     const HOW: &str =
         "start the container without `--cpus`/`--cpu-quota`, the unit without `CPUQuota=`; use `--cpuset-cpus` instead";
     let Some(groups) = root.text("/proc/self/cgroup") else { return MachineCheck::unknown(Subject::Quota, WANTED) };
@@ -88,7 +88,9 @@ pub(super) fn quota(root: &SysfsRoot) -> MachineCheck {
     }
 }
 
-/// The tightest limit on the way from a group to the top, in cores; a line of `/proc/self/cgroup`: `0::/path` or `4:cpu,cpuacct:/path`.
+/// Smallest quota from a control group up to the root [cores].
+///
+/// `line` is one of `/proc/self/cgroup`: `0::/path` or `4:cpu,cpuacct:/path`.
 fn group_quota(root: &SysfsRoot, line: &str) -> Option<f64> {
     let mut parts = line.splitn(3, ':');
     let (id, controllers, path) = (parts.next()?, parts.next()?, parts.next()?);
@@ -100,7 +102,7 @@ fn group_quota(root: &SysfsRoot, line: &str) -> Option<f64> {
     } else {
         return None;
     };
-    // Within a container the path may be another's view of it; what is there is looked at.
+    // Within a container the path may be the host's view; only existing folders count.
     let steps: Vec<_> = Path::new(path)
         .components()
         .filter_map(|step| if let Component::Normal(name) = step { name.to_str() } else { None })
@@ -111,13 +113,14 @@ fn group_quota(root: &SysfsRoot, line: &str) -> Option<f64> {
         .min_by(f64::total_cmp)
 }
 
-/// `cpu.max`: `max 100000` or `150000 100000`.
+/// Quota of version 2 [cores], from `cpu.max`: `max 100000` or `150000 100000`.
 fn second_version(root: &SysfsRoot, folder: &str) -> Option<f64> {
     let text = root.text(&format!("{folder}/cpu.max"))?;
     let (quota, period) = text.split_once(' ')?;
     share(quota.parse().ok()?, period.parse().ok()?)
 }
 
+/// Quota of version 1 [cores].
 fn first_version(root: &SysfsRoot, folder: &str) -> Option<f64> {
     share(root.number(&format!("{folder}/cpu.cfs_quota_us"))?, root.number(&format!("{folder}/cpu.cfs_period_us"))?)
 }

@@ -1,12 +1,12 @@
-//! The kernel: its version, when it can be interrupted, how much time it gives to real-time threads, and its clock.
+//! Checks of the kernel: version, preemption model, throttling of real-time threads, clock source.
 
 use super::check::{Level, MachineCheck, Subject};
 use super::sysfs::SysfsRoot;
 
-/// Oldest kernel that a run can do with: `pidfd_open`.
+/// Oldest kernel that a run supports: it has `pidfd_open`.
 const OLDEST: (u32, u32) = (5, 3);
 
-/// The kernel's version.
+/// Checks the kernel's version.
 pub(super) fn version(root: &SysfsRoot) -> MachineCheck {
     const WANTED: &str = "Linux 5.3 or newer";
     let Some(release) = root.text("/proc/sys/kernel/osrelease") else { return MachineCheck::unknown(Subject::Kernel, WANTED) };
@@ -16,17 +16,13 @@ pub(super) fn version(root: &SysfsRoot) -> MachineCheck {
             let level = if (major, minor) >= OLDEST { Level::Good } else { Level::Bad };
             MachineCheck::at(level, Subject::Kernel, format!("Linux {release}"), WANTED, "install a newer kernel")
         }
-        _ => MachineCheck::at(
-            Level::Unknown,
-            Subject::Kernel,
-            format!("a version that cannot be read: {release}"),
-            WANTED,
-            "run `uname -r`",
-        ),
+        _ => {
+            MachineCheck::at(Level::Unknown, Subject::Kernel, format!("an unknown version: {release}"), WANTED, "run `uname -r`")
+        }
     }
 }
 
-/// When the kernel can be interrupted.
+/// Checks the preemption model of the kernel.
 pub(super) fn preemption(root: &SysfsRoot) -> MachineCheck {
     const WANTED: &str = "PREEMPT_RT, else full preemption";
     const REALTIME: &str =
@@ -38,17 +34,17 @@ pub(super) fn preemption(root: &SysfsRoot) -> MachineCheck {
     if root.number::<u32>("/sys/kernel/realtime") == Some(1) || has("PREEMPT_RT") {
         return check(Level::Good, "PREEMPT_RT", "");
     }
-    // `none voluntary (full) lazy`, for root alone; else what was asked for at boot.
-    let now = root.text("/sys/kernel/debug/sched/preempt").and_then(|text| {
+    // `none voluntary (full) lazy`, readable only for root; else the boot parameter.
+    let present = root.text("/sys/kernel/debug/sched/preempt").and_then(|text| {
         let chosen = text.split_once('(')?.1.split_once(')')?.0;
         Some(chosen.to_owned())
     });
-    let asked = || {
+    let at_boot = || {
         let line = root.text("/proc/cmdline")?;
         let chosen = line.split_whitespace().filter_map(|word| word.strip_prefix("preempt=")).next_back()?;
         Some(chosen.to_owned())
     };
-    match now.or_else(asked).as_deref() {
+    match present.or_else(at_boot).as_deref() {
         Some("full") => return check(Level::Good, "full", ""),
         Some("lazy") => return check(Level::Fair, "lazy", FULL),
         Some(other @ ("voluntary" | "none")) => return check(Level::Bad, other, FULL),
@@ -57,15 +53,15 @@ pub(super) fn preemption(root: &SysfsRoot) -> MachineCheck {
     match &built {
         None => MachineCheck::unknown(Subject::Preemption, WANTED),
         Some(_) if has("PREEMPT_DYNAMIC") => {
-            let how = format!("{FULL}; that file says which one it is, once debugfs is mounted");
-            MachineCheck { level: Level::Unknown, ..check(Level::Fair, "chosen at boot (PREEMPT_DYNAMIC), not told which", &how) }
+            let how = format!("{FULL}; that file shows the model once debugfs is mounted");
+            MachineCheck { level: Level::Unknown, ..check(Level::Fair, "chosen at boot (PREEMPT_DYNAMIC), unknown which", &how) }
         }
         Some(_) if has("PREEMPT") => check(Level::Good, "full (PREEMPT)", ""),
         Some(_) => check(Level::Bad, "voluntary or none", REALTIME),
     }
 }
 
-/// How much of each second real-time threads may have.
+/// Checks the share of each period that real-time threads may use.
 pub(super) fn throttling(root: &SysfsRoot) -> MachineCheck {
     const WANTED: &str = "at least 90 % of each period, or no limit";
     const HOW: &str = "as root: `sysctl kernel.sched_rt_runtime_us=950000`";
@@ -81,15 +77,15 @@ pub(super) fn throttling(root: &SysfsRoot) -> MachineCheck {
                 p if p >= 50.0 => Level::Fair,
                 _ => Level::Bad,
             };
-            check(level, format!("real-time threads may have {percent:.0} % of each {:.0} ms", period as f64 / 1e3))
+            check(level, format!("real-time threads may use {percent:.0} % of each {:.0} ms", period as f64 / 1e3))
         }
         _ => MachineCheck::unknown(Subject::Throttling, WANTED),
     }
 }
 
-/// The kernel's source of time.
+/// Checks the clock source of the kernel.
 pub(super) fn clock(root: &SysfsRoot) -> MachineCheck {
-    const WANTED: &str = "one that is read without leaving the processor: tsc, kvm-clock, arch_sys_counter";
+    const WANTED: &str = "one that the processor reads without a bus access: tsc, kvm-clock, arch_sys_counter";
     const FOLDER: &str = "/sys/devices/system/clocksource/clocksource0";
     let Some(current) = root.text(&format!("{FOLDER}/current_clocksource")) else {
         return MachineCheck::unknown(Subject::Clock, WANTED);
@@ -104,7 +100,7 @@ pub(super) fn clock(root: &SysfsRoot) -> MachineCheck {
     let available = root.text(&format!("{FOLDER}/available_clocksource")).unwrap_or_default();
     let how = match available.split_whitespace().find(|name| ["tsc", "kvm-clock", "arch_sys_counter"].contains(name)) {
         Some(better) => format!("as root: `echo {better} > {FOLDER}/current_clocksource`"),
-        None => "boot with `clocksource=tsc tsc=reliable`; `dmesg | grep -i tsc` says why the kernel gave it up".to_owned(),
+        None => "boot with `clocksource=tsc tsc=reliable`; `dmesg | grep -i tsc` shows why the kernel rejected it".to_owned(),
     };
     MachineCheck::at(level, Subject::Clock, current, WANTED, how)
 }

@@ -1,14 +1,14 @@
-//! Counting how late a timer was.
+//! Counts of the lateness of a timer.
 
 use hapfic_log::metrics::Latencies;
 use hapfic_messages::PERIOD_NS;
 
-/// Periods without a command after which a drive brakes by itself.
-const BRAKES_AFTER: u64 = 3;
+/// Consecutive periods without a command after which a drive brakes by itself.
+pub(super) const BRAKE_PERIODS: u64 = 3;
 
-/// How late a timer was, and what that would have cost a run.
+/// Lateness of a timer, and its effects on a run.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Tally {
+pub(super) struct LatenessCounts {
     pub(super) lateness: Latencies,
     pub(super) ticks: u64,
     pub(super) over_100_us: u64,
@@ -18,8 +18,10 @@ pub(super) struct Tally {
     pub(super) brakes: u64,
 }
 
-impl Tally {
-    /// One tick that was so late, ns. Returns by how many periods time slips, as the plant's does: never a burst to catch up.
+impl LatenessCounts {
+    /// Adds a tick with its lateness [ns], and returns by how many periods the timebase slips.
+    ///
+    /// Like the plant, the timer skips lost periods; it never catches up.
     pub(super) fn record(&mut self, lateness_ns: u64) -> u64 {
         self.lateness.record(lateness_ns);
         self.ticks += 1;
@@ -28,7 +30,7 @@ impl Tally {
         self.over_1_ms += u64::from(lateness_ns > 1_000_000);
         let slipped = lateness_ns / PERIOD_NS;
         self.late_ticks += slipped;
-        self.brakes += u64::from(slipped >= BRAKES_AFTER);
+        self.brakes += u64::from(slipped >= BRAKE_PERIODS);
         slipped
     }
 }
@@ -38,14 +40,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_tick_counts_where_it_belongs() {
-        let mut tally = Tally::default();
+    fn record_each_lateness_counts_in_its_classes() {
+        let mut counts = LatenessCounts::default();
         let slipped: Vec<u64> = [0, 100_000, 100_001, 500_001, 999_999, 1_000_000, 1_000_001, 2_999_999, 3_000_000, 25_400_000]
             .into_iter()
-            .map(|lateness| tally.record(lateness))
+            .map(|lateness| counts.record(lateness))
             .collect();
         assert_eq!(slipped, [0, 0, 0, 0, 0, 1, 1, 2, 3, 25]);
-        assert_eq!((tally.ticks, tally.over_100_us, tally.over_500_us, tally.over_1_ms), (10, 8, 7, 4));
-        assert_eq!((tally.late_ticks, tally.brakes), (32, 2));
+        assert_eq!((counts.ticks, counts.over_100_us, counts.over_500_us, counts.over_1_ms), (10, 8, 7, 4));
+        assert_eq!((counts.late_ticks, counts.brakes), (32, 2));
     }
 }

@@ -1,10 +1,10 @@
-//! What the kernel does with memory behind one's back.
+//! Checks of the kernel's memory management: swap and huge pages.
 
 use super::check::{Level, MachineCheck, Subject};
 use super::process_info::ProcessInfo;
 use super::sysfs::SysfsRoot;
 
-/// Whether memory may be moved to a disk.
+/// Checks whether memory may be swapped out.
 pub(super) fn swap(root: &SysfsRoot, process_info: &ProcessInfo) -> MachineCheck {
     const WANTED: &str = "none, or memory locked";
     let Some(text) = root.text("/proc/swaps") else { return MachineCheck::unknown(Subject::Swap, WANTED) };
@@ -17,9 +17,9 @@ pub(super) fn swap(root: &SysfsRoot, process_info: &ProcessInfo) -> MachineCheck
     }
 }
 
-/// Whether pages are joined behind one's back.
+/// Checks whether the kernel merges pages to huge pages.
 pub(super) fn huge_pages(root: &SysfsRoot) -> MachineCheck {
-    const WANTED: &str = "madvise or never: joining pages stops whoever uses them";
+    const WANTED: &str = "madvise or never: merging pages stops the threads that use them";
     const FILE: &str = "/sys/kernel/mm/transparent_hugepage/enabled";
     let Some(text) = root.text(FILE) else { return MachineCheck::unknown(Subject::HugePages, WANTED) };
     let chosen = text.split_once('[').and_then(|(_, rest)| rest.split_once(']')).map(|(chosen, _)| chosen);

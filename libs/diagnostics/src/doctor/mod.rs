@@ -1,6 +1,6 @@
-//! Whether a machine is good enough for 1 kHz: what it says of itself, a measurement, and one verdict.
+//! Examination of a machine for 1 kHz: checks of its configuration, a measurement, and one verdict.
 //!
-//! The checks are read through a root folder, so that a made-up machine can be looked at as well as this one. The verdict is a pure
+//! The checks read files below a root folder, so that tests can examine synthetic machines. The verdict is a pure
 //! function of checks and measurement.
 
 mod change;
@@ -29,18 +29,18 @@ pub use verdict::{Evaluation, Grade, evaluate};
 
 use serde::Serialize;
 
-/// All there is to say about a machine.
+/// Examination of a machine.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Examination {
-    /// The judgement, and what to change.
+    /// Verdict, and recommended changes.
     pub verdict: Evaluation,
-    /// What was measured.
+    /// Measurement of the timer and the wake-ups.
     pub measured: Measurement,
-    /// What the machine says of itself.
+    /// Checks of the configuration.
     pub checks: MachineChecks,
 }
 
-/// Everything the machine says of itself, in the order in which it is told.
+/// Checks the configuration of the machine, in the order of the report.
 #[must_use]
 pub fn checks(root: &SysfsRoot, process_info: &ProcessInfo) -> MachineChecks {
     MachineChecks(vec![

@@ -1,4 +1,4 @@
-//! What the kernel tells this process about itself: its permissions, limits and cores.
+//! Checks of this process: its permissions, limits and cores.
 
 use super::check::{Level, MachineCheck, Subject};
 use hapfic_ipc::realtime::{self, Privilege};
@@ -6,36 +6,36 @@ use rustix::process::{Resource, getrlimit};
 use rustix::thread::CpuSet;
 use rustix::time::{ClockId, clock_getres};
 
-/// All that the segments of one run are large, bytes: 42 MB by `du --apparent-size`, in 92 files.
-const RUN_LAID_OUT: u64 = 48 << 20;
-/// What a run has touched of them after some seconds is 1.4 MB; more when its recorder falls behind, bytes.
-const RUN_TOUCHES: u64 = 8 << 20;
-/// Files that a supervisor has open when all have joined, and room for what comes with those that are started again.
+/// Size of the segments of one run [bytes]: 42 MB by `du --apparent-size`, in 92 files.
+const RUN_SEGMENTS: u64 = 48 << 20;
+/// Part of them that a run uses [bytes]: 1.4 MB after some seconds, more when its recorder falls behind.
+const RUN_USES: u64 = 8 << 20;
+/// Open files of a supervisor with all processes connected, and margin for restarted processes.
 const FILES_NEEDED: u64 = 300;
 const FILES_WANTED: u64 = 1024;
-/// Coarsest timer that is good for periods of 1 ms, ns.
+/// Coarsest timer resolution for periods of 1 ms [ns].
 const COARSEST_NS: u64 = 10_000;
 const MB: f64 = 1e6;
 
-/// What is told to the process that asks.
+/// Permissions, limits and cores of this process.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ProcessInfo {
-    /// Cores it may use, ascending.
+    /// Usable cores, ascending.
     pub cores: Vec<usize>,
-    /// The core that a run would take.
+    /// Core that a run would take.
     pub core: Option<usize>,
-    /// What it may, as `hapfic run` finds it.
+    /// Privileges, as `hapfic run` finds them.
     pub privileges: Vec<Privilege>,
-    /// Step of the monotonic clock's timers, ns.
+    /// Resolution of the monotonic clock's timers [ns].
     pub resolution_ns: u64,
-    /// Files it may have open; none: any number.
+    /// Limit of open files; `None`: no limit.
     pub open_files: Option<u64>,
-    /// Size of the shared memory and what is free of it, bytes.
+    /// Size and free part of the shared memory [bytes].
     pub shared_memory: Option<(u64, u64)>,
 }
 
 impl ProcessInfo {
-    /// Asks, for a run at a highest priority that has others beside it on this machine.
+    /// Queries the kernel, for a run with this highest priority beside `others` other runs.
     #[must_use]
     pub fn ask(priority: u32, others: usize) -> Self {
         let set = rustix::thread::sched_getaffinity(None);
@@ -65,7 +65,7 @@ impl ProcessInfo {
         self.may(Subject::MemoryLock.name())
     }
 
-    /// Whether deep idle states may be held off.
+    /// Whether deep idle states may be disabled.
     pub(super) fn may_hold_idle(&self) -> bool {
         self.may(Subject::CpuLatencyGuard.name())
     }
@@ -78,22 +78,22 @@ impl ProcessInfo {
         }
     }
 
-    /// Whether threads may have a real-time priority.
+    /// Checks whether threads may have a real-time priority.
     pub(super) fn priority(&self) -> MachineCheck {
-        self.permission(Subject::Priority, Level::Bad, "allowed: else every other program goes first at times")
+        self.permission(Subject::Priority, Level::Bad, "allowed: else any other program may delay a tick")
     }
 
-    /// Whether memory may be locked.
+    /// Checks whether memory may be locked.
     pub(super) fn memory_lock(&self) -> MachineCheck {
         self.permission(Subject::MemoryLock, Level::Bad, "allowed: else a tick may wait for a page")
     }
 
-    /// Whether deep idle states may be held off.
+    /// Checks whether deep idle states may be disabled.
     pub(super) fn idle_hold(&self) -> MachineCheck {
         self.permission(Subject::CpuLatencyGuard, Level::Fair, "allowed: else the processor wakes up late")
     }
 
-    /// How finely timers go off.
+    /// Checks the resolution of timers.
     pub(super) fn resolution(&self) -> MachineCheck {
         let level = if self.resolution_ns <= COARSEST_NS { Level::Good } else { Level::Bad };
         let found = format!("{} ns", self.resolution_ns);
@@ -101,13 +101,13 @@ impl ProcessInfo {
         MachineCheck::at(level, Subject::Resolution, found, "10 us or finer", how)
     }
 
-    /// Room in shared memory.
+    /// Checks the free shared memory.
     pub(super) fn shared_memory(&self) -> MachineCheck {
-        const WANTED: &str = "48 MB free for each run; it touches 2 MB of them, 8 MB with its recorder behind";
+        const WANTED: &str = "48 MB free for each run; it uses 2 MB of them, 8 MB with its recorder behind";
         let Some((size, free)) = self.shared_memory else { return MachineCheck::unknown(Subject::SharedMemory, WANTED) };
         let level = match free {
-            free if free < RUN_TOUCHES => Level::Bad,
-            free if free < RUN_LAID_OUT => Level::Fair,
+            free if free < RUN_USES => Level::Bad,
+            free if free < RUN_SEGMENTS => Level::Fair,
             _ => Level::Good,
         };
         let found = format!("{:.0} MB free of {:.0}", free as f64 / MB, size as f64 / MB);
@@ -115,7 +115,7 @@ impl ProcessInfo {
         MachineCheck::at(level, Subject::SharedMemory, found, WANTED, how)
     }
 
-    /// How many files may be open.
+    /// Checks the limit of open files.
     pub(super) fn open_files(&self) -> MachineCheck {
         const WANTED: &str = "1024 or more; a run has some 270 open";
         let level = match self.open_files {
@@ -136,7 +136,7 @@ mod tests {
     use hapfic_messages::{Command, Event, Operator, Reference, Request, State, Timing};
 
     #[test]
-    fn this_process_is_told_something() {
+    fn process_info_query_has_all_privileges() {
         let process_info = ProcessInfo::ask(80, 0);
         assert!(process_info.core.is_none_or(|core| process_info.cores.contains(&core)));
         for subject in [Subject::Priority, Subject::MemoryLock, Subject::CpuLatencyGuard] {
@@ -145,20 +145,20 @@ mod tests {
         assert!(process_info.resolution_ns > 0);
     }
 
-    /// Fails when messages have grown so much that the constant has to be measured again.
+    /// Fails when messages have grown so much that the constant must be measured again.
     #[test]
-    fn the_messages_of_a_run_fit_into_what_is_said_to_be_needed() {
-        // For each of twelve subscribers a full queue; plant and planner have the supervisor as a second publisher.
+    fn run_messages_fit_into_needed_memory() {
+        // A full queue for each of twelve subscribers; the supervisor is a second publisher beside plant and planner.
         let queue = 12 * (RECORDER_DEPTH + 2);
         let singles = size_of::<Command>() + size_of::<Operator>();
         let pairs = 2 * (size_of::<State>() + size_of::<Reference>() + size_of::<Request>());
         let all = TIMING.publishers / 2 * (size_of::<Event>() + size_of::<Timing>());
         let bytes = (queue * (singles + pairs + all)) as u64;
-        assert!(bytes < RUN_LAID_OUT && bytes > RUN_LAID_OUT / 2, "{bytes} bytes of messages");
+        assert!(bytes < RUN_SEGMENTS && bytes > RUN_SEGMENTS / 2, "{bytes} bytes of messages");
     }
 
     #[test]
-    fn limits_that_a_run_would_hit_are_bad() {
+    fn limits_below_needs_of_run_are_bad() {
         let process_info = |free: u64, files: Option<u64>| ProcessInfo {
             cores: vec![0],
             core: Some(0),

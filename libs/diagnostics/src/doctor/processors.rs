@@ -1,17 +1,17 @@
-//! The processors: which may be used, who else uses them, how deep they sleep and how fast they run.
+//! Checks of the processors: usable cores, their other users, idle states and frequency.
 
 use super::check::{Level, MachineCheck, Subject};
 use super::process_info::ProcessInfo;
 use super::sysfs::{SysfsRoot, core_list, ranges};
 
 const CPUS: &str = "/sys/devices/system/cpu";
-/// Exit latencies up to which an idle state costs little, and from which it costs a lot, us.
+/// Exit latencies up to which an idle state costs little, and from which it costs much [us].
 const QUICK_US: u64 = 20;
 const SLOW_US: u64 = 100;
 
-/// The processors this process may use.
+/// Checks the cores that this process may use.
 pub(super) fn cores(root: &SysfsRoot, process_info: &ProcessInfo) -> MachineCheck {
-    const WANTED: &str = "two or more, so that the standby has one of its process_info";
+    const WANTED: &str = "two or more, so that the standby has a core of its own";
     let online = root.text(&format!("{CPUS}/online")).map(|text| core_list(&text).len()).filter(|count| *count > 0);
     let of = online.map_or(String::new(), |count| format!(" of {count}"));
     let run = process_info.core.map_or("any".to_owned(), |core| core.to_string());
@@ -32,9 +32,9 @@ pub(super) fn cores(root: &SysfsRoot, process_info: &ProcessInfo) -> MachineChec
     }
 }
 
-/// Whether the run's core is kept free of others.
+/// Checks whether the run's core is isolated from other processes.
 pub(super) fn isolation(root: &SysfsRoot, process_info: &ProcessInfo) -> MachineCheck {
-    const WANTED: &str = "the run's core isolated, without ticks of its process_info (nohz_full)";
+    const WANTED: &str = "the run's core isolated, without ticks of its own (nohz_full)";
     let list = |name: &str| root.text(&format!("{CPUS}/{name}")).map(|text| core_list(&text));
     let (Some(isolated), Some(core)) = (list("isolated"), process_info.core) else {
         return MachineCheck::unknown(Subject::Isolation, WANTED);
@@ -42,11 +42,11 @@ pub(super) fn isolation(root: &SysfsRoot, process_info: &ProcessInfo) -> Machine
     let quiet = list("nohz_full").unwrap_or_default();
     let check = |level, found: String, how: String| MachineCheck::at(level, Subject::Isolation, found, WANTED, how);
     if isolated.contains(&core) {
-        let tick = if quiet.contains(&core) { ", without a tick of its process_info" } else { "" };
+        let tick = if quiet.contains(&core) { ", without ticks of its own" } else { "" };
         return check(Level::Good, format!("{}{tick}; the run's core {core} is one", ranges(&isolated)), String::new());
     }
     if isolated.is_empty() {
-        // The first core has the machine's housekeeping, the only one everybody.
+        // The first core does the machine's housekeeping; a single core runs all processes.
         let how = match process_info.cores.iter().any(|&other| other < core) {
             true => format!(
                 "boot with `isolcpus={core} nohz_full={core} rcu_nocbs={core}` and run under `taskset -c {}`",
@@ -63,9 +63,9 @@ pub(super) fn isolation(root: &SysfsRoot, process_info: &ProcessInfo) -> Machine
     check(Level::Fair, format!("{}; the run's core {core} is none", ranges(&isolated)), how)
 }
 
-/// Whether the run's core shares its units with another one.
+/// Checks whether the run's core shares its execution units with another one.
 pub(super) fn siblings(root: &SysfsRoot, process_info: &ProcessInfo) -> MachineCheck {
-    const WANTED: &str = "nobody else on the run's physical core";
+    const WANTED: &str = "no other process on the run's physical core";
     let Some(core) = process_info.core else { return MachineCheck::unknown(Subject::Siblings, WANTED) };
     let Some(text) = root.text(&format!("{CPUS}/cpu{core}/topology/thread_siblings_list")) else {
         return MachineCheck::unknown(Subject::Siblings, WANTED);
@@ -76,16 +76,16 @@ pub(super) fn siblings(root: &SysfsRoot, process_info: &ProcessInfo) -> MachineC
         Some(first) => MachineCheck::at(
             Level::Fair,
             Subject::Siblings,
-            format!("the run's core {core} shares its units with {}", ranges(&others)),
+            format!("the run's core {core} shares its execution units with {}", ranges(&others)),
             WANTED,
             format!("as root: `echo 0 > {CPUS}/cpu{first}/online`, or `echo off > {CPUS}/smt/control`"),
         ),
     }
 }
 
-/// How long the run's core takes to leave its deepest sleep.
+/// Checks the exit latency of the deepest idle state of the run's core.
 pub(super) fn idle_states(root: &SysfsRoot, process_info: &ProcessInfo) -> MachineCheck {
-    const WANTED: &str = "out of the deepest state in use within 20 us";
+    const WANTED: &str = "at most 20 us to leave the deepest state in use";
     let folder = format!("{CPUS}/cpu{}/cpuidle", process_info.core.unwrap_or(0));
     let worst = root
         .numbered(&folder, "state")
@@ -97,7 +97,7 @@ pub(super) fn idle_states(root: &SysfsRoot, process_info: &ProcessInfo) -> Machi
     let name = root.text(&format!("{folder}/state{state}/name")).unwrap_or_else(|| format!("state {state}"));
     let found = format!("{latency} us to leave {name}, the deepest");
     if process_info.may_hold_idle() {
-        return MachineCheck::good(Subject::IdleStates, format!("{found}; held off during a run"), WANTED);
+        return MachineCheck::good(Subject::IdleStates, format!("{found}; disabled during a run"), WANTED);
     }
     let level = match latency {
         us if us <= QUICK_US => Level::Good,
@@ -108,7 +108,7 @@ pub(super) fn idle_states(root: &SysfsRoot, process_info: &ProcessInfo) -> Machi
     MachineCheck::at(level, Subject::IdleStates, found, WANTED, how)
 }
 
-/// What sets the run's core's frequency.
+/// Checks the frequency governor of the run's core.
 pub(super) fn governor(root: &SysfsRoot, process_info: &ProcessInfo) -> MachineCheck {
     const WANTED: &str = "performance";
     let file = format!("{CPUS}/cpu{}/cpufreq/scaling_governor", process_info.core.unwrap_or(0));
@@ -118,14 +118,14 @@ pub(super) fn governor(root: &SysfsRoot, process_info: &ProcessInfo) -> MachineC
         "powersave" => Level::Bad,
         _ => Level::Fair,
     };
-    // Drivers that decide in hardware call their usual mode so; it does clock up.
+    // In drivers with hardware control `powersave` is the usual mode, and does raise the frequency.
     let active = ["intel_pstate", "amd-pstate-epp"];
     let driver = root.text(&format!("{CPUS}/cpu{}/cpufreq/scaling_driver", process_info.core.unwrap_or(0))).unwrap_or_default();
     let level = if level == Level::Bad && active.contains(&driver.as_str()) { Level::Fair } else { level };
     MachineCheck::at(level, Subject::Governor, governor, WANTED, "as root: `cpupower frequency-set -g performance`")
 }
 
-/// Whether the frequency may rise above the nominal one; no reason for anything by itself.
+/// Reports whether the frequency may rise above the nominal one; never a shortcoming.
 pub(super) fn turbo(root: &SysfsRoot) -> MachineCheck {
     const WANTED: &str = "either; off is steadier, on is faster";
     let no_turbo: Option<u32> = root.number(&format!("{CPUS}/intel_pstate/no_turbo"));

@@ -1,4 +1,4 @@
-//! Made-up machines for tests.
+//! Synthetic machines for tests.
 
 use super::check::{Level, MachineCheck, MachineChecks, Subject};
 use super::measure::Measurement;
@@ -34,13 +34,13 @@ const SUBJECTS: [Subject; 22] = [
     Subject::HugePages,
 ];
 
-/// Every check at one level.
+/// Makes every check at one level.
 pub(super) fn all_at(level: Level) -> MachineChecks {
     let check = |subject| MachineCheck::at(level, subject, "found", "wanted", "how");
     MachineChecks(SUBJECTS.map(check).to_vec())
 }
 
-/// The same with one check at another level.
+/// Copies the checks, with one at another level.
 pub(super) fn with(checks: &MachineChecks, subject: Subject, level: Level) -> MachineChecks {
     let changed = checks.0.iter().map(|check| match check.subject == subject {
         true => MachineCheck::at(level, subject, "found", "wanted", "how"),
@@ -49,7 +49,7 @@ pub(super) fn with(checks: &MachineChecks, subject: Subject, level: Level) -> Ma
     MachineChecks(changed.collect())
 }
 
-/// Ten seconds as on a machine made for it.
+/// Ten seconds on a real-time machine.
 pub(super) fn good_measurement() -> Measurement {
     let quantiles = Quantiles { p50: 3.0, p99: 8.0, p999: 15.0, max: 25.0 };
     Measurement {
@@ -74,7 +74,7 @@ pub(super) fn good_measurement() -> Measurement {
     }
 }
 
-/// Ten seconds as on somebody else's machine; not a word of steal.
+/// Ten seconds on a shared machine that reports no steal time.
 pub(super) fn late_measurement() -> Measurement {
     Measurement {
         lateness_us: Quantiles { p50: 55.0, p99: 400.0, p999: 4_000.0, max: 9_000.0 },
@@ -171,7 +171,7 @@ fn levels(checks: &MachineChecks) -> Vec<(Subject, Level)> {
 }
 
 #[test]
-fn a_machine_made_for_it_is_good_throughout() {
+fn checks_realtime_machine_are_good() {
     let (_folder, root) = tree(GOOD);
     let found = checks(&root, &process_info(true, 4));
     assert_eq!(levels(&found), SUBJECTS.map(|subject| (subject, Level::Good)));
@@ -180,7 +180,7 @@ fn a_machine_made_for_it_is_good_throughout() {
 }
 
 #[test]
-fn a_bad_virtual_machine_is_told_so_fact_by_fact() {
+fn checks_bad_virtual_machine_have_instructions() {
     let (_folder, root) = tree(BAD);
     let found = checks(&root, &process_info(false, 2));
     let good = [Subject::Resolution, Subject::Cores, Subject::Turbo, Subject::SharedMemory, Subject::OpenFiles];
@@ -189,42 +189,42 @@ fn a_bad_virtual_machine_is_told_so_fact_by_fact() {
         assert!(check.level == Level::Good || check.how.as_ref().is_some_and(|how| !how.is_empty()), "{check:?}");
     }
     let text = |subject| found.get(subject).map(|check| format!("{} / {}", check.found, check.how.as_deref().unwrap_or("")));
-    let says = |subject, expected: &str| assert!(text(subject).unwrap().contains(expected), "{:?}", text(subject));
-    says(Subject::Quota, "1.50 cores");
-    says(Subject::IdleStates, "133 us");
-    says(Subject::Clock, "echo kvm-clock");
-    says(Subject::Hypervisor, "QEMU");
-    says(Subject::Steal, "4.17 %");
-    says(Subject::Siblings, "cpu0/online");
-    says(Subject::Isolation, "isolcpus=1");
+    let contains = |subject, expected: &str| assert!(text(subject).unwrap().contains(expected), "{:?}", text(subject));
+    contains(Subject::Quota, "1.50 cores");
+    contains(Subject::IdleStates, "133 us");
+    contains(Subject::Clock, "echo kvm-clock");
+    contains(Subject::Hypervisor, "QEMU");
+    contains(Subject::Steal, "4.17 %");
+    contains(Subject::Siblings, "cpu0/online");
+    contains(Subject::Isolation, "isolcpus=1");
 }
 
 #[test]
-fn a_kernel_that_tells_nothing_is_believed() {
+fn checks_silent_kernel_are_unknown() {
     let (_folder, root) = tree(&[]);
     let silent =
         ProcessInfo { cores: Vec::new(), core: None, privileges: Vec::new(), shared_memory: None, ..process_info(false, 0) };
     for check in checks(&root, &silent).0 {
-        let told = [Subject::Resolution, Subject::OpenFiles].contains(&check.subject);
-        assert_eq!(check.level, if told { Level::Good } else { Level::Unknown }, "{check:?}");
-        assert!(told || check.found == "not told by this kernel");
+        let known = [Subject::Resolution, Subject::OpenFiles].contains(&check.subject);
+        assert_eq!(check.level, if known { Level::Good } else { Level::Unknown }, "{check:?}");
+        assert!(known || check.found == "not reported by this kernel");
     }
 }
 
-/// Whatever is in the files: a check, and no panic.
+/// Any content of the files gives all checks, without a panic.
 #[test]
-fn nonsense_in_files_is_a_fact_like_others() {
-    for nonsense in
+fn checks_invalid_files_do_not_panic() {
+    for invalid in
         ["", "\0\u{fffd}", "-1", "99999999999999999999999", "a:b:c", "NaN", "0::\n1:cpu", "[", "cpu 1 2", "max", "max max"]
     {
-        let files: Vec<(&str, &str)> = GOOD.iter().chain(BAD).map(|(path, _)| (*path, nonsense)).collect();
+        let files: Vec<(&str, &str)> = GOOD.iter().chain(BAD).map(|(path, _)| (*path, invalid)).collect();
         let (_folder, root) = tree(&files);
         assert_eq!(checks(&root, &process_info(true, 4)).0.len(), SUBJECTS.len());
     }
 }
 
 #[test]
-fn preemption_is_what_the_kernel_says_first_and_what_was_asked_for_at_boot_next() {
+fn preemption_kernel_file_precedes_boot_parameter() {
     let level = |files: &[(&str, &str)]| {
         let (_folder, root) = tree(files);
         let found = checks(&root, &process_info(true, 1));
@@ -232,16 +232,16 @@ fn preemption_is_what_the_kernel_says_first_and_what_was_asked_for_at_boot_next(
         (check.level, check.found.clone())
     };
     let dynamic = ("proc/sys/kernel/version", "#1 SMP PREEMPT_DYNAMIC x");
-    let now = |text| ("sys/kernel/debug/sched/preempt", text);
+    let present = |text| ("sys/kernel/debug/sched/preempt", text);
     let boot = ("proc/cmdline", "quiet preempt=none preempt=voluntary");
     let case = |files: &[(&str, &str)], expected: Level, what: &str| {
-        let (found, said) = level(files);
-        assert!(found == expected && said.contains(what), "{found:?} {said}");
+        let (found, text) = level(files);
+        assert!(found == expected && text.contains(what), "{found:?} {text}");
     };
-    case(&[dynamic, boot, now("none voluntary (full) lazy")], Level::Good, "full");
-    case(&[dynamic, boot, now("none voluntary full (lazy)")], Level::Fair, "lazy");
+    case(&[dynamic, boot, present("none voluntary (full) lazy")], Level::Good, "full");
+    case(&[dynamic, boot, present("none voluntary full (lazy)")], Level::Fair, "lazy");
     case(&[dynamic, boot], Level::Bad, "voluntary");
-    case(&[dynamic], Level::Unknown, "not told which");
+    case(&[dynamic], Level::Unknown, "unknown which");
     case(&[("proc/sys/kernel/version", "#1 SMP PREEMPT x")], Level::Good, "full");
     case(&[("proc/sys/kernel/version", "#1 SMP x")], Level::Bad, "none");
     case(&[("sys/kernel/realtime", "1")], Level::Good, "PREEMPT_RT");

@@ -1,4 +1,4 @@
-//! An examination for the terminal.
+//! Text of an examination for the terminal.
 
 use super::Examination;
 use super::check::Level;
@@ -7,7 +7,7 @@ use hapfic_log::metrics::Quantiles;
 use std::fmt::Write;
 
 impl Examination {
-    /// For the terminal.
+    /// Formats the examination for the terminal.
     #[must_use]
     pub fn text(&self) -> String {
         let mut out = String::new();
@@ -17,7 +17,7 @@ impl Examination {
     }
 
     fn write(&self, out: &mut String) -> std::fmt::Result {
-        writeln!(out, "what this machine says of itself:")?;
+        writeln!(out, "checks of this machine:")?;
         for check in &self.checks.0 {
             writeln!(out, "  {:<18} {:<6} {}", check.subject.name(), check.level.mark(), check.found)?;
             if check.level != Level::Good {
@@ -30,16 +30,16 @@ impl Examination {
         self.measured.write(out)?;
         let verdict = &self.verdict;
         writeln!(out, "verdict: {}", verdict.line)?;
-        // The first reason against a machine is in the line.
-        let said = |reason: &&String| !verdict.line.ends_with(reason.as_str());
-        for reason in verdict.reasons.iter().filter(said) {
+        // The line already has the first reason against a machine.
+        let is_new = |reason: &&String| !verdict.line.ends_with(reason.as_str());
+        for reason in verdict.reasons.iter().filter(is_new) {
             writeln!(out, "  also: {reason}")?;
         }
         if !verdict.changes.is_empty() {
             writeln!(out, "what to change, most effective first:")?;
         }
-        for (place, change) in verdict.changes.iter().enumerate() {
-            writeln!(out, "  {}. {}: {}", place + 1, change.subject.name(), change.why)?;
+        for (index, change) in verdict.changes.iter().enumerate() {
+            writeln!(out, "  {}. {}: {}", index + 1, change.subject.name(), change.why)?;
             writeln!(out, "     {}", change.how)?;
         }
         Ok(())
@@ -50,7 +50,7 @@ impl Measurement {
     fn write(&self, out: &mut String) -> std::fmt::Result {
         let scheduler = match self.fifo {
             true => format!("SCHED_FIFO {}", self.priority),
-            false => "SCHED_OTHER, as no real-time priority is allowed".to_owned(),
+            false => "SCHED_OTHER, since no real-time priority is allowed".to_owned(),
         };
         let core = self.core.map_or("any core".to_owned(), |core| format!("core {core}"));
         let memory = if self.locked { "memory locked" } else { "memory not locked" };
@@ -64,7 +64,7 @@ impl Measurement {
         )?;
         writeln!(
             out,
-            "  ticks              {}; more than 100 us late {}, 500 us {}, 1 ms {}; {} periods lost, three or more at once {}",
+            "  ticks              {}; more than 100 us late {}, 500 us {}, 1 ms {}; {} periods lost, three or more in a row {}",
             self.ticks,
             self.over_100_us,
             self.over_500_us,
@@ -83,13 +83,13 @@ impl Measurement {
             wake(&self.wake_same_core_us),
             wake(&self.wake_other_core_us)
         )?;
-        let told = |value: Option<u64>| value.map_or("an unknown number of".to_owned(), |value| value.to_string());
+        let count = |value: Option<u64>| value.map_or("an unknown number of".to_owned(), |value| value.to_string());
         writeln!(
             out,
-            "  meanwhile          {} ms of the core stolen by the host; {} page faults; {} interrupts by devices",
-            told(self.steal_ms),
+            "  meanwhile          {} ms steal time of the core; {} page faults; {} interrupts by devices",
+            count(self.steal_ms),
             self.page_faults,
-            told(self.interrupts)
+            count(self.interrupts)
         )
     }
 }
@@ -107,14 +107,14 @@ mod tests {
     }
 
     #[test]
-    fn a_good_machine_is_told_in_few_lines() {
+    fn text_good_machine_has_no_changes() {
         let text = examination(Level::Good, good_measurement()).text();
         assert!(text.contains("SCHED_FIFO 80") && text.contains("verdict: good: 1 kHz with margin"), "{text}");
         assert!(!text.contains("what to change") && !text.contains("how:") && !text.contains("also:"), "{text}");
     }
 
     #[test]
-    fn a_bad_machine_is_told_what_is_wanted_and_how_to_get_it() {
+    fn text_bad_machine_has_wanted_values_and_instructions() {
         let measured = Measurement { fifo: false, core: None, steal_ms: None, wake_other_core_us: None, ..late_measurement() };
         let text = examination(Level::Bad, measured).text();
         for expected in ["SCHED_OTHER", "any core", "wanted: ", "how: ", "another core none", "  5. ", "an unknown number of ms"]
@@ -125,7 +125,7 @@ mod tests {
     }
 
     #[test]
-    fn programs_get_one_object_with_everything() {
+    fn json_of_examination_has_verdict_checks_and_measurement() {
         let json = serde_json::to_value(examination(Level::Bad, late_measurement())).unwrap();
         assert_eq!(json["verdict"]["grade"], "not_good");
         assert_eq!(json["checks"][0]["subject"], "kernel");

@@ -1,23 +1,23 @@
-//! One verdict, by rules: whether a machine is good enough for 1 kHz.
+//! Verdict on a machine for 1 kHz, by rules.
 
-use super::change::{Change, changes};
+use super::change::{RecommendedChange, changes};
 use super::check::{Level, MachineChecks, Subject};
 use super::measure::Measurement;
 use serde::Serialize;
 
-/// Late ticks a minute above which a run is no use to a robot.
-const MOST_LATE_PER_MINUTE: f64 = 60.0;
-/// Lateness that every hundredth tick may have, us: half a period.
-const P99_AT_MOST_US: f64 = 500.0;
-/// Lateness up to which there is a margin, us: of the longest, and of every thousandth tick.
+/// Maximum of late ticks a minute for a real robot.
+const MAX_LATE_PER_MINUTE: f64 = 60.0;
+/// Maximum of the 99th percentile of the lateness [us]: half a period.
+const MAX_P99_US: f64 = 500.0;
+/// Maximum lateness, and its 99.9th percentile, up to which there is a margin [us].
 const MARGIN_US: f64 = 500.0;
 const MARGIN_P999_US: f64 = 200.0;
-/// Threads that are woken one after the other from state to command: controller, gate, plant.
+/// Number of consecutive wake-ups from state to command: controller, gate, plant.
 const WAKE_UPS: f64 = 3.0;
-/// From state to command at most, us; the setting `supervisor.deadline_us`. Half of it leaves a margin.
+/// Deadline from state to command [us]: the setting `supervisor.deadline_us`. Half of it leaves a margin.
 const DEADLINE_US: f64 = 800.0;
 
-/// How good a machine is.
+/// Grade of a machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Grade {
@@ -29,40 +29,42 @@ pub enum Grade {
     NotGood,
 }
 
-/// The judgement.
+/// Verdict on a machine.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Evaluation {
-    /// How good the machine is.
+    /// Grade of the machine.
     pub grade: Grade,
-    /// The same in one line.
+    /// Verdict in one line.
     pub line: String,
-    /// All that keeps it from being better.
+    /// Reasons against a better grade.
     pub reasons: Vec<String>,
-    /// Late ticks a minute, as measured.
+    /// Measured late ticks a minute.
     pub late_ticks_per_minute: f64,
-    /// Where none was measured: fewer than so many a minute, with 95 % certainty.
+    /// Upper bound of late ticks a minute with 95 % certainty, if none was measured.
     pub late_ticks_per_minute_below: Option<f64>,
-    /// What to change, most effective first; five at most.
-    pub changes: Vec<Change>,
+    /// Recommended changes, most effective first; five at most.
+    pub changes: Vec<RecommendedChange>,
 }
 
-/// Judges.
+/// Evaluates checks and measurement.
 ///
-/// Not good: a run cannot start, there is no real-time priority, the timer is too coarse, a drive would have braked by itself (three
-/// periods lost at once), more than 60 late ticks a minute, every hundredth tick half a period late, or waking three threads takes
-/// longer than the deadline. Usable: any late tick, the longest lateness above 500 us or every thousandth above 200 us, memory not
-/// locked, or waking three threads takes more than half the deadline. Else good.
+/// - Not good: a run cannot start, there is no real-time priority, the timer is too coarse, a drive would have braked
+///   by itself (three periods lost in a row), more than 60 late ticks a minute, p99 of the lateness above half a
+///   period, or three wake-ups take longer than the deadline.
+/// - Usable: any late tick, maximum lateness above 500 us or p99.9 above 200 us, memory not locked, or three wake-ups
+///   take more than half the deadline.
+/// - Good: none of these.
 #[must_use]
 pub fn evaluate(checks: &MachineChecks, measured: &Measurement) -> Evaluation {
     let minutes = measured.seconds / 60.0;
     let per_minute = if minutes > 0.0 { measured.late_ticks as f64 / minutes } else { 0.0 };
-    // The rule of three: what was not seen in a time is rarer than three in that time, with 95 % certainty.
+    // Rule of three: an event without occurrence has a rate below 3 / duration, with 95 % certainty.
     let below = (measured.late_ticks == 0 && minutes > 0.0).then(|| 3.0 / minutes);
-    let against = against(checks, measured, per_minute);
-    let short = shortcomings(measured, per_minute);
-    let (grade, reasons) = match (against.is_empty(), short.is_empty()) {
-        (false, _) => (Grade::NotGood, against),
-        (true, false) => (Grade::Usable, short),
+    let defects = defects(checks, measured, per_minute);
+    let shortcomings = shortcomings(measured, per_minute);
+    let (grade, reasons) = match (defects.is_empty(), shortcomings.is_empty()) {
+        (false, _) => (Grade::NotGood, defects),
+        (true, false) => (Grade::Usable, shortcomings),
         (true, true) => (Grade::Good, Vec::new()),
     };
     let none = match below {
@@ -85,37 +87,37 @@ pub fn evaluate(checks: &MachineChecks, measured: &Measurement) -> Evaluation {
     }
 }
 
-/// What makes a machine unfit, worst first.
-fn against(checks: &MachineChecks, m: &Measurement, per_minute: f64) -> Vec<String> {
+/// Lists the reasons for the grade "not good", worst first.
+fn defects(checks: &MachineChecks, m: &Measurement, per_minute: f64) -> Vec<String> {
     let bad = |subject| checks.get(subject).filter(|check| check.level == Level::Bad);
     let mut all = Vec::new();
     for subject in [Subject::Kernel, Subject::SharedMemory, Subject::OpenFiles] {
         if let Some(check) = bad(subject) {
-            all.push(format!("a run needs more than it finds ({}: {}; wanted: {})", subject.name(), check.found, check.wanted));
+            all.push(format!("a run cannot start ({}: found {}, wanted: {})", subject.name(), check.found, check.wanted));
         }
     }
     if m.brakes > 0 {
-        all.push(format!("a drive would have braked {} in {:.0} s (three periods lost at once)", times(m.brakes), m.seconds));
+        all.push(format!("a drive would have braked {} in {:.0} s (three periods lost in a row)", times(m.brakes), m.seconds));
     }
-    if per_minute > MOST_LATE_PER_MINUTE {
-        all.push(format!("{per_minute:.0} late ticks a minute, expected {MOST_LATE_PER_MINUTE:.0} at most"));
+    if per_minute > MAX_LATE_PER_MINUTE {
+        all.push(format!("{per_minute:.0} late ticks a minute, expected {MAX_LATE_PER_MINUTE:.0} at most"));
     }
-    if m.lateness_us.p99 > P99_AT_MOST_US {
-        all.push(format!("every hundredth tick is {:.0} us late, expected {P99_AT_MOST_US:.0} at most", m.lateness_us.p99));
+    if m.lateness_us.p99 > MAX_P99_US {
+        all.push(format!("lateness p99 is {:.0} us, expected {MAX_P99_US:.0} at most", m.lateness_us.p99));
     }
     if let Some(chain) = chain_us(m).filter(|chain| *chain > DEADLINE_US) {
-        all.push(format!("waking three threads takes {chain:.0} us at times, expected {DEADLINE_US:.0} at most"));
+        all.push(format!("three wake-ups take {chain:.0} us (p99), expected {DEADLINE_US:.0} at most"));
     }
     if let Some(check) = bad(Subject::Resolution) {
-        all.push(format!("its timers go off in steps of {}, expected {}", check.found, check.wanted));
+        all.push(format!("its timers have a resolution of {}, expected {}", check.found, check.wanted));
     }
     if !m.fifo {
-        all.push("its threads get no real-time priority, so any program may hold them up".to_owned());
+        all.push("its threads get no real-time priority, so any program may delay them".to_owned());
     }
     all
 }
 
-/// What keeps a machine that is fit from being good.
+/// Lists the reasons for the grade "usable".
 fn shortcomings(m: &Measurement, per_minute: f64) -> Vec<String> {
     let q = &m.lateness_us;
     let mut all = Vec::new();
@@ -123,13 +125,13 @@ fn shortcomings(m: &Measurement, per_minute: f64) -> Vec<String> {
         all.push(format!("{} late ticks in {:.0} s: {per_minute:.0} a minute", m.late_ticks, m.seconds));
     }
     if q.max > MARGIN_US {
-        all.push(format!("the latest tick was {:.0} us late, expected {MARGIN_US:.0} at most", q.max));
+        all.push(format!("the maximum lateness is {:.0} us, expected {MARGIN_US:.0} at most", q.max));
     }
     if q.p999 > MARGIN_P999_US {
-        all.push(format!("every thousandth tick is {:.0} us late, expected {MARGIN_P999_US:.0} at most", q.p999));
+        all.push(format!("lateness p99.9 is {:.0} us, expected {MARGIN_P999_US:.0} at most", q.p999));
     }
     if let Some(chain) = chain_us(m).filter(|chain| *chain > DEADLINE_US / 2.0) {
-        all.push(format!("waking three threads takes {chain:.0} us at times, expected {:.0} at most", DEADLINE_US / 2.0));
+        all.push(format!("three wake-ups take {chain:.0} us (p99), expected {:.0} at most", DEADLINE_US / 2.0));
     }
     if !m.locked {
         all.push("its memory is not locked, so a tick may wait for a page".to_owned());
@@ -137,7 +139,7 @@ fn shortcomings(m: &Measurement, per_minute: f64) -> Vec<String> {
     all
 }
 
-/// What the chain's wake-ups take at times, us: three of the slowest hundredth.
+/// Duration of the chain's three wake-ups at their 99th percentile [us].
 fn chain_us(m: &Measurement) -> Option<f64> {
     m.wake_same_core_us.map(|q| WAKE_UPS * q.p99)
 }
@@ -148,19 +150,19 @@ fn times(count: u64) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::change::MOST;
+    use super::super::change::MAX_CHANGES;
     use super::super::samples::{all_at, good_measurement, late_measurement, with};
     use super::*;
     use hapfic_log::metrics::Quantiles;
 
-    /// One measurement for each way in which it may be worse, with the grade that follows on an otherwise good machine.
-    fn worse() -> Vec<(&'static str, Measurement, Grade)> {
+    /// A measurement for each rule, with its grade on an otherwise good machine.
+    fn graded_measurements() -> Vec<(&'static str, Measurement, Grade)> {
         let m = good_measurement();
         let late = |q: Quantiles| Measurement { lateness_us: q, ..m.clone() };
         let wake = |p99| Measurement { wake_same_core_us: Some(Quantiles { p99, ..m.lateness_us }), ..m.clone() };
         let q = m.lateness_us;
         vec![
-            ("as good as it gets", m.clone(), Grade::Good),
+            ("best", m.clone(), Grade::Good),
             ("at the margin", late(Quantiles { max: 500.0, p999: 200.0, ..q }), Grade::Good),
             ("above the margin", late(Quantiles { max: 500.1, ..q }), Grade::Usable),
             ("a tail", late(Quantiles { p999: 200.1, ..q }), Grade::Usable),
@@ -180,20 +182,20 @@ mod tests {
     }
 
     #[test]
-    fn each_measurement_has_the_grade_the_rules_give_it() {
-        for (name, m, expected) in worse() {
+    fn evaluate_each_measurement_has_its_grade() {
+        for (name, m, expected) in graded_measurements() {
             let verdict = evaluate(&all_at(Level::Good), &m);
             assert_eq!(verdict.grade, expected, "{name}: {}", verdict.line);
             assert_eq!(verdict.reasons.is_empty(), expected == Grade::Good, "{name}: {:?}", verdict.reasons);
         }
     }
 
-    /// Every check at every level, with every measurement: only the deciding checks decide, and no worse machine has a better grade.
+    /// Every check at every level, with every measurement.
     #[test]
-    fn only_the_deciding_facts_decide() {
+    fn evaluate_only_deciding_checks_change_grade() {
         let deciding = [Subject::Kernel, Subject::SharedMemory, Subject::OpenFiles, Subject::Resolution];
         let subjects: Vec<Subject> = all_at(Level::Good).0.iter().map(|check| check.subject).collect();
-        for (name, m, alone) in worse() {
+        for (name, m, alone) in graded_measurements() {
             for &subject in &subjects {
                 for level in [Level::Good, Level::Fair, Level::Bad, Level::Unknown] {
                     let verdict = evaluate(&with(&all_at(Level::Good), subject, level), &m);
@@ -204,11 +206,11 @@ mod tests {
         }
     }
 
-    /// Any two ways of being worse together: never better than either.
+    /// Any two shortcomings together are never better than either.
     #[test]
-    fn two_troubles_are_no_better_than_one() {
-        for (a_name, a, a_grade) in worse() {
-            for (b_name, b, b_grade) in worse() {
+    fn evaluate_two_shortcomings_have_worse_grade() {
+        for (a_name, a, a_grade) in graded_measurements() {
+            for (b_name, b, b_grade) in graded_measurements() {
                 let q = |x: Quantiles, y: Quantiles| Quantiles {
                     p50: x.p50.max(y.p50),
                     p99: x.p99.max(y.p99),
@@ -234,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn the_line_says_what_to_expect() {
+    fn evaluate_line_states_expected_late_ticks() {
         let line = |m: &Measurement| evaluate(&all_at(Level::Good), m).line;
         let m = good_measurement();
         assert_eq!(line(&m), "good: 1 kHz with margin; no late tick in 10 s (fewer than 18.0 a minute, with 95 % certainty)");
@@ -244,20 +246,20 @@ mod tests {
         let long = Measurement { seconds: 600.0, ..m.clone() };
         assert_eq!(evaluate(&all_at(Level::Good), &long).late_ticks_per_minute_below, Some(0.3));
         let braked = line(&Measurement { late_ticks: 5, brakes: 1, ..m });
-        assert_eq!(braked, "not for a real robot: a drive would have braked once in 10 s (three periods lost at once)");
+        assert_eq!(braked, "not for a real robot: a drive would have braked once in 10 s (three periods lost in a row)");
     }
 
     #[test]
-    fn a_run_that_cannot_start_is_named_before_all_else() {
+    fn evaluate_run_that_cannot_start_comes_first() {
         let checks = with(&all_at(Level::Good), Subject::SharedMemory, Level::Bad);
         let verdict = evaluate(&checks, &Measurement { fifo: false, ..late_measurement() });
         assert!(verdict.line.contains("shared memory"), "{}", verdict.line);
         assert_eq!(verdict.changes[0].subject, Subject::SharedMemory);
-        assert!(verdict.reasons.len() > 1 && verdict.changes.len() <= MOST);
+        assert!(verdict.reasons.len() > 1 && verdict.changes.len() <= MAX_CHANGES);
     }
 
     #[test]
-    fn a_machine_that_tells_nothing_is_judged_by_the_measurement() {
+    fn evaluate_unknown_checks_leave_measurement_to_decide() {
         assert_eq!(evaluate(&MachineChecks::default(), &good_measurement()).grade, Grade::Good);
         assert_eq!(evaluate(&all_at(Level::Unknown), &late_measurement()).grade, Grade::NotGood);
     }

@@ -1,4 +1,4 @@
-//! How long a thread takes to run once another one has woken it, with nothing but a futex between them.
+//! Wake-up latency: time from waking a thread by a futex until it runs.
 
 use anyhow::{Result, bail};
 use hapfic_ipc::clock;
@@ -9,87 +9,85 @@ use rustix::thread::futex::{self, Flags};
 use rustix::time::Timespec;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 
-/// How long to wait between two looks whether it is over.
+/// Longest wait before a thread checks for the end.
 const POLL_INTERVAL: Timespec = Timespec { tv_sec: 0, tv_nsec: 100_000_000 };
-/// How long a thread that was woken may take, ns; longer and the measurement is given up.
+/// Time after which a thread that does not run fails the measurement [ns].
 const TIMEOUT_NS: u64 = 10_000_000_000;
 
-/// A line between the one who wakes and the one who is woken.
+/// Pair of threads: one wakes, the other responds.
 #[derive(Debug, Default)]
-pub(super) struct Line {
-    asked: AtomicU32,
-    answered: AtomicU32,
+pub(super) struct WakeupPair {
+    requests: AtomicU32,
+    responses: AtomicU32,
     woke_ns: AtomicU64,
-    over: AtomicBool,
+    closed: AtomicBool,
 }
 
-impl Line {
-    /// The one who is woken: until [`close`](Self::close).
-    pub(super) fn answer(&self, sched: SchedRequest) {
+impl WakeupPair {
+    /// Responds to each wake-up until [`close`](Self::close).
+    pub(super) fn respond(&self, sched: SchedRequest) {
         let _ = apply_to_current_thread(sched);
         let mut seen = 0;
         loop {
-            while self.asked.load(Ordering::Acquire) == seen {
-                if self.over.load(Ordering::Acquire) {
+            while self.requests.load(Ordering::Acquire) == seen {
+                if self.closed.load(Ordering::Acquire) {
                     return;
                 }
-                // Woken, interrupted or timed out: the number says.
-                let _ = futex::wait(&self.asked, Flags::PRIVATE, seen, Some(&POLL_INTERVAL));
+                // Woken, interrupted or timed out: the number decides.
+                let _ = futex::wait(&self.requests, Flags::PRIVATE, seen, Some(&POLL_INTERVAL));
             }
             self.woke_ns.store(clock::now_ns(), Ordering::Relaxed);
-            seen = self.asked.load(Ordering::Acquire);
-            self.answered.store(seen, Ordering::Release);
-            let _ = futex::wake(&self.answered, Flags::PRIVATE, 1);
+            seen = self.requests.load(Ordering::Acquire);
+            self.responses.store(seen, Ordering::Release);
+            let _ = futex::wake(&self.responses, Flags::PRIVATE, 1);
         }
     }
 
-    /// Wakes the other, waits for its answer, and returns how long it took to run, ns.
-    fn ask(&self) -> Result<u64> {
-        let before = self.asked.load(Ordering::Relaxed);
+    /// Wakes the other thread, waits for its response, and returns its wake-up latency [ns].
+    fn wake(&self) -> Result<u64> {
+        let before = self.requests.load(Ordering::Relaxed);
         let next = before.wrapping_add(1);
         let sent = clock::now_ns();
-        self.asked.store(next, Ordering::Release);
-        let _ = futex::wake(&self.asked, Flags::PRIVATE, 1);
-        while self.answered.load(Ordering::Acquire) != next {
-            let _ = futex::wait(&self.answered, Flags::PRIVATE, before, Some(&POLL_INTERVAL));
+        self.requests.store(next, Ordering::Release);
+        let _ = futex::wake(&self.requests, Flags::PRIVATE, 1);
+        while self.responses.load(Ordering::Acquire) != next {
+            let _ = futex::wait(&self.responses, Flags::PRIVATE, before, Some(&POLL_INTERVAL));
             if clock::now_ns().saturating_sub(sent) > TIMEOUT_NS {
-                bail!(
-                    "a thread that was woken did not run for 10 s, expected microseconds; is a real-time program keeping its core busy?"
-                );
+                bail!("a woken thread has not run for 10 s, expected microseconds; does a real-time program occupy its core?");
             }
         }
         Ok(self.woke_ns.load(Ordering::Relaxed).saturating_sub(sent))
     }
 
-    /// Ends the one who is woken.
+    /// Ends the responding thread.
     pub(super) fn close(&self) {
-        self.over.store(true, Ordering::Release);
-        let _ = futex::wake(&self.asked, Flags::PRIVATE, 1);
+        self.closed.store(true, Ordering::Release);
+        let _ = futex::wake(&self.requests, Flags::PRIVATE, 1);
     }
 }
 
-/// A line, and when in each period it is used.
-pub(super) struct Turn<'a> {
-    /// The line.
-    pub(super) line: &'a Line,
-    /// When in the period, ns.
+/// Pair of threads, and its phase in each period.
+pub(super) struct WakeupProbe<'a> {
+    /// The pair.
+    pub(super) pair: &'a WakeupPair,
+    /// Phase in the period [ns].
     pub(super) phase_ns: u64,
 }
 
-/// Uses each line once a period from one instant to another; what comes late is left out, not caught up.
-pub(super) fn ask_all(turns: &[Turn<'_>], from_ns: u64, to_ns: u64) -> Result<Vec<Latencies>> {
-    let mut all = vec![Latencies::default(); turns.len()];
+/// Measures each pair once a period from one instant to another; skips missed periods.
+pub(super) fn measure_wakeups(probes: &[WakeupProbe<'_>], from_ns: u64, to_ns: u64) -> Result<Vec<Latencies>> {
+    let mut all = vec![Latencies::default(); probes.len()];
     let mut period = from_ns;
     while period < to_ns {
-        for (turn, distribution) in turns.iter().zip(&mut all) {
-            let due = period + turn.phase_ns;
+        for (probe, latencies) in probes.iter().zip(&mut all) {
+            let due = period + probe.phase_ns;
             while clock::now_ns() < due {
                 clock::sleep_until(due);
             }
-            distribution.record(turn.line.ask()?);
+            latencies.record(probe.pair.wake()?);
         }
-        let gone = clock::now_ns().saturating_sub(period) / PERIOD_NS;
-        period += PERIOD_NS * gone.max(1);
+        let elapsed = clock::now_ns().saturating_sub(period) / PERIOD_NS;
+        period += PERIOD_NS * elapsed.max(1);
     }
     Ok(all)
 }
@@ -100,18 +98,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_question_is_answered_once() {
-        let (line, sched) = (Line::default(), SchedRequest { priority: 1, core: None });
+    fn measure_wakeups_each_request_has_one_response() {
+        let (pair, sched) = (WakeupPair::default(), SchedRequest { priority: 1, core: None });
         std::thread::scope(|scope| {
-            scope.spawn(|| line.answer(sched));
+            scope.spawn(|| pair.respond(sched));
             let from = clock::now_ns();
-            let found = ask_all(&[Turn { line: &line, phase_ns: 0 }], from, from + 50 * PERIOD_NS);
-            line.close();
+            let found = measure_wakeups(&[WakeupProbe { pair: &pair, phase_ns: 0 }], from, from + 50 * PERIOD_NS);
+            pair.close();
             let q = found.unwrap()[0].quantiles_us().unwrap();
             assert!(q.p50 <= q.max);
         });
-        let asked = line.asked.load(Ordering::Relaxed);
-        assert!((1..=50).contains(&asked), "{asked} questions in 50 periods");
-        assert_eq!(line.answered.load(Ordering::Relaxed), asked);
+        let requests = pair.requests.load(Ordering::Relaxed);
+        assert!((1..=50).contains(&requests), "{requests} requests in 50 periods");
+        assert_eq!(pair.responses.load(Ordering::Relaxed), requests);
     }
 }

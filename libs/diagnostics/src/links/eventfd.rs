@@ -1,7 +1,7 @@
-//! Messages in shared memory, woken through an eventfd: what can be waited for together with other files.
+//! Messages in shared memory, with an eventfd as notifier, which `poll` can wait for together with other files.
 
 use super::mailbox::Mailboxes;
-use crate::link::{Kind, Link, PLACES, Seat};
+use crate::link::{Kind, Link, STAGES, Seat};
 use hapfic_ipc::clock;
 use rustix::event::{EventfdFlags, PollFd, PollFlags, eventfd, poll};
 use rustix::io::Errno;
@@ -9,7 +9,7 @@ use std::io;
 use std::os::fd::OwnedFd;
 use std::time::Duration;
 
-/// The kind of chain.
+/// Kind of chain over shared memory and eventfds.
 pub(super) struct EventFd;
 
 impl Kind for EventFd {
@@ -17,9 +17,9 @@ impl Kind for EventFd {
         "eventfd"
     }
 
-    fn prepare(&self, sizes: &[usize; PLACES]) -> io::Result<Vec<OwnedFd>> {
+    fn prepare(&self, sizes: &[usize; STAGES]) -> io::Result<Vec<OwnedFd>> {
         let mut shared = vec![Mailboxes::make(sizes)?];
-        for _ in 0..PLACES {
+        for _ in 0..STAGES {
             shared.push(eventfd(0, EventfdFlags::CLOEXEC)?);
         }
         Ok(shared)
@@ -27,32 +27,32 @@ impl Kind for EventFd {
 
     fn join(&self, seat: Seat) -> io::Result<Box<dyn Link>> {
         let found = seat.shared.len();
-        let (from, place) = (seat.before(), seat.place);
-        let [memory, doorbells @ ..] = seat.shared.as_slice() else {
-            return Err(io::Error::other("the shared memory was not handed over"));
+        let (from, stage) = (seat.before(), seat.stage);
+        let [memory, notifiers @ ..] = seat.shared.as_slice() else {
+            return Err(io::Error::other("found no inherited shared memory, expected one file"));
         };
-        let (Some(ring), Some(doorbell)) = (doorbells.get(place), doorbells.get(from)) else {
-            return Err(io::Error::other(format!("found {found} files handed over, expected {}", PLACES + 1)));
+        let (Some(to_notifier), Some(from_notifier)) = (notifiers.get(stage), notifiers.get(from)) else {
+            return Err(io::Error::other(format!("found {found} inherited files, expected {}", STAGES + 1)));
         };
-        let (ring, doorbell) = (ring.try_clone()?, doorbell.try_clone()?);
-        let boxes = Mailboxes::open(memory, &seat)?;
-        Ok(Box::new(Joined { boxes, ring, doorbell, to: place, from, last: 0 }))
+        let (to_notifier, from_notifier) = (to_notifier.try_clone()?, from_notifier.try_clone()?);
+        let mailboxes = Mailboxes::open(memory, &seat)?;
+        Ok(Box::new(EventFdLink { mailboxes, to_notifier, from_notifier, to: stage, from, last: 0 }))
     }
 }
 
-struct Joined {
-    boxes: Mailboxes,
-    ring: OwnedFd,
-    doorbell: OwnedFd,
+struct EventFdLink {
+    mailboxes: Mailboxes,
+    to_notifier: OwnedFd,
+    from_notifier: OwnedFd,
     to: usize,
     from: usize,
     last: u32,
 }
 
-impl Link for Joined {
+impl Link for EventFdLink {
     fn send(&mut self, message: &[u8]) -> io::Result<()> {
-        self.boxes.put(self.to, message)?;
-        rustix::io::write(&self.ring, &1_u64.to_ne_bytes())?;
+        self.mailboxes.put(self.to, message)?;
+        rustix::io::write(&self.to_notifier, &1_u64.to_ne_bytes())?;
         Ok(())
     }
 
@@ -61,7 +61,7 @@ impl Link for Joined {
         loop {
             if let Some(end) = end {
                 let left = end.saturating_sub(clock::now_ns());
-                let ready = poll(&mut [PollFd::new(&self.doorbell, PollFlags::IN)], Some(&clock::timespec(left)));
+                let ready = poll(&mut [PollFd::new(&self.from_notifier, PollFlags::IN)], Some(&clock::timespec(left)));
                 match ready {
                     Ok(0) if left == 0 => return Ok(0),
                     Ok(0) | Err(Errno::INTR) => continue,
@@ -69,11 +69,11 @@ impl Link for Joined {
                     Err(e) => return Err(e.into()),
                 }
             }
-            match rustix::io::read(&self.doorbell, &mut [0_u8; 8]) {
+            match rustix::io::read(&self.from_notifier, &mut [0_u8; 8]) {
                 Ok(_) | Err(Errno::INTR) => {}
                 Err(e) => return Err(e.into()),
             }
-            if let Some(length) = self.boxes.take(self.from, &mut self.last, into)? {
+            if let Some(length) = self.mailboxes.take(self.from, &mut self.last, into)? {
                 return Ok(length);
             }
         }

@@ -1,7 +1,7 @@
-//! Messages in shared memory, woken by a futex: the least that a blocking message can cost, and so the yardstick.
+//! Messages in shared memory, woken by a futex: the lowest cost of a blocking message, and so the baseline.
 
 use super::mailbox::Mailboxes;
-use crate::link::{Kind, Link, PLACES, Seat};
+use crate::link::{Kind, Link, STAGES, Seat};
 use hapfic_ipc::clock;
 use rustix::io::Errno;
 use rustix::thread::futex;
@@ -9,7 +9,7 @@ use std::io;
 use std::os::fd::OwnedFd;
 use std::time::Duration;
 
-/// The kind of chain.
+/// Kind of chain over shared memory and futexes.
 pub(super) struct Futex;
 
 impl Kind for Futex {
@@ -17,43 +17,44 @@ impl Kind for Futex {
         "futex"
     }
 
-    fn prepare(&self, sizes: &[usize; PLACES]) -> io::Result<Vec<OwnedFd>> {
+    fn prepare(&self, sizes: &[usize; STAGES]) -> io::Result<Vec<OwnedFd>> {
         Ok(vec![Mailboxes::make(sizes)?])
     }
 
     fn join(&self, seat: Seat) -> io::Result<Box<dyn Link>> {
-        let memory = seat.shared.first().ok_or_else(|| io::Error::other("the shared memory was not handed over"))?;
-        let boxes = Mailboxes::open(memory, &seat)?;
-        Ok(Box::new(Joined { boxes, to: seat.place, from: seat.before(), last: 0 }))
+        let memory =
+            seat.shared.first().ok_or_else(|| io::Error::other("found no inherited shared memory, expected one file"))?;
+        let mailboxes = Mailboxes::open(memory, &seat)?;
+        Ok(Box::new(FutexLink { mailboxes, to: seat.stage, from: seat.before(), last: 0 }))
     }
 }
 
-struct Joined {
-    boxes: Mailboxes,
+struct FutexLink {
+    mailboxes: Mailboxes,
     to: usize,
     from: usize,
     last: u32,
 }
 
-impl Link for Joined {
+impl Link for FutexLink {
     fn send(&mut self, message: &[u8]) -> io::Result<()> {
-        self.boxes.put(self.to, message)?;
-        futex::wake(self.boxes.newest(self.to), futex::Flags::empty(), 1)?;
+        self.mailboxes.put(self.to, message)?;
+        futex::wake(self.mailboxes.newest(self.to), futex::Flags::empty(), 1)?;
         Ok(())
     }
 
     fn receive(&mut self, into: &mut [u8], timeout: Option<Duration>) -> io::Result<usize> {
         let end = timeout.map(|timeout| clock::now_ns() + timeout.as_nanos() as u64);
         loop {
-            if let Some(length) = self.boxes.take(self.from, &mut self.last, into)? {
+            if let Some(length) = self.mailboxes.take(self.from, &mut self.last, into)? {
                 return Ok(length);
             }
             let left = match end.map(|end| end.saturating_sub(clock::now_ns())) {
                 Some(0) => return Ok(0),
                 left => left.map(clock::timespec),
             };
-            match futex::wait(self.boxes.newest(self.from), futex::Flags::empty(), self.last, left.as_ref()) {
-                // Changed before it could wait, woken for nothing, or the time is up: looks again.
+            match futex::wait(self.mailboxes.newest(self.from), futex::Flags::empty(), self.last, left.as_ref()) {
+                // Changed before the wait, interrupted, spurious or timed out: checks again.
                 Ok(()) | Err(Errno::AGAIN | Errno::INTR | Errno::TIMEDOUT) => {}
                 Err(e) => return Err(e.into()),
             }

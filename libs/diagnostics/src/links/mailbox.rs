@@ -1,7 +1,7 @@
-//! A message in memory that processes share: the payload of the futex and eventfd chains.
+//! Mailboxes in shared memory: the payload of the futex and eventfd chains.
 #![allow(unsafe_code)]
 
-use crate::link::{PLACES, Seat};
+use crate::link::{STAGES, Seat};
 use rustix::fs::{MemfdFlags, ftruncate, memfd_create};
 use rustix::mm::{MapFlags, ProtFlags, mmap, munmap};
 use std::io;
@@ -9,12 +9,12 @@ use std::os::fd::OwnedFd;
 use std::ptr::NonNull;
 use std::sync::atomic::{AtomicU32, Ordering};
 
-/// Messages that a mailbox holds, so that a late reader's is not written over while it is being read.
+/// Messages that a mailbox holds, so that a late reader's message is not overwritten meanwhile.
 const SLOTS: usize = 4;
-/// Bytes before the slots: the number of the newest message; and before each slot's message: its length.
-const HEAD: usize = 64;
+/// Length of the header [bytes]: of a mailbox, the number of the newest message; of a slot, the message length.
+const HEADER: usize = 64;
 
-/// The mailboxes of a chain in one piece of memory: number i is that from place i to the next.
+/// Mailboxes of a chain in one mapping; mailbox `i` leads from stage `i` to the next.
 #[derive(Debug)]
 pub(super) struct Mailboxes {
     base: NonNull<u8>,
@@ -23,22 +23,22 @@ pub(super) struct Mailboxes {
 }
 
 impl Mailboxes {
-    /// Memory for the mailboxes of a chain.
-    pub(super) fn make(sizes: &[usize; PLACES]) -> io::Result<OwnedFd> {
+    /// Makes the memory for the mailboxes of a chain.
+    pub(super) fn make(sizes: &[usize; STAGES]) -> io::Result<OwnedFd> {
         let memory = memfd_create(c"hapfic-chain", MemfdFlags::CLOEXEC)?;
-        ftruncate(&memory, (PLACES * stride(longest(sizes))) as u64)?;
+        ftruncate(&memory, (STAGES * stride(longest(sizes))) as u64)?;
         Ok(memory)
     }
 
-    /// Maps them.
+    /// Maps the mailboxes.
     pub(super) fn open(memory: &OwnedFd, seat: &Seat) -> io::Result<Self> {
-        let slot = HEAD + seat.longest().next_multiple_of(HEAD);
+        let slot = HEADER + seat.longest().next_multiple_of(HEADER);
         let stride = stride(seat.longest());
         // SAFETY: a new mapping at an address of the system's choice aliases nothing of this process.
         let base = unsafe {
             mmap(
                 std::ptr::null_mut(),
-                PLACES * stride,
+                STAGES * stride,
                 ProtFlags::READ | ProtFlags::WRITE,
                 MapFlags::SHARED | MapFlags::POPULATE,
                 memory,
@@ -49,29 +49,30 @@ impl Mailboxes {
         Ok(Self { base, stride, slot })
     }
 
-    /// Number of the newest message of a mailbox: what is waited for.
+    /// Number of the newest message of a mailbox; the futex that a reader waits on.
     pub(super) fn newest(&self, mailbox: usize) -> &AtomicU32 {
-        assert!(mailbox < PLACES);
-        // SAFETY: within the mapping, aligned to its page, and only ever used as an atomic, in all processes.
+        assert!(mailbox < STAGES);
+        // SAFETY: within the mapping, aligned to its page, and used only as an atomic in all processes.
         unsafe { AtomicU32::from_ptr(self.base.as_ptr().add(mailbox * self.stride).cast()) }
     }
 
-    /// Puts a message in.
+    /// Writes a message to a mailbox.
     pub(super) fn put(&self, mailbox: usize, message: &[u8]) -> io::Result<()> {
-        if message.len() > self.slot - HEAD {
+        if message.len() > self.slot - HEADER {
             return Err(io::Error::other("the message is longer than the mailbox"));
         }
         let newest = self.newest(mailbox);
         let number = newest.load(Ordering::Relaxed).wrapping_add(1);
         let (length, bytes) = self.at(mailbox, number);
         length.store(message.len() as u32, Ordering::Relaxed);
-        // SAFETY: the slot is within the mapping and at least as long, see above. Its reader has had three more messages' time.
+        // SAFETY: the slot is within the mapping and long enough by the check above. Its reader has had the time of
+        // three more messages.
         unsafe { std::ptr::copy_nonoverlapping(message.as_ptr(), bytes, message.len()) };
         newest.store(number, Ordering::Release);
         Ok(())
     }
 
-    /// Copies the newest message if its number is another than `last`, which becomes that.
+    /// Copies the newest message if its number differs from `last`, and updates `last`.
     pub(super) fn take(&self, mailbox: usize, last: &mut u32, into: &mut [u8]) -> io::Result<Option<usize>> {
         let number = self.newest(mailbox).load(Ordering::Acquire);
         if number == *last {
@@ -80,7 +81,7 @@ impl Mailboxes {
         *last = number;
         let (length, bytes) = self.at(mailbox, number);
         let length = length.load(Ordering::Relaxed) as usize;
-        if length > into.len().min(self.slot - HEAD) {
+        if length > into.len().min(self.slot - HEADER) {
             return Err(io::Error::other("the message is longer than expected"));
         }
         // SAFETY: `length` is within the slot and within `into`, which is this process's own.
@@ -88,33 +89,33 @@ impl Mailboxes {
         Ok(Some(length))
     }
 
-    /// Length and bytes of a message's slot.
+    /// Returns length and bytes of a message's slot.
     fn at(&self, mailbox: usize, number: u32) -> (&AtomicU32, *mut u8) {
-        let offset = mailbox * self.stride + HEAD + number as usize % SLOTS * self.slot;
-        assert!(mailbox < PLACES && offset + self.slot <= PLACES * self.stride);
-        // SAFETY: within the mapping by the assertion, and so is what follows the head.
+        let offset = mailbox * self.stride + HEADER + number as usize % SLOTS * self.slot;
+        assert!(mailbox < STAGES && offset + self.slot <= STAGES * self.stride);
+        // SAFETY: within the mapping by the assertion, like the rest of the slot.
         let start = unsafe { self.base.as_ptr().add(offset) };
-        // SAFETY: aligned to 64 bytes, and only ever used as an atomic.
+        // SAFETY: aligned to 64 bytes, and used only as an atomic.
         let length = unsafe { AtomicU32::from_ptr(start.cast()) };
-        // SAFETY: a slot is longer than its head.
-        (length, unsafe { start.add(HEAD) })
+        // SAFETY: a slot is longer than its header.
+        (length, unsafe { start.add(HEADER) })
     }
 }
 
 impl Drop for Mailboxes {
     fn drop(&mut self) {
-        // SAFETY: what `open` has mapped; nothing that borrows it outlives this.
-        let _ = unsafe { munmap(self.base.as_ptr().cast(), PLACES * self.stride) };
+        // SAFETY: `open` has mapped it, and no borrow outlives this value.
+        let _ = unsafe { munmap(self.base.as_ptr().cast(), STAGES * self.stride) };
     }
 }
 
-fn longest(sizes: &[usize; PLACES]) -> usize {
+fn longest(sizes: &[usize; STAGES]) -> usize {
     sizes.iter().copied().max().unwrap_or(0)
 }
 
-/// From one mailbox to the next: whole pages.
+/// Distance from one mailbox to the next, whole pages [bytes].
 fn stride(longest: usize) -> usize {
-    (HEAD + SLOTS * (HEAD + longest.next_multiple_of(HEAD))).next_multiple_of(4096)
+    (HEADER + SLOTS * (HEADER + longest.next_multiple_of(HEADER))).next_multiple_of(4096)
 }
 
 #[cfg(test)]
@@ -123,13 +124,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn messages_come_out_as_they_went_in_and_once() {
+    fn mailbox_messages_are_read_once_and_unchanged() {
         let sizes = [1000, 8, 4000];
         let memory = Mailboxes::make(&sizes).unwrap();
-        let seat = Seat { place: 0, sizes, chain: String::new(), shared: Vec::new() };
+        let seat = Seat { stage: 0, sizes, chain: String::new(), shared: Vec::new() };
         let (writer, reader) = (Mailboxes::open(&memory, &seat).unwrap(), Mailboxes::open(&memory, &seat).unwrap());
         let mut into = vec![0; 4000];
-        for mailbox in 0..PLACES {
+        for mailbox in 0..STAGES {
             let mut last = 0;
             assert_eq!(reader.take(mailbox, &mut last, &mut into).unwrap(), None);
             for round in 0_u8..10 {

@@ -1,4 +1,4 @@
-//! The chains over what the kernel itself offers.
+//! Chains over the transports of the kernel.
 
 mod datagram;
 mod eventfd;
@@ -7,8 +7,8 @@ mod mailbox;
 
 use crate::link::Kind;
 
-/// The kinds of this crate, the leanest first.
+/// Kinds of chain over the transports of the kernel, the fastest first.
 #[must_use]
-pub fn own() -> [&'static dyn Kind; 3] {
+pub fn kernel_kinds() -> [&'static dyn Kind; 3] {
     [&futex::Futex, &eventfd::EventFd, &datagram::Datagram]
 }

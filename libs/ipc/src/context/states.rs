@@ -19,8 +19,8 @@ pub enum Gaps {
 }
 
 impl Context {
-    /// Enables busy-poll in [`next_state`](Self::next_state), from `before_us` before a state is due. To be called when
-    /// [ready](Self::ready).
+    /// Enables busy-poll in [`next_state`](Self::next_state), from `before_us` before a state is due. The process calls
+    /// it when it is [ready](Self::ready).
     ///
     /// Only a real-time thread that is pinned to a core polls: another would keep the plant from the processor.
     pub fn enable_busy_poll(&mut self, before_us: u32) {

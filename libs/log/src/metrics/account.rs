@@ -1,33 +1,33 @@
 //! Sums over ticks, which arrive in order.
 
-use super::contacts::Contacts;
-use super::force::Force;
-use super::force_command::ForceCommand;
-use super::integration::Integration;
+use super::contacts::ContactSums;
+use super::force::ForceSums;
+use super::force_command::ForceCommandSums;
+use super::integration::IntegrationSums;
 use super::moments::{IntegrationSummary, MomentsSummary};
-use super::objects::Objects;
-use super::posture::{Air, Joints};
+use super::objects::ObjectMotions;
+use super::posture::{AirSums, JointSums};
 use super::sample::{CommandSample, ParameterSample, StateSample};
 use super::summary::{ForceCommandSummary, ForceSummary, TickSummary, TrackingSummary};
-use super::tracking::Tracking;
-use super::window::{Slot, WINDOW};
+use super::tracking::TrackingSums;
+use super::window::{TickSamples, WINDOW};
 
 /// Most parameter sets in memory: ticks are summed up to [`WINDOW`] ticks late, and sets are at least 5 ticks apart.
-const MOST_SETS: usize = WINDOW as usize / 5 + 8;
+const MAX_SETS: usize = WINDOW as usize / 5 + 8;
 
 /// Sums over the ticks that have left the window.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Account {
+pub(super) struct MetricSums {
     /// The set in force and the later sets, by effective tick and version.
     sets: Vec<ParameterSample>,
-    tracking: Tracking,
-    force: Force,
-    force_command: ForceCommand,
-    objects: Objects,
-    contacts: Contacts,
-    joints: Joints,
-    air: Air,
-    integration: Integration,
+    tracking: TrackingSums,
+    force: ForceSums,
+    force_command: ForceCommandSums,
+    objects: ObjectMotions,
+    contacts: ContactSums,
+    joints: JointSums,
+    air: AirSums,
+    integration: IntegrationSums,
     was_active: bool,
     missed: u64,
     braked: u64,
@@ -39,19 +39,19 @@ pub(super) struct Account {
     last_command: Option<i64>,
 }
 
-impl Account {
+impl MetricSums {
     /// Adds a parameter set, in force from its effective tick on.
     pub(super) fn add_set(&mut self, set: ParameterSample) {
         let key = |set: &ParameterSample| (set.effective_tick, set.version);
         let index = self.sets.partition_point(|other| key(other) <= key(&set));
         self.sets.insert(index, set);
-        if self.sets.len() > MOST_SETS {
+        if self.sets.len() > MAX_SETS {
             self.sets.remove(0);
         }
     }
 
     /// Adds the next tick.
-    pub(super) fn tick(&mut self, slot: &Slot) {
+    pub(super) fn tick(&mut self, slot: &TickSamples) {
         let set = self.in_force(slot.tick);
         if let Some(reference) = &slot.reference {
             self.force.reference(slot.tick, reference);

@@ -5,29 +5,29 @@ use super::sum::Sum;
 use super::summary::ForceSummary;
 
 /// Time without a change after which the force counts as settled [ticks].
-const SETTLING: u64 = 500;
+const SETTLING_TICKS: u64 = 500;
 /// F_d counts as reached within this share of it.
-const REACHED: f64 = 0.01;
+const REACHED_SHARE: f64 = 0.01;
 /// F_d counts as recovered after this time within reach [ticks].
-const RECOVERED: u64 = 100;
+const RECOVERY_TICKS: u64 = 100;
 
 /// Speed across the axis above which a foot has broken away from static friction [m/s].
 const SLIDING_M_PER_S: f64 = 0.01;
 /// Time of sliding after which the transient of breaking away counts as over [ticks].
-const BREAKAWAY: u64 = 50;
+const BREAKAWAY_TICKS: u64 = 50;
 
 /// Sums of the three axes.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Force {
-    axes: [Axis; 3],
+pub(super) struct ForceSums {
+    axes: [ForceAxisSums; 3],
     /// Tick since which the reference has been at rest on all axes.
     rest_since: Option<i64>,
 }
 
-/// Sums of one axis.
+/// Sums of an axis.
 #[derive(Clone, Copy, Debug, Default)]
-struct Axis {
-    target: Option<Target>,
+struct ForceAxisSums {
+    target: Option<ForceTarget>,
     desired: Option<f64>,
     settled: Sum,
     settled_relative: Sum,
@@ -36,7 +36,7 @@ struct Axis {
     /// While the foot slides, too, after breaking away.
     steady_sliding_relative: Sum,
     sliding_since: Option<i64>,
-    /// Present hold if its count is not zero: consecutive settled ticks with one target.
+    /// Present hold if its count is not zero: consecutive settled ticks with the same target.
     hold: Sum,
     hold_force: f64,
     holds: u64,
@@ -49,9 +49,9 @@ struct Axis {
     slowest: Option<u64>,
 }
 
-/// F_d on one axis, and the gains that hold it.
+/// F_d on an axis, and the gains that hold it.
 #[derive(Clone, Copy, Debug)]
-struct Target {
+struct ForceTarget {
     force: f64,
     gains: [f64; 3],
     since: i64,
@@ -66,7 +66,7 @@ struct Target {
     recovered: bool,
 }
 
-impl Target {
+impl ForceTarget {
     fn new(tick: i64, force: f64, gains: [f64; 3]) -> Self {
         Self { force, gains, since: tick, reached: false, matched: false, touched: false, within_since: None, recovered: false }
     }
@@ -77,7 +77,7 @@ impl Target {
     }
 }
 
-impl Force {
+impl ForceSums {
     /// Adds the reference of a tick.
     pub(super) fn reference(&mut self, tick: i64, reference: &ReferenceSample) {
         self.rest_since = if reference.at_rest() { self.rest_since.or(Some(tick)) } else { None };
@@ -85,24 +85,24 @@ impl Force {
 
     /// Adds a tick with state, reference and parameters.
     pub(super) fn tick(&mut self, tick: i64, state: &StateSample, reference: &ReferenceSample, set: &ParameterSample) {
-        let rested = self.rest_since.is_some_and(|since| tick.abs_diff(since) >= SETTLING);
+        let rested = self.rest_since.is_some_and(|since| tick.abs_diff(since) >= SETTLING_TICKS);
         for (i, axis) in self.axes.iter_mut().enumerate() {
             let gains = [set.stiffness[i], set.max_force[i], set.position_bound[i]];
             axis.set_target(tick, set.desired_force[i], gains);
-            let at = At {
+            let conditions = TickConditions {
                 tick,
                 across: reference.moves_across(i),
                 slides: state.speed_across(i) > SLIDING_M_PER_S,
                 rested,
                 resolution: set.force_resolution,
             };
-            axis.add(at, state.force[i]);
+            axis.add(conditions, state.force[i]);
         }
     }
 
     /// Ends all holds before an unknown tick.
     pub(super) fn gap(&mut self) {
-        self.axes.iter_mut().for_each(Axis::close_hold);
+        self.axes.iter_mut().for_each(ForceAxisSums::close_hold);
     }
 
     /// Ends all holds and restarts the targets: no force is commanded.
@@ -110,7 +110,7 @@ impl Force {
         self.rest_since = None;
         for axis in &mut self.axes {
             axis.close_hold();
-            axis.target = axis.target.map(|target| Target::new(tick, target.force, target.gains));
+            axis.target = axis.target.map(|target| ForceTarget::new(tick, target.force, target.gains));
         }
     }
 
@@ -142,9 +142,9 @@ impl Force {
     }
 }
 
-/// Properties of a tick for one axis.
+/// Conditions of a tick for an axis.
 #[derive(Clone, Copy)]
-struct At {
+struct TickConditions {
     tick: i64,
     /// The reference moves across the axis.
     across: bool,
@@ -154,22 +154,22 @@ struct At {
     resolution: f64,
 }
 
-impl Axis {
+impl ForceAxisSums {
     /// Updates the target if F_d or a gain changed.
     fn set_target(&mut self, tick: i64, force: f64, gains: [f64; 3]) {
-        let new = Target::new(tick, force, gains);
+        let new = ForceTarget::new(tick, force, gains);
         match self.target {
             None => self.target = Some(new),
             Some(old) if old.force != force || old.gains != gains => {
                 self.unrecovered += u64::from(old.is_unrecovered());
                 self.close_hold();
-                self.target = Some(Target { matched: old.matched && old.force == force, ..new });
+                self.target = Some(ForceTarget { matched: old.matched && old.force == force, ..new });
             }
             Some(_) => {}
         }
     }
 
-    fn add(&mut self, at: At, measured: f64) {
+    fn add(&mut self, conditions: TickConditions, measured: f64) {
         let Some(target) = &mut self.target else { return };
         let force = target.force;
         if force == 0.0 {
@@ -177,14 +177,14 @@ impl Axis {
         }
         let error = measured - force;
         self.desired = Some(force);
-        let within = error.abs() <= (REACHED * force.abs()).max(at.resolution);
-        target.touched |= measured.abs() > at.resolution;
+        let within = error.abs() <= (REACHED_SHARE * force.abs()).max(conditions.resolution);
+        target.touched |= measured.abs() > conditions.resolution;
         target.reached |= within;
         target.matched |= within;
-        target.within_since = if within { target.within_since.or(Some(at.tick)) } else { None };
+        target.within_since = if within { target.within_since.or(Some(conditions.tick)) } else { None };
         if let Some(since) = target.within_since
             && !target.recovered
-            && at.tick.abs_diff(since) >= RECOVERED
+            && conditions.tick.abs_diff(since) >= RECOVERY_TICKS
         {
             target.recovered = true;
             self.recoveries += 1;
@@ -193,16 +193,16 @@ impl Axis {
         if target.matched {
             self.overshoot = Some(self.overshoot.unwrap_or(0.0).max(error * force.signum()));
         }
-        let held = target.reached && at.tick.abs_diff(target.since) >= SETTLING;
-        let slides = at.across && at.slides;
-        self.sliding_since = if slides { self.sliding_since.or(Some(at.tick)) } else { None };
-        if held && at.across {
+        let held = target.reached && conditions.tick.abs_diff(target.since) >= SETTLING_TICKS;
+        let slides = conditions.across && conditions.slides;
+        self.sliding_since = if slides { self.sliding_since.or(Some(conditions.tick)) } else { None };
+        if held && conditions.across {
             self.sliding_relative.add(error / force);
-            if self.sliding_since.is_some_and(|since| at.tick.abs_diff(since) >= BREAKAWAY) {
+            if self.sliding_since.is_some_and(|since| conditions.tick.abs_diff(since) >= BREAKAWAY_TICKS) {
                 self.steady_sliding_relative.add(error / force);
             }
         }
-        if held && at.rested {
+        if held && conditions.rested {
             self.settled.add(error);
             self.settled_relative.add(error / force);
             self.hold.add(error / force);

@@ -6,22 +6,22 @@ use super::tracking::AT_LIMIT;
 
 /// Sums over the commands in mode `active`.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct ForceCommand {
-    axes: [Axis; 3],
+pub(super) struct ForceCommandSums {
+    axes: [ForceCommandAxisSums; 3],
     active: u64,
     above_limit: u64,
 }
 
-/// Sums of one axis.
+/// Sums of an axis.
 #[derive(Clone, Copy, Debug, Default)]
-struct Axis {
+struct ForceCommandAxisSums {
     largest: f64,
     limit: f64,
     ratio: f64,
     at_limit: u64,
 }
 
-impl ForceCommand {
+impl ForceCommandSums {
     pub(super) fn tick(&mut self, command: &CommandSample, set: &ParameterSample) {
         self.active += 1;
         let mut above = false;

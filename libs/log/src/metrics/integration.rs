@@ -5,7 +5,7 @@ use super::sample::PhysicsSample;
 
 /// Sums over the states.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Integration {
+pub(super) struct IntegrationSums {
     contact_ticks: u64,
     substeps: u64,
     contact_substeps: u64,
@@ -20,19 +20,19 @@ pub(super) struct Integration {
 /// Largest rise above the least value before.
 #[derive(Clone, Copy, Debug, Default)]
 struct Rise {
-    least: Option<f64>,
+    minimum: Option<f64>,
     largest: f64,
 }
 
 impl Rise {
     fn update(&mut self, value: f64) {
-        let least = self.least.map_or(value, |least| least.min(value));
-        self.least = Some(least);
-        self.largest = self.largest.max(value - least);
+        let minimum = self.minimum.map_or(value, |minimum| minimum.min(value));
+        self.minimum = Some(minimum);
+        self.largest = self.largest.max(value - minimum);
     }
 }
 
-impl Integration {
+impl IntegrationSums {
     pub(super) fn tick(&mut self, physics: Option<&PhysicsSample>, in_contact: bool) {
         self.contact_ticks += u64::from(in_contact);
         let Some(physics) = physics else { return };

@@ -51,19 +51,19 @@ impl Serialize for Label {
 
 /// List of up to `N` items that reads as a slice.
 #[derive(Clone, Copy, PartialEq)]
-pub struct List<T, const N: usize> {
+pub struct FixedList<T, const N: usize> {
     /// Items from `length` on are default, so that equal lists have equal arrays.
     items: [T; N],
     length: usize,
 }
 
-impl<T: Copy + Default, const N: usize> Default for List<T, N> {
+impl<T: Copy + Default, const N: usize> Default for FixedList<T, N> {
     fn default() -> Self {
         Self { items: [T::default(); N], length: 0 }
     }
 }
 
-impl<T, const N: usize> List<T, N> {
+impl<T, const N: usize> FixedList<T, N> {
     /// Adds an item if the list is not full.
     fn push(&mut self, item: T) {
         if let Some(next) = self.items.get_mut(self.length) {
@@ -72,7 +72,7 @@ impl<T, const N: usize> List<T, N> {
         }
     }
 
-    /// Returns the first item that `matches`, or else a new one at the end; `None` if the list is full.
+    /// Returns the first item that `matches`, or else a new item at the end; `None` if the list is full.
     pub(super) fn entry(&mut self, matches: impl FnMut(&T) -> bool, new: impl FnOnce() -> T) -> Option<&mut T> {
         let index = self.iter().position(matches).unwrap_or_else(|| {
             let index = self.length;
@@ -83,7 +83,7 @@ impl<T, const N: usize> List<T, N> {
     }
 }
 
-impl<T, const N: usize> Deref for List<T, N> {
+impl<T, const N: usize> Deref for FixedList<T, N> {
     type Target = [T];
 
     fn deref(&self) -> &[T] {
@@ -92,7 +92,7 @@ impl<T, const N: usize> Deref for List<T, N> {
 }
 
 /// Collects the first `N` items.
-impl<T: Copy + Default, const N: usize> FromIterator<T> for List<T, N> {
+impl<T: Copy + Default, const N: usize> FromIterator<T> for FixedList<T, N> {
     fn from_iter<I: IntoIterator<Item = T>>(items: I) -> Self {
         let mut list = Self::default();
         items.into_iter().take(N).for_each(|item| list.push(item));
@@ -100,13 +100,13 @@ impl<T: Copy + Default, const N: usize> FromIterator<T> for List<T, N> {
     }
 }
 
-impl<T: fmt::Debug, const N: usize> fmt::Debug for List<T, N> {
+impl<T: fmt::Debug, const N: usize> fmt::Debug for FixedList<T, N> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_list().entries(self.iter()).finish()
     }
 }
 
-impl<T: Serialize, const N: usize> Serialize for List<T, N> {
+impl<T: Serialize, const N: usize> Serialize for FixedList<T, N> {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         serializer.collect_seq(self.iter())
     }
@@ -119,7 +119,7 @@ mod tests {
     #[test]
     fn label_long_name_is_cut_between_characters() {
         assert_eq!(Label::new("shank").as_str(), "shank");
-        // 30 bytes, then one character of two.
+        // 30 bytes, then a character of two bytes.
         let long = format!("{}é", "a".repeat(30));
         assert_eq!(Label::new(&long).as_str(), "a".repeat(30));
         assert_eq!(Label::new(&long), Label::new(&"a".repeat(30)));
@@ -127,11 +127,11 @@ mod tests {
 
     #[test]
     fn list_full_finds_items_and_adds_none() {
-        let mut list: List<u32, 2> = [1, 2, 3].into_iter().collect();
+        let mut list: FixedList<u32, 2> = [1, 2, 3].into_iter().collect();
         assert_eq!(*list, [1, 2]);
         assert_eq!(list.entry(|&item| item == 2, || 9), Some(&mut 2));
         assert_eq!(list.entry(|&item| item == 7, || 7), None);
-        let mut list = List::<u32, 2>::default();
+        let mut list = FixedList::<u32, 2>::default();
         assert_eq!(list.entry(|&item| item == 7, || 7), Some(&mut 7));
         assert_eq!(list.len(), 1);
     }

@@ -3,8 +3,8 @@
 use super::summary::Quantiles;
 use hdrhistogram::Histogram;
 
-/// Limit above which durations count as this one [ns]; the largest is exact nevertheless.
-const LONGEST_NS: u64 = 60_000_000_000;
+/// Upper end of the histogram [ns]. Longer durations count there; the maximum is exact nevertheless.
+const MAX_NS: u64 = 60_000_000_000;
 /// Precision of a quantile [digits].
 const DIGITS: u8 = 3;
 const NS_PER_US: f64 = 1e3;
@@ -19,7 +19,7 @@ pub struct Latencies {
 impl Default for Latencies {
     #[allow(clippy::expect_used, reason = "the bounds are constants, and a test builds it")]
     fn default() -> Self {
-        let histogram = Histogram::new_with_bounds(1, LONGEST_NS, DIGITS).expect("constant bounds are valid");
+        let histogram = Histogram::new_with_bounds(1, MAX_NS, DIGITS).expect("constant bounds are valid");
         Self { histogram, largest_ns: 0 }
     }
 }
@@ -60,7 +60,7 @@ mod tests {
         }
         assert_eq!(q.max, 10_000.0);
         // Above the range of the histogram.
-        all.record(100 * LONGEST_NS);
-        assert_eq!(all.quantiles_us().unwrap().max, 100.0 * LONGEST_NS as f64 / 1e3);
+        all.record(100 * MAX_NS);
+        assert_eq!(all.quantiles_us().unwrap().max, 100.0 * MAX_NS as f64 / 1e3);
     }
 }

@@ -1,10 +1,10 @@
 //! Metrics of the scene: objects, contacts, posture, and the integration behind them.
 
-use super::label::{Label, List};
+use super::label::{FixedList, Label};
 use hapfic_messages::{MAX_JOINTS, MAX_OBJECTS};
 use serde::Serialize;
 
-/// Most contact pairs; the first ones count.
+/// Most contact pairs; later pairs are ignored.
 pub const MAX_PAIRS: usize = 24;
 
 /// Metrics of the scene.
@@ -13,11 +13,11 @@ pub const MAX_PAIRS: usize = 24;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct MomentsSummary {
     /// Free bodies, in the order of the scenario.
-    pub objects: List<ObjectSummary, MAX_OBJECTS>,
+    pub objects: FixedList<ObjectSummary, MAX_OBJECTS>,
     /// Contact pairs, in the order of their first contact.
-    pub contacts: List<PairSummary, MAX_PAIRS>,
+    pub contacts: FixedList<PairSummary, MAX_PAIRS>,
     /// Joints, from the base to the tip.
-    pub joints: List<JointSummary, MAX_JOINTS>,
+    pub joints: FixedList<JointSummary, MAX_JOINTS>,
     /// Axes with a desired force while the foot touches nothing.
     pub air: AirSummary,
 }
@@ -53,7 +53,7 @@ pub struct PairSummary {
     pub peak_n: f64,
 }
 
-/// One joint.
+/// Posture of a joint.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct JointSummary {
     /// Smallest |q| [degrees]; metres of a prismatic joint count as radians.

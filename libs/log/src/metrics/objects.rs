@@ -1,9 +1,10 @@
 //! Rotation and displacement of the free bodies.
 
-use super::label::{Label, List};
+use super::label::FixedList;
 use super::moments::ObjectSummary;
 use super::sample::ObjectSample;
 use hapfic_messages::MAX_OBJECTS;
+use nalgebra::{UnitQuaternion, Vector3};
 
 /// Angle between a body's first and present z axis from which it lies on another face [rad]: 80 degrees.
 const TIPPED_RAD: f64 = 80.0 * std::f64::consts::PI / 180.0;
@@ -13,18 +14,16 @@ const REST_RAD_PER_S: f64 = 1e-2;
 /// Duration of rest that counts [ticks].
 const REST_TICKS: u64 = 200;
 
-/// The free bodies, by name.
+/// Motions of the free bodies, by name.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Objects {
-    bodies: List<Body, MAX_OBJECTS>,
+pub(super) struct ObjectMotions {
+    motions: FixedList<ObjectMotion, MAX_OBJECTS>,
 }
 
-/// One free body.
+/// Motion of a free body.
 #[derive(Clone, Copy, Debug, Default)]
-struct Body {
-    name: Label,
-    start_position: [f64; 3],
-    start_orientation: [f64; 4],
+struct ObjectMotion {
+    start: ObjectSample,
     rotation: f64,
     largest_rotation: f64,
     largest_displacement: f64,
@@ -33,74 +32,47 @@ struct Body {
     tipped_at_rest: bool,
 }
 
-impl Objects {
+impl ObjectMotions {
     pub(super) fn tick(&mut self, objects: &[ObjectSample]) {
         for object in objects {
-            let start = || Body {
-                name: object.name,
-                start_position: object.position,
-                start_orientation: object.orientation,
-                ..Body::default()
-            };
-            if let Some(body) = self.bodies.entry(|body| body.name == object.name, start) {
+            let start = || ObjectMotion { start: *object, ..ObjectMotion::default() };
+            if let Some(body) = self.motions.entry(|body| body.start.name == object.name, start) {
                 body.tick(object);
             }
         }
     }
 
-    pub(super) fn summary(&self) -> List<ObjectSummary, MAX_OBJECTS> {
-        let summary = |body: &Body| ObjectSummary {
-            name: body.name,
+    pub(super) fn summary(&self) -> FixedList<ObjectSummary, MAX_OBJECTS> {
+        let summary = |body: &ObjectMotion| ObjectSummary {
+            name: body.start.name,
             max_turn_deg: body.largest_rotation.to_degrees(),
             final_turn_deg: body.rotation.to_degrees(),
             tipped_at_rest: body.tipped_at_rest,
             max_displacement_m: body.largest_displacement,
         };
-        self.bodies.iter().map(summary).collect()
+        self.motions.iter().map(summary).collect()
     }
 }
 
-impl Body {
+impl ObjectMotion {
     fn tick(&mut self, object: &ObjectSample) {
-        self.rotation = angle_between(self.start_orientation, object.orientation);
+        self.rotation = self.start.orientation.angle_to(&object.orientation);
         self.largest_rotation = self.largest_rotation.max(self.rotation);
-        let displacement: [f64; 3] = std::array::from_fn(|i| object.position[i] - self.start_position[i]);
-        self.largest_displacement = self.largest_displacement.max(norm(displacement));
-        let at_rest = norm(object.linear_velocity) < REST_M_PER_S && norm(object.angular_velocity) < REST_RAD_PER_S;
-        let (then, now) = (z_axis(self.start_orientation), z_axis(object.orientation));
-        let tipped = norm(cross(then, now)).atan2(dot(then, now)) >= TIPPED_RAD;
+        self.largest_displacement = self.largest_displacement.max((object.position - self.start.position).norm());
+        let at_rest = object.linear_velocity.norm() < REST_M_PER_S && object.angular_velocity.norm() < REST_RAD_PER_S;
+        let [then, now] = [&self.start, object].map(|body| body.orientation * Vector3::z());
+        let tipped = then.angle(&now) >= TIPPED_RAD;
         self.tipped = if at_rest && tipped { self.tipped + 1 } else { 0 };
         self.tipped_at_rest |= self.tipped >= REST_TICKS;
     }
 }
 
-/// Returns the angle of rotation from orientation `a` to `b`, 0 to pi [rad]; quaternions are x y z w.
-///
-/// Exact near 0 too, unlike the arc cosine.
+/// Returns the angle of rotation between two orientations, 0 to pi [rad]; quaternions are x y z w.
 #[must_use]
 pub fn angle_between(a: [f64; 4], b: [f64; 4]) -> f64 {
-    let (u, v) = ([a[0], a[1], a[2]], [b[0], b[1], b[2]]);
-    let across = cross(u, v);
-    let vector: [f64; 3] = std::array::from_fn(|i| a[3] * v[i] - b[3] * u[i] - across[i]);
-    let scalar = a[3] * b[3] + dot(u, v);
-    2.0 * norm(vector).atan2(scalar.abs())
-}
-
-/// Direction of a body's z axis, given its unit quaternion.
-fn z_axis([x, y, z, w]: [f64; 4]) -> [f64; 3] {
-    [2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)]
-}
-
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-}
-
-pub(super) fn norm(v: [f64; 3]) -> f64 {
-    dot(v, v).sqrt()
+    // The angle does not depend on the norms.
+    let [a, b] = [a, b].map(|q| UnitQuaternion::new_unchecked(q.into()));
+    a.angle_to(&b)
 }
 
 #[cfg(test)]
@@ -117,6 +89,5 @@ mod tests {
                 assert!((angle - (to - from)).abs() < 1e-14, "{angle}, expected {}", to - from);
             }
         }
-        assert!(norm(cross(z_axis(about_x(0.5)), [0.0, (-0.5_f64).sin(), 0.5_f64.cos()])) < 1e-15);
     }
 }

@@ -1,6 +1,6 @@
 //! Joints near zero, and axes with a desired force without contact.
 
-use super::label::List;
+use super::label::FixedList;
 use super::moments::{AirSummary, JointSummary};
 use super::sample::{CommandSample, ParameterSample};
 use hapfic_messages::MAX_JOINTS;
@@ -10,12 +10,12 @@ const STRAIGHT_RAD: f64 = std::f64::consts::PI / 180.0;
 
 /// The joints, from the base to the tip.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Joints {
+pub(super) struct JointSums {
     smallest: [Option<f64>; MAX_JOINTS],
     straight: [u64; MAX_JOINTS],
 }
 
-impl Joints {
+impl JointSums {
     pub(super) fn tick(&mut self, positions: &[f64]) {
         for ((position, smallest), straight) in positions.iter().zip(&mut self.smallest).zip(&mut self.straight) {
             let size = position.abs();
@@ -24,7 +24,7 @@ impl Joints {
         }
     }
 
-    pub(super) fn summary(&self) -> List<JointSummary, MAX_JOINTS> {
+    pub(super) fn summary(&self) -> FixedList<JointSummary, MAX_JOINTS> {
         let joints = self.smallest.iter().zip(self.straight);
         joints
             .filter_map(|(smallest, straight_ticks)| {
@@ -36,11 +36,11 @@ impl Joints {
 
 /// Axes with a desired force while the foot touches nothing.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Air {
+pub(super) struct AirSums {
     summary: AirSummary,
 }
 
-impl Air {
+impl AirSums {
     /// Adds a tick with an active command and no contact of the foot.
     pub(super) fn tick(&mut self, command: &CommandSample, set: &ParameterSample) {
         let (Some(offset), Some(error)) = (command.offset, command.error) else { return };

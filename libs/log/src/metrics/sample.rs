@@ -1,28 +1,33 @@
 //! Checked excerpts of the messages, for the metrics.
 
-use super::label::{Label, List};
+use super::label::{FixedList, Label};
 use crate::proto;
 use hapfic_messages::{MAX_CONTACTS, MAX_JOINTS, MAX_OBJECTS, Mode, Source};
+use nalgebra::{Quaternion, SVector, UnitQuaternion, Vector3};
 
-/// Largest plausible value, far above any length, speed or force of a run. A damaged or foreign log may hold anything.
-const LARGEST: f64 = 1e12;
+/// Largest plausible value, far above any length, speed or force of a run.
+///
+/// A damaged log, or a log of another program, may hold any value.
+const MAX_VALUE: f64 = 1e12;
 /// Shortest quaternion with a direction.
-const SHORTEST: f64 = 1e-6;
+const MIN_QUATERNION_NORM: f64 = 1e-6;
 
 /// Excerpt of a state.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct StateSample {
-    pub(super) position: [f64; 3],
-    pub(super) velocity: [f64; 3],
-    pub(super) force: [f64; 3],
-    pub(super) joints: List<f64, MAX_JOINTS>,
-    pub(super) objects: List<ObjectSample, MAX_OBJECTS>,
-    pub(super) contacts: List<ContactSample, MAX_CONTACTS>,
+    pub(super) position: Vector3<f64>,
+    pub(super) velocity: Vector3<f64>,
+    pub(super) force: Vector3<f64>,
+    pub(super) joints: FixedList<f64, MAX_JOINTS>,
+    pub(super) objects: FixedList<ObjectSample, MAX_OBJECTS>,
+    pub(super) contacts: FixedList<ContactSample, MAX_CONTACTS>,
     pub(super) physics: Option<PhysicsSample>,
 }
 
 impl StateSample {
-    /// Returns `None` unless every vector has 3 finite elements, as for all samples. Lists are cut to a state's capacity.
+    /// Returns `None` unless every vector has 3 finite elements, as for all samples.
+    ///
+    /// Lists are cut to a state's capacity.
     pub(super) fn new(message: &proto::State) -> Option<Self> {
         let joints = message.joint_position.iter().take(MAX_JOINTS);
         Some(Self {
@@ -43,8 +48,7 @@ impl StateSample {
 impl StateSample {
     /// Speed of the foot across an axis [m/s].
     pub(super) fn speed_across(&self, axis: usize) -> f64 {
-        let others = self.velocity.iter().enumerate().filter(|(i, _)| *i != axis);
-        others.map(|(_, v)| v * v).sum::<f64>().sqrt()
+        self.velocity.remove_row(axis).norm()
     }
 }
 
@@ -52,11 +56,10 @@ impl StateSample {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct ObjectSample {
     pub(super) name: Label,
-    pub(super) position: [f64; 3],
-    /// Unit quaternion x y z w.
-    pub(super) orientation: [f64; 4],
-    pub(super) linear_velocity: [f64; 3],
-    pub(super) angular_velocity: [f64; 3],
+    pub(super) position: Vector3<f64>,
+    pub(super) orientation: UnitQuaternion<f64>,
+    pub(super) linear_velocity: Vector3<f64>,
+    pub(super) angular_velocity: Vector3<f64>,
 }
 
 impl ObjectSample {
@@ -64,7 +67,7 @@ impl ObjectSample {
         Some(Self {
             name: Label::new(&message.name),
             position: vector(&message.position)?,
-            orientation: unit(vector(&message.orientation)?)?,
+            orientation: UnitQuaternion::try_new(Quaternion::from(vector(&message.orientation)?), MIN_QUATERNION_NORM)?,
             linear_velocity: vector(&message.linear_velocity)?,
             angular_velocity: vector(&message.angular_velocity)?,
         })
@@ -76,7 +79,7 @@ impl ObjectSample {
 pub(super) struct ContactSample {
     pub(super) body: Label,
     pub(super) against: Label,
-    pub(super) force: [f64; 3],
+    pub(super) force: Vector3<f64>,
 }
 
 impl ContactSample {
@@ -86,7 +89,7 @@ impl ContactSample {
     }
 }
 
-/// Excerpt of the integrator's account.
+/// Excerpt of the integrator's statistics.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct PhysicsSample {
     pub(super) substeps: u64,
@@ -116,8 +119,8 @@ impl PhysicsSample {
 /// Excerpt of a reference.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ReferenceSample {
-    pub(super) position: [f64; 3],
-    pub(super) velocity: [f64; 3],
+    pub(super) position: Vector3<f64>,
+    pub(super) velocity: Vector3<f64>,
 }
 
 impl ReferenceSample {
@@ -127,7 +130,7 @@ impl ReferenceSample {
 
     /// Whether the reference is at rest. The comparison is exact: the planner's arcs end at rest in closed form.
     pub(super) fn at_rest(&self) -> bool {
-        self.velocity == [0.0; 3]
+        self.velocity == Vector3::zeros()
     }
 
     /// Whether the reference moves across an axis and not along it.
@@ -139,7 +142,7 @@ impl ReferenceSample {
 /// Excerpt of a command.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct CommandSample {
-    pub(super) force: [f64; 3],
+    pub(super) force: Vector3<f64>,
     pub(super) active: bool,
     pub(super) converging: [bool; 3],
     /// The gate had no valid request of this tick.
@@ -147,8 +150,8 @@ pub(super) struct CommandSample {
     /// The peak limited the torque of a joint.
     pub(super) limited: bool,
     /// dx; `None` in a log without it, as for the error.
-    pub(super) offset: Option<[f64; 3]>,
-    pub(super) error: Option<[f64; 3]>,
+    pub(super) offset: Option<Vector3<f64>>,
+    pub(super) error: Option<Vector3<f64>>,
 }
 
 impl CommandSample {
@@ -170,10 +173,10 @@ impl CommandSample {
 pub(super) struct ParameterSample {
     pub(super) version: u64,
     pub(super) effective_tick: i64,
-    pub(super) desired_force: [f64; 3],
-    pub(super) stiffness: [f64; 3],
-    pub(super) max_force: [f64; 3],
-    pub(super) position_bound: [f64; 3],
+    pub(super) desired_force: Vector3<f64>,
+    pub(super) stiffness: Vector3<f64>,
+    pub(super) max_force: Vector3<f64>,
+    pub(super) position_bound: Vector3<f64>,
     pub(super) force_resolution: f64,
 }
 
@@ -191,21 +194,16 @@ impl ParameterSample {
     }
 }
 
-fn vector<const N: usize>(values: &[f64]) -> Option<[f64; N]> {
-    let vector: [f64; N] = values.try_into().ok()?;
-    vector.into_iter().all(is_plausible).then_some(vector)
+fn vector<const N: usize>(values: &[f64]) -> Option<SVector<f64, N>> {
+    let vector = SVector::from(<[f64; N]>::try_from(values).ok()?);
+    vector.iter().copied().all(is_plausible).then_some(vector)
 }
 
 /// Reads an optional vector: `Some(None)` if it is empty, `None` if it is invalid.
-fn vector_if_any(values: &[f64]) -> Option<Option<[f64; 3]>> {
+fn vector_if_any(values: &[f64]) -> Option<Option<Vector3<f64>>> {
     if values.is_empty() { Some(None) } else { vector(values).map(Some) }
 }
 
-fn unit(quaternion: [f64; 4]) -> Option<[f64; 4]> {
-    let length = quaternion.iter().map(|part| part * part).sum::<f64>().sqrt();
-    (length >= SHORTEST).then(|| quaternion.map(|part| part / length))
-}
-
 fn is_plausible(value: f64) -> bool {
-    value.abs() < LARGEST
+    value.abs() < MAX_VALUE
 }

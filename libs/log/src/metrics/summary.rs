@@ -61,7 +61,7 @@ pub struct OutsideSummary {
     pub standing_ticks: [u64; 3],
     /// There was no active command.
     pub inactive_ticks: [u64; 3],
-    /// None of these.
+    /// Ticks without any of these causes.
     pub unexplained_ticks: [u64; 3],
 }
 
@@ -77,7 +77,7 @@ pub struct ForceSummary {
     pub settled_rms_n: [Option<f64>; 3],
     /// The same of the error relative to |F_d| [%].
     pub settled_rms_percent: [Option<f64>; 3],
-    /// Ticks of these two.
+    /// Number of these ticks.
     pub settled_ticks: [u64; 3],
     /// Holds: uninterrupted runs of such ticks.
     pub holds: [u64; 3],
@@ -89,12 +89,12 @@ pub struct ForceSummary {
     pub last_hold_rms_percent: [Option<f64>; 3],
     /// As `settled_rms_percent`, while the reference moves across the axis and not along it [%].
     pub sliding_rms_percent: [Option<f64>; 3],
-    /// Ticks of it.
+    /// Number of these ticks.
     pub sliding_ticks: [u64; 3],
-    /// The same in steady sliding: the foot has moved across the axis by more than 10 mm/s for 50 ms, and the transient
-    /// of breaking away from static friction is over [%].
+    /// The same in steady sliding: the foot has moved across the axis by more than 10 mm/s for 50 ms [%]. The transient
+    /// of breaking away from static friction is over then.
     pub steady_sliding_rms_percent: [Option<f64>; 3],
-    /// Ticks of it.
+    /// Number of these ticks.
     pub steady_sliding_ticks: [u64; 3],
     /// Largest force beyond F_d, in its direction, after F_d has been reached; gains may change meanwhile [N].
     pub overshoot_n: [Option<f64>; 3],
@@ -128,7 +128,7 @@ pub struct ForceCommandSummary {
 pub struct TimingSummary {
     /// Latency from state published to command published [us].
     pub latency_us: Option<Quantiles>,
-    /// Periods by which simulated time slipped, because the plant's timer came late.
+    /// Periods by which simulated time slipped, because the plant's timer expired late.
     pub late_ticks: u64,
     /// Commands without a valid request of their tick, after the first command in mode `active`.
     pub missed_ticks: u64,
@@ -164,9 +164,9 @@ pub struct TickSummary {
     /// Ticks between the two without a message in `/state`.
     pub missing_states: u64,
     /// Ticks from the first state to the last command without a message in `/command`. A run that is cut short ends
-    /// before the last states are answered: the plant may be two ahead.
+    /// before the last commands: the plant may be two ticks ahead.
     pub missing_commands: u64,
-    /// Both together.
+    /// Sum of missing states and commands.
     pub lost: u64,
     /// Rejected messages: their numbers are not finite, or too few or too many.
     pub invalid: u64,

@@ -4,7 +4,7 @@ use super::sample::{CommandSample, ParameterSample, ReferenceSample, StateSample
 use super::sum::Sum;
 use super::summary::{OutsideSummary, TrackingSummary};
 
-/// Share of F_max from which F_c counts as at its limit: the profile comes near it, but for a small step at the end.
+/// Share of F_max from which F_c counts as at its limit: the profile approaches it up to a small step at the end.
 pub(super) const AT_LIMIT: f64 = 0.999;
 
 /// Speed against the reference below which an axis is at rest [m/s].
@@ -12,14 +12,14 @@ const REST_M_PER_S: f64 = 1e-3;
 
 /// Sums over the ticks with a state and a reference.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Tracking {
-    axes: [Axis; 3],
+pub(super) struct TrackingSums {
+    axes: [TrackingAxisSums; 3],
     outside: u64,
 }
 
-/// Sums of one axis.
+/// Sums of an axis.
 #[derive(Clone, Copy, Debug, Default)]
-struct Axis {
+struct TrackingAxisSums {
     error: Sum,
     ratio: Sum,
     bound: f64,
@@ -33,7 +33,7 @@ struct Axis {
     unexplained: u64,
 }
 
-impl Tracking {
+impl TrackingSums {
     pub(super) fn tick(
         &mut self,
         state: &StateSample,
@@ -84,7 +84,7 @@ impl Tracking {
     }
 }
 
-impl Axis {
+impl TrackingAxisSums {
     /// Selects the counter for an error beyond x_b: that of the first cause that applies.
     fn cause(&mut self, i: usize, state: &StateSample, command: Option<&CommandSample>, set: &ParameterSample) -> &mut u64 {
         let Some(command) = command.filter(|command| command.active) else { return &mut self.inactive };
@@ -94,7 +94,7 @@ impl Axis {
             &mut self.torque_limited
         } else if set.desired_force[i] != 0.0 && state.force[i].abs() > set.force_resolution {
             // The offset compensates the distance: here the law holds a force, not a position. Contact without a
-            // desired force is no cause: F_c can rise to F_max against it.
+            // desired force is no cause: there F_c can rise to F_max.
             &mut self.force_held
         } else if command.converging[i] {
             // In convergence the law gives less than its profile: 2 F_c(x_max) / x_max (e - x_max / 2).

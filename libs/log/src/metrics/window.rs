@@ -2,12 +2,12 @@
 
 use super::sample::{CommandSample, ReferenceSample, StateSample};
 
-/// Lead that one topic may have over another [ticks].
+/// Largest lead of a topic over another [ticks].
 pub const WINDOW: i64 = 1024;
 
 /// Messages of one tick so far.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Slot {
+pub(super) struct TickSamples {
     pub(super) tick: i64,
     pub(super) state: Option<StateSample>,
     pub(super) reference: Option<ReferenceSample>,
@@ -17,7 +17,7 @@ pub(super) struct Slot {
 /// The last [`WINDOW`] ticks. A new tick displaces the oldest.
 #[derive(Clone, Debug)]
 pub(super) struct Window {
-    slots: Vec<Option<Slot>>,
+    slots: Vec<Option<TickSamples>>,
     /// The oldest tick that can still be added; `None` before the first.
     oldest: Option<i64>,
 }
@@ -29,9 +29,9 @@ impl Default for Window {
 }
 
 impl Window {
-    /// Returns the slot of a tick; `None` if the tick has left already. Displaced slots are passed to `leave`.
-    pub(super) fn slot(&mut self, tick: i64, leave: impl FnMut(Slot)) -> Option<&mut Slot> {
-        // The first message need not be of the first tick: the planner is one ahead.
+    /// Returns the slot of a tick; `None` if the tick has already left. Displaced slots are passed to `leave`.
+    pub(super) fn slot(&mut self, tick: i64, leave: impl FnMut(TickSamples)) -> Option<&mut TickSamples> {
+        // The first message need not be of the first tick: the planner is one tick ahead.
         let oldest = *self.oldest.get_or_insert(tick.saturating_sub(WINDOW / 2));
         if tick < oldest {
             return None;
@@ -40,18 +40,18 @@ impl Window {
         if needed > oldest {
             self.release(oldest, needed, leave);
         }
-        Some(self.slots[index(tick)].get_or_insert(Slot { tick, ..Slot::default() }))
+        Some(self.slots[index(tick)].get_or_insert(TickSamples { tick, ..TickSamples::default() }))
     }
 
     /// Passes all remaining slots to `leave`.
-    pub(super) fn drain(mut self, leave: impl FnMut(Slot)) {
+    pub(super) fn drain(mut self, leave: impl FnMut(TickSamples)) {
         if let Some(oldest) = self.oldest {
             self.release(oldest, oldest.saturating_add(WINDOW), leave);
         }
     }
 
     /// Releases the ticks `from..until`. At most [`WINDOW`] of them are stored.
-    fn release(&mut self, from: i64, until: i64, mut leave: impl FnMut(Slot)) {
+    fn release(&mut self, from: i64, until: i64, mut leave: impl FnMut(TickSamples)) {
         for tick in from..until.min(from.saturating_add(WINDOW)) {
             if let Some(slot) = self.slots[index(tick)].take() {
                 leave(slot);

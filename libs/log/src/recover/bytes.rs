@@ -1,6 +1,6 @@
 //! Random access to the damaged file, and the fields of its records.
 
-use super::RecoverError;
+use super::error::RecoverError;
 use crate::error::LogError;
 use std::fs::{File, TryLockError};
 use std::io;
@@ -10,14 +10,14 @@ use std::path::{Path, PathBuf};
 /// Size of a record's opcode and length [bytes].
 pub(super) const HEAD: u64 = 9;
 
-/// Read-only file with random access. Its lock keeps runs from writing it.
-pub(super) struct Source {
+/// Read-only file with random access. Its lock prevents runs from writing it.
+pub(super) struct SourceFile {
     file: File,
     path: PathBuf,
     length: u64,
 }
 
-impl Source {
+impl SourceFile {
     pub(super) fn open(path: &Path) -> Result<Self, RecoverError> {
         let failed = |cause| LogError::Open { path: path.to_owned(), cause };
         let file = File::open(path).map_err(failed)?;
@@ -69,9 +69,9 @@ impl Source {
 
 /// Reader of consecutive fields; `None` where the bytes end first.
 #[derive(Clone, Copy)]
-pub(super) struct Fields<'a>(&'a [u8]);
+pub(super) struct FieldReader<'a>(&'a [u8]);
 
-impl<'a> Fields<'a> {
+impl<'a> FieldReader<'a> {
     pub(super) fn new(bytes: &'a [u8]) -> Self {
         Self(bytes)
     }

@@ -1,11 +1,11 @@
 //! Copy of records from the original to the new log.
 
-use super::RecoverError;
-use super::bytes::Fields;
+use super::bytes::FieldReader;
+use super::error::RecoverError;
 use super::found::Recovery;
-use super::output::{Output, PROTOBUF};
+use super::output::{PROTOBUF, RecoveryWriter};
 use super::plausibility::{Plausibility, PlausibilityCheck};
-use super::records::Message;
+use super::records::MessageRecord;
 use crate::topic::Topic;
 use mcap::records::{self, MessageHeader, Metadata, op};
 use std::collections::BTreeMap;
@@ -13,9 +13,9 @@ use std::collections::BTreeMap;
 /// Copies valid records to the new log.
 pub(super) struct Copier {
     /// `None` if the original is complete.
-    output: Option<Output>,
-    schemas: BTreeMap<u16, Schema>,
-    channels: BTreeMap<u16, Channel>,
+    output: Option<RecoveryWriter>,
+    schemas: BTreeMap<u16, CopiedSchema>,
+    channels: BTreeMap<u16, CopiedChannel>,
     /// Whether the new log has a channel for every topic.
     numbered: bool,
     plausibility: PlausibilityCheck,
@@ -23,13 +23,13 @@ pub(super) struct Copier {
     pub(super) found: Recovery,
 }
 
-struct Schema {
+struct CopiedSchema {
     name: String,
     encoding: String,
     data: Vec<u8>,
 }
 
-struct Channel {
+struct CopiedChannel {
     name: String,
     /// `None` for a topic of another program.
     topic: Option<Topic>,
@@ -50,7 +50,7 @@ pub(super) struct CopiedChunk {
 }
 
 impl Copier {
-    pub(super) fn new(output: Option<Output>) -> Self {
+    pub(super) fn new(output: Option<RecoveryWriter>) -> Self {
         Self {
             output,
             schemas: BTreeMap::new(),
@@ -61,7 +61,7 @@ impl Copier {
         }
     }
 
-    pub(super) fn into_parts(self) -> (Option<Output>, Recovery) {
+    pub(super) fn into_parts(self) -> (Option<RecoveryWriter>, Recovery) {
         (self.output, self.found)
     }
 
@@ -85,7 +85,7 @@ impl Copier {
     pub(super) fn chunk(&mut self, records: &[u8], checked: bool) -> Result<CopiedChunk, RecoverError> {
         self.plausibility.begin();
         let mut copied = CopiedChunk { messages: 0, ticks: None, stopped: None };
-        let mut fields = Fields::new(records);
+        let mut fields = FieldReader::new(records);
         while !fields.is_empty() {
             let record = fields.record();
             let stopped = match record {
@@ -126,7 +126,7 @@ impl Copier {
     fn schema(&mut self, body: &[u8]) -> Result<(), String> {
         match crate::lengths::parse(op::SCHEMA, body) {
             Ok(records::Record::Schema { header, data }) => {
-                let schema = Schema { name: header.name, encoding: header.encoding, data: data.into_owned() };
+                let schema = CopiedSchema { name: header.name, encoding: header.encoding, data: data.into_owned() };
                 self.schemas.insert(header.id, schema);
                 Ok(())
             }
@@ -155,7 +155,7 @@ impl Copier {
             }
         };
         let topic = known.filter(|topic| topic.schema_name() == schema.name && channel.message_encoding == PROTOBUF);
-        self.channels.insert(channel.id, Channel { name: channel.topic, topic, number, checked: true });
+        self.channels.insert(channel.id, CopiedChannel { name: channel.topic, topic, number, checked: true });
         Ok(Ok(()))
     }
 
@@ -164,7 +164,7 @@ impl Copier {
         let number = match &mut self.output {
             None => 0,
             Some(output) => {
-                // All missing channels together, in the writer's order: so each keeps its number.
+                // Adds all missing channels in the writer's order, so that each keeps its number.
                 if !self.numbered {
                     let present = |topic: Topic| self.channels.values().any(|channel| channel.name == topic.name());
                     for missing in Topic::ALL.into_iter().filter(|&topic| !present(topic)) {
@@ -176,14 +176,14 @@ impl Copier {
             }
         };
         self.found.rebuilt.insert(topic.name().to_owned());
-        let channel = Channel { name: topic.name().to_owned(), topic: Some(topic), number, checked: false };
+        let channel = CopiedChannel { name: topic.name().to_owned(), topic: Some(topic), number, checked: false };
         self.channels.insert(id, channel);
         Ok(())
     }
 
     /// Copies a message. Returns its number, `None` for a repeated message, or the reason for a rejection.
     fn message(&mut self, body: &[u8], checked: bool) -> Result<Result<Option<u32>, String>, RecoverError> {
-        let Some(message) = Message::parse(body) else { return Ok(Err("a message is too short".to_owned())) };
+        let Some(message) = MessageRecord::parse(body) else { return Ok(Err("a message is too short".to_owned())) };
         let id = message.channel;
         if !self.channels.contains_key(&id) {
             // The writer numbers its topics from 1 on, always in this order.
@@ -209,7 +209,7 @@ impl Copier {
         if checked {
             self.plausibility.observe(channel.topic, &message);
         }
-        let Message { sequence, log_time, publish_time, data, .. } = message;
+        let MessageRecord { sequence, log_time, publish_time, data, .. } = message;
         if let Some(output) = &mut self.output {
             output.message(&MessageHeader { channel_id: channel.number, sequence, log_time, publish_time }, data)?;
         }

@@ -4,7 +4,7 @@ use crate::error::LogError;
 use std::io;
 use std::path::PathBuf;
 
-/// Error of a recovery. The original is unchanged, and no new log was left.
+/// Error of a recovery. The original is unchanged, and no new log remains.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum RecoverError {
@@ -30,13 +30,13 @@ pub enum RecoverError {
         path: PathBuf,
     },
     /// The log has no readable record.
-    #[error("{}: nothing to recover: found no message, attachment or metadata in it, expected at least one. Its run ended before anything was written", .path.display())]
+    #[error("{}: nothing to recover: found no message, attachment or metadata in it, expected at least one. Its run ended before the first flush", .path.display())]
     Nothing {
         /// The log.
         path: PathBuf,
     },
     /// The new log cannot be written.
-    #[error("{}: cannot write the recovered log: {cause}. Nothing was left of it and the original is untouched; check the space on the disk, or give another place with --output", .path.display())]
+    #[error("{}: cannot write the recovered log: {cause}. The new log was removed and the original is unchanged; check the free space on the disk, or give another path with --output", .path.display())]
     Write {
         /// The new log.
         path: PathBuf,
@@ -48,7 +48,7 @@ pub enum RecoverError {
 impl RecoverError {
     /// Whether the request itself is invalid, as opposed to a failure of its execution.
     #[must_use]
-    pub const fn is_refusal(&self) -> bool {
+    pub const fn is_invalid_request(&self) -> bool {
         !matches!(self, Self::Write { .. } | Self::Log(LogError::Read { .. } | LogError::Write { .. }))
     }
 }

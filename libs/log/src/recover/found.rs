@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
 /// Most gaps and losses in a list; all are counted.
-const LISTED: usize = 32;
+const MAX_LISTED: usize = 32;
 
 /// Findings of a recovery.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -22,7 +22,7 @@ pub struct Recovery {
     /// Ticks of `/command`.
     pub commands: TickGaps,
     /// Damaged places, in the order of the file; the first 32.
-    pub losses: Vec<Loss>,
+    pub losses: Vec<DamagedRange>,
     /// Number of damaged places.
     pub loss_count: u64,
     /// Size of the damaged places, rescued messages included [bytes].
@@ -31,13 +31,13 @@ pub struct Recovery {
     pub attachments: Vec<String>,
     /// Names of the metadata records kept.
     pub metadata: Vec<String>,
-    /// Topics with a damaged channel or schema: those of this program replace it.
+    /// Topics with a damaged channel or schema, which the channel and schema of this program replace.
     pub rebuilt: BTreeSet<String>,
 }
 
 /// Damaged place of the original.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Loss {
+pub struct DamagedRange {
     /// First byte.
     pub byte: u64,
     /// Length [bytes]; zero if bytes are missing there.
@@ -72,7 +72,7 @@ impl TickGaps {
         if tick > expected {
             self.count += 1;
             self.missing += tick.abs_diff(expected);
-            if self.ranges.len() < LISTED {
+            if self.ranges.len() < MAX_LISTED {
                 self.ranges.push((expected, tick - 1));
             }
         }
@@ -127,8 +127,8 @@ impl Recovery {
     pub(super) fn add_loss(&mut self, byte: u64, bytes: u64, rescued: u64, what: String) {
         self.loss_count += 1;
         self.lost_bytes += bytes;
-        if self.losses.len() < LISTED {
-            self.losses.push(Loss { byte, bytes, rescued, what });
+        if self.losses.len() < MAX_LISTED {
+            self.losses.push(DamagedRange { byte, bytes, rescued, what });
         }
     }
 
@@ -151,7 +151,7 @@ impl Recovery {
     }
 }
 
-impl Loss {
+impl DamagedRange {
     /// Formats place, length and kind of the damage.
     #[must_use]
     pub fn text(&self) -> String {
@@ -177,13 +177,13 @@ mod tests {
         for tick in 0..100 {
             gaps.add(11 + 2 * tick);
         }
-        assert_eq!(gaps.ranges.len(), LISTED);
-        assert!(gaps.text().ends_with(&format!("and {} more", 103 - LISTED)), "{}", gaps.text());
+        assert_eq!(gaps.ranges.len(), MAX_LISTED);
+        assert!(gaps.text().ends_with(&format!("and {} more", 103 - MAX_LISTED)), "{}", gaps.text());
     }
 
     #[test]
     fn loss_text_names_rescued_messages() {
-        let loss = |bytes, rescued| Loss { byte: 10, bytes, rescued, what: "a chunk is damaged".to_owned() }.text();
+        let loss = |bytes, rescued| DamagedRange { byte: 10, bytes, rescued, what: "a chunk is damaged".to_owned() }.text();
         assert_eq!(loss(0, 0), "byte 10: a chunk is damaged");
         assert_eq!(loss(20, 0), "byte 10, 20 bytes: a chunk is damaged");
         assert_eq!(loss(20, 3), "byte 10, 20 bytes, 3 messages rescued without a checksum: a chunk is damaged");

@@ -1,26 +1,26 @@
 //! Decoder of LZ4 frames with a valid beginning only.
 //!
-//! The usual decoder returns nothing of a truncated block of 64 KiB. This one returns every byte that the valid input
-//! determines: the first output depends only on the first input.
+//! The usual decoder returns nothing of a truncated block of 64 KiB. This decoder returns every byte that the valid
+//! input determines: the first output depends only on the first input.
 
-use super::bytes::Fields;
+use super::bytes::FieldReader;
 
 /// First bytes of a frame.
 pub(super) const MAGIC: u32 = 0x184d_2204;
 /// Bit of a block's size for an uncompressed block.
 const RAW: u32 = 0x8000_0000;
 /// Shortest match [bytes].
-const SHORTEST: usize = 4;
+const MIN_MATCH: usize = 4;
 
-/// Decodes into `out`, at most `most` bytes, until the frame ends or is invalid.
-pub(super) fn decode(frame: &[u8], most: usize, out: &mut Vec<u8>) {
+/// Decodes into `out`, at most `limit` bytes, until the frame ends or is invalid.
+pub(super) fn decode(frame: &[u8], limit: usize, out: &mut Vec<u8>) {
     out.clear();
     // The frame alone does not show whether it is complete: the caller checks the output.
-    let _ = blocks(frame, most, out);
+    let _ = blocks(frame, limit, out);
 }
 
-fn blocks(frame: &[u8], most: usize, out: &mut Vec<u8>) -> Option<()> {
-    let mut fields = Fields::new(frame);
+fn blocks(frame: &[u8], limit: usize, out: &mut Vec<u8>) -> Option<()> {
+    let mut fields = FieldReader::new(frame);
     if fields.u32()? != MAGIC {
         return None;
     }
@@ -44,10 +44,10 @@ fn blocks(frame: &[u8], most: usize, out: &mut Vec<u8>) -> Option<()> {
         let length = (size & !RAW) as usize;
         let block = fields.take_up_to(length);
         if size & RAW != 0 {
-            let free = most.saturating_sub(out.len());
+            let free = limit.saturating_sub(out.len());
             out.extend_from_slice(block.get(..free).unwrap_or(block));
         } else {
-            sequences(block, most, out)?;
+            sequences(block, limit, out)?;
         }
         if block.len() < length {
             return None;
@@ -59,13 +59,13 @@ fn blocks(frame: &[u8], most: usize, out: &mut Vec<u8>) -> Option<()> {
     }
 }
 
-/// Decodes one block: literals, then a copy of earlier output, and so on. Blocks may copy from those before them.
-fn sequences(block: &[u8], most: usize, out: &mut Vec<u8>) -> Option<()> {
-    let mut fields = Fields::new(block);
+/// Decodes one block: literals, then a copy of earlier output, and so on. Blocks may copy from earlier blocks.
+fn sequences(block: &[u8], limit: usize, out: &mut Vec<u8>) -> Option<()> {
+    let mut fields = FieldReader::new(block);
     while !fields.is_empty() {
         let token = fields.u8()?;
         let literals = length(token >> 4, &mut fields)?;
-        let bytes = fields.take_up_to(literals.min(most.saturating_sub(out.len())));
+        let bytes = fields.take_up_to(literals.min(limit.saturating_sub(out.len())));
         out.extend_from_slice(bytes);
         if bytes.len() < literals {
             return None;
@@ -75,9 +75,9 @@ fn sequences(block: &[u8], most: usize, out: &mut Vec<u8>) -> Option<()> {
             break;
         }
         let distance = usize::from(fields.u16()?);
-        let count = length(token & 0x0f, &mut fields)?.checked_add(SHORTEST)?;
+        let count = length(token & 0x0f, &mut fields)?.checked_add(MIN_MATCH)?;
         let start = out.len().checked_sub(distance)?;
-        if distance == 0 || count > most.saturating_sub(out.len()) {
+        if distance == 0 || count > limit.saturating_sub(out.len()) {
             return None;
         }
         // Byte by byte: a copy may overlap its own output.
@@ -90,7 +90,7 @@ fn sequences(block: &[u8], most: usize, out: &mut Vec<u8>) -> Option<()> {
 }
 
 /// Reads a length of four bits, with further bytes if all four are set.
-fn length(bits: u8, fields: &mut Fields<'_>) -> Option<usize> {
+fn length(bits: u8, fields: &mut FieldReader<'_>) -> Option<usize> {
     let mut sum = usize::from(bits);
     if bits == 15 {
         loop {
@@ -123,9 +123,9 @@ mod tests {
         frame
     }
 
-    fn decoded(frame: &[u8], most: usize) -> Vec<u8> {
+    fn decoded(frame: &[u8], limit: usize) -> Vec<u8> {
         let mut out = Vec::new();
-        decode(frame, most, &mut out);
+        decode(frame, limit, &mut out);
         out
     }
 
@@ -146,8 +146,8 @@ mod tests {
 
     #[test]
     fn decode_output_stays_within_limit() {
-        for most in 0..20 {
-            assert!(decoded(&frame(), most).len() <= most);
+        for limit in 0..20 {
+            assert!(decoded(&frame(), limit).len() <= limit);
         }
     }
 

@@ -1,6 +1,6 @@
 //! New log with a temporary name until it is complete.
 
-use super::RecoverError;
+use super::error::RecoverError;
 use super::found::Recovery;
 use crate::error::LogError;
 use crate::topic::Topic;
@@ -20,7 +20,7 @@ pub(super) const PROTOBUF: &str = "protobuf";
 const RECOVERY: &str = "recovery";
 
 /// Writer of the new log.
-pub(super) struct Output {
+pub(super) struct RecoveryWriter {
     mcap: mcap::Writer<NoSeek<BufWriter<File>>>,
     target: PathBuf,
     /// Declared last: removed after the writer is dropped.
@@ -42,7 +42,7 @@ impl Drop for Temporary {
     }
 }
 
-impl Output {
+impl RecoveryWriter {
     /// Creates the file, in the folder of `target`.
     pub(super) fn create(original: &Path, target: &Path) -> Result<Self, RecoverError> {
         if let (Ok(original), Ok(there)) = (original.canonicalize(), target.canonicalize())

@@ -1,6 +1,6 @@
 //! Plausibility check of messages without a checksum.
 
-use super::records::Message;
+use super::records::MessageRecord;
 use crate::topic::Topic;
 use crate::{TICK_NS, proto, time_of};
 use foxglove::messages::{FrameTransforms, Log, SceneUpdate};
@@ -41,7 +41,7 @@ impl PlausibilityCheck {
     }
 
     /// Takes the time of tick 0 from a message under a right checksum.
-    pub(super) fn observe(&mut self, topic: Option<Topic>, message: &Message<'_>) {
+    pub(super) fn observe(&mut self, topic: Option<Topic>, message: &MessageRecord<'_>) {
         if self.start.is_none() {
             self.start = topic.and_then(|topic| start_of(topic, message));
         }
@@ -50,7 +50,7 @@ impl PlausibilityCheck {
     /// Checks a message of a chunk without a right checksum, or, with `checked`, a message of an uncertain topic.
     ///
     /// Never rejects a message as [`Writer`](crate::Writer) writes it during a run.
-    pub(super) fn check(&mut self, topic: Topic, message: &Message<'_>, checked: bool) -> Plausibility {
+    pub(super) fn check(&mut self, topic: Topic, message: &MessageRecord<'_>, checked: bool) -> Plausibility {
         if self.guess.is_none() {
             self.guess = start_of(topic, message);
         }
@@ -62,7 +62,7 @@ impl PlausibilityCheck {
         if self.seen.insert(hasher.finish()) { Plausibility::Valid } else { Plausibility::Repeated }
     }
 
-    fn is_plausible(&mut self, topic: Topic, message: &Message<'_>, checked: bool) -> bool {
+    fn is_plausible(&mut self, topic: Topic, message: &MessageRecord<'_>, checked: bool) -> bool {
         let data = message.data;
         let tick = match topic {
             Topic::State => proto::State::decode(data).ok().filter(state_is_finite).map(|m| m.tick),
@@ -71,7 +71,7 @@ impl PlausibilityCheck {
             }
             Topic::Request | Topic::StandbyRequest => proto::Request::decode(data)
                 .ok()
-                // One altered bit of a channel's number turns one topic into the other.
+                // An altered bit of a channel's number exchanges the two topics.
                 .filter(|m| (m.controller == Process::Standby.name()) == (topic == Topic::StandbyRequest))
                 .filter(|m| are_finite(&[&m.error, &m.error_rate, &m.force, &m.torque]))
                 .map(|m| m.tick),
@@ -103,12 +103,12 @@ impl PlausibilityCheck {
     }
 
     /// Whether number and time of a message agree with its tick.
-    fn agrees(&self, tick: i64, message: &Message<'_>) -> bool {
+    fn agrees(&self, tick: i64, message: &MessageRecord<'_>) -> bool {
         tick as u32 == message.sequence && self.start.or(self.guess).is_none_or(|start| time_of(start, tick) == message.log_time)
     }
 
     /// Returns the tick of a message without a tick field.
-    fn tick_by_time(&self, message: &Message<'_>) -> Option<i64> {
+    fn tick_by_time(&self, message: &MessageRecord<'_>) -> Option<i64> {
         let start = self.start.or(self.guess)?;
         let by_time = message.log_time.wrapping_sub(start) as i64 / TICK_NS;
         // Before tick 0 the time may be clamped to zero.
@@ -118,7 +118,7 @@ impl PlausibilityCheck {
 }
 
 /// Returns the time of tick 0 by a message, if the message determines it.
-fn start_of(topic: Topic, message: &Message<'_>) -> Option<u64> {
+fn start_of(topic: Topic, message: &MessageRecord<'_>) -> Option<u64> {
     // Timing has its own time, and before tick 0 the time may be clamped to zero.
     let tick = u64::try_from(message.sequence as i32).ok().filter(|_| topic != Topic::Timing)?;
     message.log_time.checked_sub(tick * TICK_NS as u64)
@@ -156,7 +156,7 @@ mod tests {
     fn is_valid(topic: Topic, message: &impl prost::Message) -> bool {
         let data = message.encode_to_vec();
         let log_time = time_of(0, TICK);
-        let message = Message { channel: 1, sequence: TICK as u32, log_time, publish_time: log_time, data: &data };
+        let message = MessageRecord { channel: 1, sequence: TICK as u32, log_time, publish_time: log_time, data: &data };
         PlausibilityCheck::default().check(topic, &message, false) == Plausibility::Valid
     }
 

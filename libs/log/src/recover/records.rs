@@ -1,8 +1,8 @@
-//! Records that a recovery looks for. Consistent lengths distinguish them from other bytes.
+//! Records that a recovery searches for. Consistent lengths distinguish them from other bytes.
 
-use super::bytes::{Fields, HEAD};
+use super::bytes::{FieldReader, HEAD};
 use super::lz4;
-use crate::frames::LONGEST_RECORD;
+use crate::frames::MAX_RECORD_BYTES;
 use mcap::records::{Metadata, Record, op};
 
 /// Header of a chunk, before its data.
@@ -18,7 +18,7 @@ pub(super) struct ChunkHead<'a> {
 impl<'a> ChunkHead<'a> {
     /// Parses the beginning of a chunk's record, without opcode and length.
     pub(super) fn parse(body: &'a [u8]) -> Option<Self> {
-        let mut fields = Fields::new(body);
+        let mut fields = FieldReader::new(body);
         fields.take(16)?;
         let uncompressed_size = fields.u64()?;
         let checksum = fields.u32()?;
@@ -36,14 +36,14 @@ impl<'a> ChunkHead<'a> {
             _ => false,
         };
         starts
-            && self.uncompressed_size <= LONGEST_RECORD
+            && self.uncompressed_size <= MAX_RECORD_BYTES
             && (self.length as u64).checked_add(self.compressed_size) == Some(length)
     }
 }
 
 /// Message in a chunk.
 #[derive(Clone, Copy)]
-pub(super) struct Message<'a> {
+pub(super) struct MessageRecord<'a> {
     pub(super) channel: u16,
     pub(super) sequence: u32,
     pub(super) log_time: u64,
@@ -51,9 +51,9 @@ pub(super) struct Message<'a> {
     pub(super) data: &'a [u8],
 }
 
-impl<'a> Message<'a> {
+impl<'a> MessageRecord<'a> {
     pub(super) fn parse(body: &'a [u8]) -> Option<Self> {
-        let mut fields = Fields::new(body);
+        let mut fields = FieldReader::new(body);
         Some(Self {
             channel: fields.u16()?,
             sequence: fields.u32()?,
@@ -66,20 +66,20 @@ impl<'a> Message<'a> {
 
 /// Whether two texts fill a header record.
 pub(super) fn is_header(body: &[u8]) -> bool {
-    let mut fields = Fields::new(body);
+    let mut fields = FieldReader::new(body);
     fields.text().and_then(|_| fields.text()).is_some() && fields.is_empty()
 }
 
 /// Whether entries of 16 bytes fill a message index.
 pub(super) fn is_message_index(body: &[u8]) -> bool {
-    let mut fields = Fields::new(body);
+    let mut fields = FieldReader::new(body);
     let length = fields.u16().and_then(|_| fields.u32());
     length.is_some_and(|length| length as usize == fields.rest().len() && length.is_multiple_of(16))
 }
 
 /// Parses a metadata record; `None` unless pairs of texts fill it.
 pub(super) fn metadata(body: &[u8]) -> Option<Metadata> {
-    let mut fields = Fields::new(body);
+    let mut fields = FieldReader::new(body);
     let name = fields.text()?;
     let length = fields.u32()? as usize;
     if name.is_empty() || length != fields.rest().len() {
@@ -96,7 +96,7 @@ pub(super) fn metadata(body: &[u8]) -> Option<Metadata> {
 /// Whether `start` is the beginning of an attachment record of `length` bytes.
 pub(super) fn is_attachment(start: &[u8], length: u64) -> bool {
     const CHECKSUM: u64 = 4;
-    let mut fields = Fields::new(start);
+    let mut fields = FieldReader::new(start);
     let data = fields.take(16).and_then(|_| fields.text()).and_then(|_| fields.text()).and_then(|_| fields.u64());
     let before = (start.len() - fields.rest().len()) as u64;
     data.and_then(|data| data.checked_add(before + CHECKSUM)) == Some(length)
@@ -123,7 +123,7 @@ pub(super) fn attachment(body: &[u8]) -> Option<mcap::Attachment<'_>> {
 
 /// Parses opcode and length of a record; `None` if they are invalid.
 pub(super) fn head(bytes: &[u8]) -> Option<(u8, u64)> {
-    let mut fields = Fields::new(bytes.get(..HEAD as usize)?);
+    let mut fields = FieldReader::new(bytes.get(..HEAD as usize)?);
     let (opcode, length) = (fields.u8()?, fields.u64()?);
-    ((op::HEADER..=op::DATA_END).contains(&opcode) && length <= LONGEST_RECORD).then_some((opcode, length))
+    ((op::HEADER..=op::DATA_END).contains(&opcode) && length <= MAX_RECORD_BYTES).then_some((opcode, length))
 }

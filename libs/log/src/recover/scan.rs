@@ -1,12 +1,12 @@
 //! Scan of a damaged log: record by record where it is intact, with a search for the next record where it is not.
 
-use super::RecoverError;
-use super::bytes::{HEAD, Source};
+use super::bytes::{HEAD, SourceFile};
 use super::copy::Copier;
+use super::error::RecoverError;
 use super::lz4;
 use super::records::{self, ChunkHead};
-use crate::chunk::Chunks;
-use crate::frames::LONGEST_RECORD;
+use crate::chunk::ChunkReader;
+use crate::frames::MAX_RECORD_BYTES;
 use mcap::MAGIC;
 use mcap::records::op;
 
@@ -15,16 +15,16 @@ const WINDOW: u64 = 256 * 1024;
 /// Beginning of a chunk or attachment that contains everything before its data [bytes].
 const START: u64 = 4096;
 /// Longest valid metadata record after damage [bytes].
-const LONGEST_METADATA: u64 = 1 << 20;
+const MAX_METADATA_BYTES: u64 = 1 << 20;
 /// Length of the footer [bytes].
 const FOOTER: u64 = 20;
 /// Length of the record before the summary [bytes].
 const DATA_END: u64 = 4;
 
 struct Scan<'a> {
-    source: &'a Source,
+    source: &'a SourceFile,
     copier: &'a mut Copier,
-    chunks: Chunks,
+    chunks: ChunkReader,
     body: Vec<u8>,
     record: Vec<u8>,
     /// Records of a chunk, uncompressed.
@@ -36,11 +36,11 @@ struct Scan<'a> {
 }
 
 /// Passes everything readable in `source` to `copier`.
-pub(super) fn scan(source: &Source, copier: &mut Copier) -> Result<(), RecoverError> {
+pub(super) fn scan(source: &SourceFile, copier: &mut Copier) -> Result<(), RecoverError> {
     let mut scan = Scan {
         source,
         copier,
-        chunks: Chunks::new(),
+        chunks: ChunkReader::new(),
         body: Vec::new(),
         record: Vec::new(),
         records: Vec::new(),
@@ -71,7 +71,8 @@ impl Scan<'_> {
             {
                 return Ok(next);
             }
-            let length = self.body.get(1..HEAD as usize).map(|bytes| super::bytes::Fields::new(bytes).u64().unwrap_or(u64::MAX));
+            let length =
+                self.body.get(1..HEAD as usize).map(|bytes| super::bytes::FieldReader::new(bytes).u64().unwrap_or(u64::MAX));
             return match length {
                 Some(length) if self.is_chunk(at, length)? => self.chunk(at, length),
                 _ => self.skip_damage(at, "found no record".to_owned()),
@@ -155,13 +156,13 @@ impl Scan<'_> {
             return Ok(next);
         }
         let data = body.get(head.length..).unwrap_or_default();
-        let most = LONGEST_RECORD as usize;
+        let limit = MAX_RECORD_BYTES as usize;
         if head.compression.is_empty() {
             self.records.clear();
             self.records.extend_from_slice(data);
         } else {
             // For any other name: an invalid frame gives nothing.
-            lz4::decode(data, most, &mut self.records);
+            lz4::decode(data, limit, &mut self.records);
         }
         let copied = self.copier.chunk(&self.records, false)?;
         let end = if complete && fits && self.is_head(next)? { next } else { self.find(at + HEAD + head.length as u64)? };
@@ -185,7 +186,7 @@ impl Scan<'_> {
         self.source.read(at + HEAD, START, &mut body)?;
         let Some(head) = ChunkHead::parse(&body) else { return Ok(None) };
         let length = (head.length as u64).saturating_add(head.compressed_size);
-        if length > LONGEST_RECORD || head.checksum == 0 || !head.fits(length, &body) {
+        if length > MAX_RECORD_BYTES || head.checksum == 0 || !head.fits(length, &body) {
             return Ok(None);
         }
         self.source.read(at + HEAD, length, &mut body)?;
@@ -220,7 +221,7 @@ impl Scan<'_> {
         });
         if result.is_err() {
             // The old reader stopped inside the damaged chunk.
-            self.chunks = Chunks::new();
+            self.chunks = ChunkReader::new();
         }
         result.is_ok()
     }
@@ -262,7 +263,7 @@ impl Scan<'_> {
     fn is_record(&self, at: u64, opcode: u8, length: u64) -> Result<bool, RecoverError> {
         let mut start = Vec::new();
         match opcode {
-            op::METADATA if length <= LONGEST_METADATA => {
+            op::METADATA if length <= MAX_METADATA_BYTES => {
                 self.source.read(at + HEAD, length, &mut start)?;
                 Ok(start.len() as u64 == length && records::metadata(&start).is_some())
             }
@@ -278,7 +279,7 @@ impl Scan<'_> {
     /// Whether the body of the record at `at` is a chunk of this length, or the beginning of one.
     fn is_chunk(&self, at: u64, length: u64) -> Result<bool, RecoverError> {
         let mut start = Vec::new();
-        if length > LONGEST_RECORD {
+        if length > MAX_RECORD_BYTES {
             return Ok(false);
         }
         self.source.read(at + HEAD, length.min(START), &mut start)?;

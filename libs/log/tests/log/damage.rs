@@ -1,7 +1,7 @@
 //! Truncated, altered and foreign files: one clear error, never a panic.
 
 use crate::samples::{event, log, read};
-use hapfic_log::{Entry, LogError, WriterOptions, convert};
+use hapfic_log::{LogError, LogMessage, WriterOptions, convert};
 use mcap::records::{MessageHeader, Metadata};
 use proptest::prelude::*;
 use prost::Message;
@@ -45,8 +45,8 @@ fn small_logs() -> [Vec<u8>; 2] {
 }
 
 /// Log of the writer, and its messages.
-fn real_log() -> &'static (Vec<u8>, Vec<Entry>) {
-    static LOG: OnceLock<(Vec<u8>, Vec<Entry>)> = OnceLock::new();
+fn real_log() -> &'static (Vec<u8>, Vec<LogMessage>) {
+    static LOG: OnceLock<(Vec<u8>, Vec<LogMessage>)> = OnceLock::new();
     LOG.get_or_init(|| {
         let bytes = log(6, &WriterOptions { start_unix_ns: 0, chunk_bytes: 4096 });
         let entries = read(&bytes).0;
@@ -54,7 +54,7 @@ fn real_log() -> &'static (Vec<u8>, Vec<Entry>) {
     })
 }
 
-fn assert_truncated(bytes: &[u8], length: usize, whole: &[Entry]) {
+fn assert_truncated(bytes: &[u8], length: usize, whole: &[LogMessage]) {
     let (entries, error) = read(&bytes[..length]);
     let reported = matches!(error, Some(LogError::Truncated { byte, .. }) if byte == length as u64);
     assert!(reported, "cut off at {length}: {error:?}");

@@ -1,9 +1,10 @@
-//! Behaviour of logs: round trip, harmless reading of any file, and metrics.
+//! Behaviour of logs: round trip, reading of any file without a panic, and metrics.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod damage;
 mod figures;
 mod full_disk;
+mod messages_page;
 mod recover;
 mod round_trip;
 mod samples;

@@ -8,18 +8,18 @@ use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
 /// Topic, number, times and content.
-type Message = (String, u32, u64, u64, Vec<u8>);
+type LoggedMessage = (String, u32, u64, u64, Vec<u8>);
 
 /// Log of several chunks, and its content.
-struct Sample {
+struct SampleLog {
     bytes: Vec<u8>,
-    messages: Vec<Message>,
+    messages: Vec<LoggedMessage>,
     /// Of each chunk: first byte, end, and number of messages up to its end.
     chunks: Vec<(usize, usize, usize)>,
 }
 
-fn sample() -> &'static Sample {
-    static SAMPLE: OnceLock<Sample> = OnceLock::new();
+fn sample() -> &'static SampleLog {
+    static SAMPLE: OnceLock<SampleLog> = OnceLock::new();
     SAMPLE.get_or_init(|| {
         let bytes = log(80, &WriterOptions { start_unix_ns: 1_760_000_000_000_000_000, chunk_bytes: 16 * 1024 });
         let mut ranges: Vec<_> = mcap::Summary::read(&bytes)
@@ -33,11 +33,11 @@ fn sample() -> &'static Sample {
         let chunks: Vec<_> = ranges.iter().map(|&(start, end)| (start, end, read(&bytes[..end]).0.len())).collect();
         assert!(chunks.len() > 5, "{} chunks", chunks.len());
         let messages = messages(&bytes);
-        Sample { bytes, messages, chunks }
+        SampleLog { bytes, messages, chunks }
     })
 }
 
-fn messages(bytes: &[u8]) -> Vec<Message> {
+fn messages(bytes: &[u8]) -> Vec<LoggedMessage> {
     mcap::MessageStream::new(bytes)
         .unwrap()
         .map(|message| message.unwrap())
@@ -54,7 +54,7 @@ fn folder(name: &str) -> PathBuf {
 }
 
 /// Recovers damaged bytes; returns the findings and the messages of the new log.
-fn recovered(folder: &Path, damaged: &[u8]) -> Result<(Recovery, Vec<Message>), RecoverError> {
+fn recovered(folder: &Path, damaged: &[u8]) -> Result<(Recovery, Vec<LoggedMessage>), RecoverError> {
     let (original, new) = (folder.join("run.mcap"), folder.join("new.mcap"));
     let _ = fs::remove_file(&new);
     fs::write(&original, damaged).unwrap();
@@ -83,7 +83,7 @@ fn recovered(folder: &Path, damaged: &[u8]) -> Result<(Recovery, Vec<Message>), 
 }
 
 /// Asserts that all messages of chunks before and after the damaged bytes are kept, in order.
-fn assert_kept(damage: std::ops::Range<usize>, kept: &[Message], what: &str) {
+fn assert_kept(damage: std::ops::Range<usize>, kept: &[LoggedMessage], what: &str) {
     let sample = sample();
     let before = sample.chunks.iter().filter(|chunk| chunk.1 <= damage.start).map(|chunk| chunk.2).max().unwrap_or(0);
     let hit = sample.chunks.iter().filter(|chunk| chunk.0 < damage.end).map(|chunk| chunk.2).max().unwrap_or(0);
@@ -235,7 +235,7 @@ fn recover_invalid_request_is_rejected() {
     assert!(matches!(recover(&path, None), Err(RecoverError::Exists { path }) if path == other));
     fs::write(&path, b"<?xml version='1.0'?>").unwrap();
     let error = recover(&path, Some(&folder.join("a.mcap"))).unwrap_err();
-    assert!(matches!(error, RecoverError::Log(LogError::NotMcap { .. })) && error.is_refusal(), "{error}");
+    assert!(matches!(error, RecoverError::Log(LogError::NotMcap { .. })) && error.is_invalid_request(), "{error}");
     fs::write(&path, b"").unwrap();
     assert!(matches!(recover(&path, Some(&folder.join("a.mcap"))), Err(RecoverError::Nothing { .. })));
     let missing = recover(&folder.join("missing.mcap"), None);

@@ -1,8 +1,8 @@
 //! Sample messages with a distinct value in every field, and logs of them.
 
 use foxglove::messages::{FrameTransforms, Log, SceneUpdate};
-use hapfic_log::viewer::{Scene, SceneBody, SceneShape, ViewerShape};
-use hapfic_log::{Attachment, Entry, LogError, Names, Reader, Topic, Viewer, Writer, WriterOptions, convert};
+use hapfic_log::viewer::{SceneBody, SceneShape, ViewerScene, ViewerShape};
+use hapfic_log::{Attachment, LogError, LogMessage, Names, Reader, Topic, Viewer, Writer, WriterOptions, convert};
 use hapfic_messages::{
     AxisPlan, Command, ContactState, ControllerState, Detector, Drive, EVENT_TEXT, Event, EventKind, Mode, ObjectState,
     Parameters, Phase, Physics, PlannerState, Process, Reference, Request, ResetPolicy, Saturation, Search, Severity, Source,
@@ -205,7 +205,7 @@ pub(crate) fn viewer() -> Viewer {
         SceneBody { name: "floor".into(), frame: "world".into(), shapes: vec![part(ViewerShape::Plane { size: 2.0 })] },
         SceneBody { name: "foot".into(), frame: "shank".into(), shapes: foot.map(part).into() },
     ];
-    Viewer::new(Scene { bodies }, 60, 0)
+    Viewer::new(ViewerScene { bodies }, 60, 0)
 }
 
 pub(crate) fn transforms(tick: i64) -> FrameTransforms {
@@ -248,7 +248,7 @@ pub(crate) fn log(ticks: i64, options: &WriterOptions) -> Vec<u8> {
 }
 
 /// Reads until the end or the first error, which must be the last item.
-pub(crate) fn read(bytes: &[u8]) -> (Vec<Entry>, Option<LogError>) {
+pub(crate) fn read(bytes: &[u8]) -> (Vec<LogMessage>, Option<LogError>) {
     let mut entries = Vec::new();
     let mut reader = match Reader::new(bytes, Path::new("memory")) {
         Ok(reader) => reader,

@@ -1,6 +1,6 @@
 //! Synthetic logs: a foot that presses, a box that tips over.
 
-use hapfic_log::viewer::{Scene, SceneBody, SceneShape, ViewerShape};
+use hapfic_log::viewer::{SceneBody, SceneShape, ViewerScene, ViewerShape};
 use hapfic_log::{Names, Reader, Viewer, Writer, WriterOptions};
 use hapfic_messages::{
     Command, ContactState, Detector, Drive, EVENT_TEXT, Event, EventKind, Mode, ObjectState, Parameters, Process, Reference,
@@ -145,7 +145,7 @@ fn viewer() -> Viewer {
         body("foot", "foot", ViewerShape::Sphere { radius: 0.03 }, grey),
         body("box", "box", ViewerShape::Box { size: [0.2, 0.2, 0.2] }, [0.9, 0.6, 0.1, 1.0]),
     ];
-    Viewer::new(Scene { bodies }, 60, 0)
+    Viewer::new(ViewerScene { bodies }, 60, 0)
 }
 
 /// Log of some ticks, with `clock` in its header.

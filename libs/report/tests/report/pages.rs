@@ -2,7 +2,7 @@
 
 use crate::logs::{HTML_TEXT, PEAK, log, log_of_incidents, report, state};
 use hapfic_log::{Names, Writer, WriterOptions};
-use hapfic_report::figure::{Content, Curve, Figure, MarkKind, Panel};
+use hapfic_report::figure::{Curve, Figure, MarkKind, Panel, PanelContent};
 use hapfic_report::series::CAPACITY;
 use hapfic_report::{Report, ReportError, SNAPSHOTS};
 use std::path::Path;
@@ -12,12 +12,12 @@ fn figure<'a>(figures: &'a [Figure], name: &str) -> &'a Figure {
 }
 
 fn curves(panel: &Panel) -> &[Curve] {
-    let Content::Curves { curves, .. } = &panel.content else { panic!("{} has no curves", panel.title) };
+    let PanelContent::Curves { curves, .. } = &panel.content else { panic!("{} has no curves", panel.title) };
     curves
 }
 
 fn rows(panel: &Panel) -> Vec<(&str, &[(f64, f64)])> {
-    let Content::Timelines(rows) = &panel.content else { panic!("{} has no rows", panel.title) };
+    let PanelContent::Timelines(rows) = &panel.content else { panic!("{} has no rows", panel.title) };
     rows.iter().map(|row| (row.name.as_str(), row.spans.as_slice())).collect()
 }
 
@@ -30,7 +30,7 @@ fn figures_match_log() {
 
     let z = &figure(&figures, "position").panels[2];
     assert!(curves(z)[0].points.iter().all(|point| point.1 == 200.0));
-    let Content::Curves { areas, .. } = &z.content else { panic!("no area") };
+    let PanelContent::Curves { areas, .. } = &z.content else { panic!("no area") };
     assert_eq!((areas[0].low[0].1, areas[0].high[0].1), ((0.2 - 0.025) * 1e3, (0.2 + 0.025) * 1e3));
 
     let force = curves(&figure(&figures, "force").panels[2]);

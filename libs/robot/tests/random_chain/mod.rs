@@ -5,9 +5,9 @@ use proptest::prelude::*;
 use std::f64::consts::PI;
 use std::fmt::Write;
 
-/// How a joint moves.
+/// Kind of a movable joint.
 #[derive(Clone, Copy, Debug)]
-pub(crate) enum Kind {
+pub(crate) enum SegmentKind {
     Revolute,
     Continuous,
     Prismatic,
@@ -16,7 +16,7 @@ pub(crate) enum Kind {
 /// A movable joint and the link behind it.
 #[derive(Clone, Debug)]
 pub(crate) struct Segment {
-    pub(crate) kind: Kind,
+    pub(crate) kind: SegmentKind,
     pub(crate) xyz: [f64; 3],
     pub(crate) rpy: [f64; 3],
     pub(crate) axis: [f64; 3],
@@ -45,11 +45,11 @@ pub(crate) fn triple(size: f64) -> impl Strategy<Value = [f64; 3]> {
     prop::array::uniform3(-size..size)
 }
 
-fn kind() -> impl Strategy<Value = Kind> {
-    prop_oneof![Just(Kind::Revolute), Just(Kind::Continuous), Just(Kind::Prismatic)]
+fn kind() -> impl Strategy<Value = SegmentKind> {
+    prop_oneof![Just(SegmentKind::Revolute), Just(SegmentKind::Continuous), Just(SegmentKind::Prismatic)]
 }
 
-/// A solid ellipsoid somewhere near the link's frame.
+/// A solid ellipsoid near the link's frame.
 pub(crate) fn inertial() -> impl Strategy<Value = Inertial> {
     let half_axes = prop::array::uniform3(0.05..0.3_f64);
     (0.2..3.0_f64, triple(0.3), triple(PI), half_axes).prop_map(|(mass, center, rpy, [a, b, c])| {
@@ -111,9 +111,9 @@ pub(crate) fn fixed_text(parent: &str, child: &str, xyz: &[f64; 3], rpy: &[f64; 
 /// A movable joint and its child link.
 pub(crate) fn segment_text(parent: &str, child: &str, segment: &Segment) -> String {
     let (kind, limit) = match segment.kind {
-        Kind::Revolute => ("revolute", r#"lower="-3" upper="3""#),
-        Kind::Continuous => ("continuous", ""),
-        Kind::Prismatic => ("prismatic", r#"lower="-3" upper="3""#),
+        SegmentKind::Revolute => ("revolute", r#"lower="-3" upper="3""#),
+        SegmentKind::Continuous => ("continuous", ""),
+        SegmentKind::Prismatic => ("prismatic", r#"lower="-3" upper="3""#),
     };
     format!(
         r#"<joint name="{child}_joint" type="{kind}"><parent link="{parent}"/><child link="{child}"/>
@@ -126,7 +126,7 @@ pub(crate) fn segment_text(parent: &str, child: &str, segment: &Segment) -> Stri
     )
 }
 
-/// Links `{prefix}0`, `{prefix}1`, ... below `base`, and `{prefix}tip` with an offset of its own below the last.
+/// Links `{prefix}0`, `{prefix}1`, ... below `base`, and `{prefix}tip` at an offset below the last.
 pub(crate) fn limb_text(prefix: &str, base: &str, segments: &[Segment]) -> String {
     let mut text = String::new();
     let mut parent = base.to_owned();

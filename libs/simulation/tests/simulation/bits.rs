@@ -1,8 +1,8 @@
-//! The numbers of a tick, to the last bit.
+//! The numbers of a tick, bit for bit.
 
 use hapfic_simulation::Snapshot;
 
-/// Every number that plant, planner, controller and gate made in a tick, bit by bit.
+/// Bits of all numbers of plant, planner, controller and gate in a tick.
 pub fn bits(snapshot: &Snapshot) -> Vec<u64> {
     let Snapshot { state, reference, command, operator } = snapshot;
     let mut all = Vec::with_capacity(256);

@@ -1,6 +1,6 @@
-//! Random draws: SplitMix64, so that a seed gives the same sequence for ever.
+//! Random numbers: SplitMix64, so that a seed always gives the same sequence.
 
-/// A sequence of draws.
+/// Sequence of random numbers.
 pub struct Draw(u64);
 
 impl Draw {
@@ -16,23 +16,23 @@ impl Draw {
         z ^ (z >> 31)
     }
 
-    /// From `low` on, below `high`.
+    /// Uniform in [`low`, `high`).
     pub fn within(&mut self, low: f64, high: f64) -> f64 {
         // The 53 bits that a double holds.
         low + (high - low) * (self.next() >> 11) as f64 / (1_u64 << 53) as f64
     }
 
-    /// As [`within`](Self::within), with every order of size as likely as the others; both above zero.
-    pub fn of_any_size(&mut self, low: f64, high: f64) -> f64 {
+    /// Log-uniform between `low` and `high`, both above zero.
+    pub fn log_uniform(&mut self, low: f64, high: f64) -> f64 {
         self.within(low.ln(), high.ln()).exp().clamp(low, high)
     }
 
-    /// A whole number from `low` to `high`, both included.
+    /// An integer from `low` to `high`, both included.
     pub fn whole(&mut self, low: u64, high: u64) -> u64 {
         low + self.next() % (high - low + 1)
     }
 
-    /// True once in `n` times.
+    /// True with probability 1 / `n`.
     pub fn one_in(&mut self, n: u64) -> bool {
         self.whole(1, n) == 1
     }
@@ -41,21 +41,21 @@ impl Draw {
         choices[self.whole(0, choices.len() as u64 - 1) as usize]
     }
 
-    /// A value for each axis.
+    /// One value per axis.
     pub fn on_each_axis(&mut self, mut value: impl FnMut(&mut Self) -> f64) -> [f64; 3] {
         [value(self), value(self), value(self)]
     }
 }
 
 #[test]
-fn draws_stay_in_their_range_and_fill_it() {
+fn draw_values_fill_range() {
     let mut draw = Draw::new(1);
     let (mut low, mut high, mut sum) = (f64::INFINITY, f64::NEG_INFINITY, 0.0);
     for _ in 0..10_000 {
         let value = draw.within(-1.0, 3.0);
         (low, high, sum) = (f64::min(low, value), f64::max(high, value), sum + value);
         assert!((3..=6).contains(&draw.whole(3, 6)));
-        assert!((0.05..=3.0).contains(&draw.of_any_size(0.05, 3.0)));
+        assert!((0.05..=3.0).contains(&draw.log_uniform(0.05, 3.0)));
     }
     assert!((-1.0..-0.99).contains(&low) && (2.99..3.0).contains(&high), "{low} to {high}");
     assert!((sum / 1e4 - 1.0).abs() < 0.05, "mean {}", sum / 1e4);

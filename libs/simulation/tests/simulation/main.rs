@@ -1,6 +1,6 @@
-//! The whole stack in one process, under what no script would do to it.
+//! The stack in one process, under random motion and random parameter changes.
 //!
-//! Everything random is a function of a seed, which a failure names. The figures are printed: see them with `--nocapture`.
+//! All random numbers are functions of a seed, which a failure reports. `--nocapture` shows the printed figures.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stdout, missing_docs)]
 
 mod bits;

@@ -1,4 +1,4 @@
-//! The same stack twice is the same stack, objects included; and a clone goes on as the original does.
+//! Determinism: two equal stacks, or a stack and its clone, compute the same bits, objects included.
 
 use crate::bits::bits;
 use crate::draw::Draw;
@@ -6,7 +6,7 @@ use crate::script;
 use hapfic_config::OperatorChange;
 use hapfic_simulation::Simulation;
 
-/// Long enough for several targets.
+/// Duration with several targets [ticks].
 const TICKS: u64 = 4000;
 
 fn expect_same(a: &mut Simulation, b: &mut Simulation, ticks: u64) {
@@ -15,12 +15,12 @@ fn expect_same(a: &mut Simulation, b: &mut Simulation, ticks: u64) {
         assert_eq!(a.state, b.state);
         assert_eq!(a.reference, b.reference);
         assert_eq!(a.command, b.command);
-        assert!(bits(a) == bits(b), "tick {}: the same numbers with other bits", a.state.tick);
+        assert!(bits(a) == bits(b), "tick {}: equal numbers with different bits", a.state.tick);
     }
 }
 
 #[test]
-fn the_same_stack_twice_gives_the_same_bits() {
+fn stack_same_settings_give_same_bits() {
     for (scenario, seed) in [("box", 11), ("ball", 12)] {
         let settings = script::random(scenario, seed, TICKS);
         let (mut a, mut b) = (Simulation::new(&settings).unwrap(), Simulation::new(&settings).unwrap());
@@ -31,7 +31,7 @@ fn the_same_stack_twice_gives_the_same_bits() {
 }
 
 #[test]
-fn another_seed_gives_other_bits() {
+fn stack_other_seed_gives_other_bits() {
     let [a, b] = [1, 2].map(|seed| {
         let mut simulation = Simulation::new(&script::random("box", seed, TICKS)).unwrap();
         for _ in 0..TICKS {
@@ -43,7 +43,7 @@ fn another_seed_gives_other_bits() {
 }
 
 #[test]
-fn a_clone_goes_on_as_its_original_does_and_takes_changes_of_its_own() {
+fn stack_clone_matches_original_and_accepts_changes() {
     let settings = script::random("ball", 13, TICKS);
     let mut original = Simulation::new(&settings).unwrap();
     for _ in 0..TICKS / 2 {
@@ -51,7 +51,7 @@ fn a_clone_goes_on_as_its_original_does_and_takes_changes_of_its_own() {
     }
     let mut clone = original.clone();
     expect_same(&mut original, &mut clone, TICKS / 4);
-    // With nothing waiting in it a clone has its room for changes all the same.
+    // A clone without pending changes has capacity for changes too.
     let last = settings.operator.last().unwrap().target_position.unwrap();
     while original.snapshot().operator.next.target_position != last {
         assert!(original.tick() < TICKS as i64, "the script does not end");
@@ -60,7 +60,7 @@ fn a_clone_goes_on_as_its_original_does_and_takes_changes_of_its_own() {
     let mut clone = original.clone();
     let change = OperatorChange { mean_speed: Some(Draw::new(1).within(0.1, 0.2)), ..OperatorChange::default() };
     let taken = clone.change(&change);
-    assert!(taken.is_some(), "the clone takes no change");
+    assert!(taken.is_some(), "the clone rejects the change");
     assert_eq!(original.change(&change), taken);
     expect_same(&mut original, &mut clone, 100);
 }

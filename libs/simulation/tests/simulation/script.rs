@@ -1,21 +1,21 @@
-//! Random motion of the leg: a scenario's world under targets that nobody would give.
+//! Random motion of the leg: the world of a scenario under random targets.
 
 use crate::draw::Draw;
 use hapfic_config::{OperatorChange, Settings};
 
-/// Where the hip is in the scenarios, m.
+/// Position of the hip in the scenarios [m].
 const HIP: [f64; 3] = [0.0, 0.0, 0.5];
-/// Farthest from the hip, m: a little short of the stretched leg.
+/// Largest distance from the hip [m]: a little less than the stretched leg.
 const FARTHEST_M: f64 = 0.56;
-/// Nearest to it, m.
+/// Smallest distance from the hip [m].
 const NEAREST_M: f64 = 0.12;
-/// Lowest target, m: 80 mm below the foot's place on the floor.
+/// Lowest target [m]: 80 mm below the foot on the floor.
 const LOWEST_M: f64 = -0.06;
 
-/// An embedded scenario with its objects in place and a random operator, for so many ticks.
+/// An embedded scenario with its objects and a random operator, for `ticks` ticks.
 ///
-/// Every third target is in or near the first object as the scenario places it; the others are anywhere within reach, below the
-/// floor too. Straight lines between them lead through whatever is there.
+/// A third of the targets are in or near the initial position of the first object. The others are anywhere within
+/// reach, also below the floor. The straight lines between targets lead through objects and floor.
 pub fn random(scenario: &str, seed: u64, ticks: u64) -> Settings {
     let mut settings = Settings::load(scenario, &[]).unwrap();
     let mut draw = Draw::new(seed);

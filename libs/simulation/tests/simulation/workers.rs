@@ -1,11 +1,11 @@
-//! Many seeds on two cores.
+//! Runs many seeds on two cores.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// As many cores as the smallest machine has that these tests are for.
+/// Number of cores of the smallest test machine.
 const WORKERS: usize = 2;
 
-/// What `work` makes of each seed from 0 to `count - 1`, in the order of the seeds.
+/// Results of `work` for the seeds from 0 to `count - 1`, in the order of the seeds.
 pub fn for_each_seed<T: Send>(count: u64, work: impl Fn(u64) -> T + Sync) -> Vec<T> {
     let next = AtomicU64::new(0);
     let (next, work) = (&next, &work);

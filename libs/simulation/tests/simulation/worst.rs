@@ -1,8 +1,8 @@
-//! The largest value of something, and where it was.
+//! Largest value of a figure, with its seed and tick.
 
 use std::fmt;
 
-/// The largest value noted. Not a number counts as largest of all.
+/// Largest noted value. NaN counts as the largest of all.
 #[derive(Clone, Copy, Debug)]
 pub struct Worst {
     pub value: f64,
@@ -21,12 +21,12 @@ impl Worst {
         }
     }
 
-    /// The worse of two.
+    /// The larger of two.
     pub fn or(self, other: Self) -> Self {
         if other.value.is_nan() || other.value > self.value { other } else { self }
     }
 
-    /// Whether it stays below a limit. Not a number does not.
+    /// Whether the value is below a limit; false for NaN.
     pub fn is_below(&self, limit: f64) -> bool {
         self.value < limit
     }

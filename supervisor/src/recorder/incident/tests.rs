@@ -1,15 +1,16 @@
 use super::*;
 use hapfic_messages::{Detector, Request, State};
+use std::sync::Arc;
 
 /// Stamp of a tick [ns]; zero in lockstep.
 fn stamp(clock: Clock, tick: i64) -> u64 {
     if clock == Clock::Realtime { 7_000_000_000 + tick as u64 * 1_000_000 } else { 0 }
 }
 
-/// Sequence of records, and the post-mortem that they lead to.
+/// Sequence of recorded messages, and the resulting post-mortem.
 struct Sequence {
     folder: tempfile::TempDir,
-    incidents: Incidents,
+    incidents: PostMortem,
     shared: SharedStatus,
     clock: Clock,
 }
@@ -17,17 +18,17 @@ struct Sequence {
 impl Sequence {
     fn new(clock: Clock) -> Self {
         let folder = tempfile::tempdir().unwrap();
-        let incidents = Incidents::new(&folder.path().join("run.mcap"), clock);
-        Self { folder, incidents, shared: SharedStatus::new(), clock }
+        let incidents = PostMortem::new(&folder.path().join("run.mcap"), clock);
+        Self { folder, incidents, shared: SharedStatus::new(Arc::new(hapfic_ipc::HeartbeatPage::private().unwrap())), clock }
     }
 
     fn text(&self) -> String {
         fs::read_to_string(self.folder.path().join("run.incidents.md")).unwrap()
     }
 
-    fn take(&mut self, record: Record) -> bool {
+    fn observe(&mut self, record: RecordedMessage) -> bool {
         let sync = self.incidents.observe(&record, &self.shared);
-        self.incidents.settle();
+        self.incidents.write_pending();
         sync
     }
 
@@ -36,7 +37,7 @@ impl Sequence {
         let event = Event::new(tick, process, kind, severity, detector, text);
         // Half a millisecond after the tick.
         let stamp_ns = Some(stamp(self.clock, tick)).filter(|ns| *ns > 0).map_or(0, |ns| ns + 500_000);
-        self.take(Record::Event(Event { stamp_ns, ..event }))
+        self.observe(RecordedMessage::Event(Event { stamp_ns, ..event }))
     }
 
     fn transition(&mut self, tick: i64, to: Severity) -> bool {
@@ -46,19 +47,19 @@ impl Sequence {
     /// State and command of a tick, and both requests if the source is fresh.
     fn tick(&mut self, tick: i64, mode: Mode, source: Source) {
         let stamp_ns = stamp(self.clock, tick);
-        self.take(Record::State(State { tick, stamp_ns, ..State::default() }));
+        self.observe(RecordedMessage::State(State { tick, stamp_ns, ..State::default() }));
         let mut request = Request { tick, stamp_ns, controller: Process::Controller.code(), joints: 2, ..Request::default() };
         request.torque[0] = 1.5;
         if source == Source::Fresh {
-            self.take(Record::Request(request));
+            self.observe(RecordedMessage::Request(request));
             let mut other = Request { controller: Process::Standby.code(), ..request };
             other.torque[0] = 2.5;
-            self.take(Record::Request(other));
+            self.observe(RecordedMessage::Request(other));
         }
         let mut command =
             Command { tick, stamp_ns, mode: mode.code(), source: source.code(), joints: 2, request, ..Command::default() };
         command.torque[1] = -0.25;
-        self.take(Record::Command(command));
+        self.observe(RecordedMessage::Command(command));
     }
 
     /// Loss of the controller at tick `from`, brake three ticks later, restart at the tick before `until`.
@@ -86,7 +87,10 @@ impl Sequence {
 fn incident_open_and_closed_is_described() {
     for clock in [Clock::Realtime, Clock::Lockstep] {
         let mut sequence = Sequence::new(clock);
-        sequence.shared.record_heartbeat(&Timing { process: Process::Planner.code(), tick: 5, ..Timing::default() });
+        sequence
+            .shared
+            .heartbeats
+            .write(&Timing { process: Process::Planner.code(), tick: 5, ..Timing::default() }, hapfic_ipc::clock::now_ns());
         sequence.brake(4000, 4030);
         let text = sequence.text();
         assert!(text.contains("## 1. brake at tick 4003 (4.003 s)") && text.contains("has not recovered"), "{text}");
@@ -97,7 +101,7 @@ fn incident_open_and_closed_is_described() {
         let text = sequence.text();
         for line in [
             "**What happened**: controller lost: killed \\| by &lt;signal> 9.",
-            "**Seen first by**: exit, of controller, tick 4000, 3.0 ms before the transition.",
+            "**First detected by**: exit, of controller, tick 4000, 3.0 ms before the transition.",
             "| 0.0 | 4000 | controller | missed | deadline | no request |",
             "| 29.0 | 4029 | controller | restarted | none | started again |",
             "| 30.0 | 4030 | supervisor | transition | deadline | severity ? -> nominal |",
@@ -122,7 +126,10 @@ fn incident_open_and_closed_is_described() {
 #[test]
 fn ages_without_stamp_use_heartbeat() {
     let mut sequence = Sequence::new(Clock::Realtime);
-    sequence.shared.record_heartbeat(&Timing { process: Process::Planner.code(), tick: 5, ..Timing::default() });
+    sequence
+        .shared
+        .heartbeats
+        .write(&Timing { process: Process::Planner.code(), tick: 5, ..Timing::default() }, hapfic_ipc::clock::now_ns());
     sequence.brake(100, 110);
     let text = sequence.text();
     // The last request is of tick 99, the brake half a millisecond after tick 103.
@@ -191,7 +198,7 @@ fn incidents_none_removes_stale_file() {
     let folder = tempfile::tempdir().unwrap();
     let stale = folder.path().join("run.incidents.md");
     fs::write(&stale, "old").unwrap();
-    let mut incidents = Incidents::new(&folder.path().join("run.mcap"), Clock::Realtime);
+    let mut incidents = PostMortem::new(&folder.path().join("run.mcap"), Clock::Realtime);
     assert!(!stale.exists());
     assert_eq!(incidents.finish(), None);
     assert!(!stale.exists());
@@ -214,9 +221,12 @@ fn incidents_unwritable_file_is_reported() {
 
 #[test]
 fn incidents_log_on_device_writes_no_file() {
-    let mut incidents = Incidents::new(Path::new("/dev/null"), Clock::Lockstep);
+    let mut incidents = PostMortem::new(Path::new("/dev/null"), Clock::Lockstep);
     let event = Event::new(5, Process::Supervisor, EventKind::Transition, Severity::Brake, Detector::Deadline, "brake");
-    assert!(incidents.observe(&Record::Event(event), &SharedStatus::new()));
+    assert!(
+        incidents
+            .observe(&RecordedMessage::Event(event), &SharedStatus::new(Arc::new(hapfic_ipc::HeartbeatPage::private().unwrap())))
+    );
     let summary = incidents.finish().unwrap();
     assert!(summary.error.is_some_and(|error| error.starts_with("/dev/null: not a regular file")));
     assert!(!summary.file.exists());

@@ -2,7 +2,7 @@
 
 use crate::figures::{AXES, TICK_S};
 use hapfic_log::proto::Operator;
-use hapfic_log::{Entry, LogError, Reader, Record, timeline};
+use hapfic_log::{LogError, LogMessage, Reader, Record, timeline};
 use serde_json::Value;
 use std::path::Path;
 
@@ -25,7 +25,7 @@ const SHORT: [(&str, &str, f64, &str); 6] = [
 ];
 
 /// Change, and the vertical force from its effective tick until that of the next one.
-pub(crate) struct Change {
+pub(crate) struct MeasuredChange {
     /// Effective tick.
     pub(crate) tick: i64,
     /// Differences from the previous set, in short.
@@ -33,7 +33,7 @@ pub(crate) struct Change {
     /// F_d along z [N].
     pub(crate) desired_n: f64,
     /// Smallest force [N].
-    pub(crate) least_n: f64,
+    pub(crate) smallest_n: f64,
     /// Largest force [N].
     pub(crate) largest_n: f64,
     /// Force at the last tick [N].
@@ -42,7 +42,7 @@ pub(crate) struct Change {
     pub(crate) settled_ticks: Option<usize>,
 }
 
-impl Change {
+impl MeasuredChange {
     /// Measures a change; `None` if the set was never in force.
     fn new(before: &Operator, set: &Operator, forces: &[f64]) -> Option<Self> {
         let desired = *set.desired_force.get(Z)?;
@@ -52,7 +52,7 @@ impl Change {
             tick: set.effective_tick,
             what: difference(before, set),
             desired_n: desired,
-            least_n: forces.iter().copied().reduce(f64::min)?,
+            smallest_n: forces.iter().copied().reduce(f64::min)?,
             largest_n: forces.iter().copied().reduce(f64::max)?,
             end_n: *forces.last()?,
             settled_ticks: (desired != 0.0 && kept >= KEPT_TICKS).then(|| forces.len() - kept),
@@ -61,10 +61,10 @@ impl Change {
 }
 
 /// Reads the changes of a log in the order of their versions, without the initial set.
-pub(crate) fn read(log: &Path) -> Result<Vec<Change>, LogError> {
+pub(crate) fn read(log: &Path) -> Result<Vec<MeasuredChange>, LogError> {
     let mut forces = Vec::new();
     let entries = Reader::open(log)?.inspect(|entry| {
-        if let Ok(Entry { record: Record::State(state), .. }) = entry
+        if let Ok(LogMessage { record: Record::State(state), .. }) = entry
             && let Some(&force) = state.foot_force.get(Z)
         {
             forces.push((state.tick, force));
@@ -74,13 +74,13 @@ pub(crate) fn read(log: &Path) -> Result<Vec<Change>, LogError> {
     error.map_or_else(|| Ok(changes(&sets, &forces)), Err)
 }
 
-fn changes(sets: &[Operator], forces: &[(i64, f64)]) -> Vec<Change> {
+fn changes(sets: &[Operator], forces: &[(i64, f64)]) -> Vec<MeasuredChange> {
     let ends = sets.iter().skip(2).map(|set| set.effective_tick).chain([i64::MAX]);
     let change = |(pair, end): (&[Operator], i64)| {
         let [before, set] = pair else { return None };
         let window = set.effective_tick..end;
         let inside = forces.iter().filter(|(tick, _)| window.contains(tick));
-        Change::new(before, set, &inside.map(|&(_, force)| force).collect::<Vec<_>>())
+        MeasuredChange::new(before, set, &inside.map(|&(_, force)| force).collect::<Vec<_>>())
     };
     sets.windows(2).zip(ends).filter_map(change).collect()
 }
@@ -91,7 +91,7 @@ fn difference(before: &Operator, set: &Operator) -> String {
     if parts.is_empty() { "nothing".to_owned() } else { parts.join(", ") }
 }
 
-/// Formats one changed parameter. If a vector has changed on all axes, z, the pressing axis, stands for them.
+/// Formats one changed parameter. If a vector has changed on all axes, z, the pressing axis, represents them.
 fn part(name: &str, old: &Value, new: &Value) -> String {
     let short = SHORT.iter().find(|known| known.0 == name);
     let (label, factor, unit) = short.map_or((name, 1.0, ""), |&(_, label, factor, unit)| (label, factor, unit));
@@ -118,11 +118,11 @@ fn part(name: &str, old: &Value, new: &Value) -> String {
 ///
 /// A change counts if the force settles in one of the two runs: where F_d is out of reach, there is no reference. A
 /// change after which only the unimproved run settles counts too.
-pub(crate) fn worse(with: &[Change], without: &[Change]) -> Vec<String> {
+pub(crate) fn regressions(with: &[MeasuredChange], without: &[MeasuredChange]) -> Vec<String> {
     if with.is_empty() || with.len() != without.len() {
         let (found, others) = (with.len(), without.len());
         return vec![format!(
-            "tuning: found {found} changes with the improvements and {others} without, expected as many, not 0"
+            "tuning: found {found} changes with the improvements and {others} without, expected equal numbers above 0"
         )];
     }
     let mut worse = Vec::new();
@@ -193,10 +193,10 @@ mod tests {
         let found = changes(&[set(1, 0, 0.0), set(2, 100, 50.0), set(3, 600, 20.0)], &forces);
         let [first, second] = found.as_slice() else { panic!("found {} changes, expected 2", found.len()) };
         assert_eq!((first.tick, first.desired_n, first.what.as_str()), (100, 50.0, "F_d z 50"));
-        assert_eq!((first.least_n, first.largest_n, first.end_n), (10.0, 100.0, 50.4));
+        assert_eq!((first.smallest_n, first.largest_n, first.end_n), (10.0, 100.0, 50.4));
         assert_eq!(first.settled_ticks, Some(300));
         assert_eq!((second.tick, second.desired_n), (600, 20.0));
-        assert_eq!((second.least_n, second.largest_n, second.end_n), (50.4, 50.4, 50.4));
+        assert_eq!((second.smallest_n, second.largest_n, second.end_n), (50.4, 50.4, 50.4));
         assert_eq!(second.settled_ticks, None);
         // A change after the end of the log is never in force. A force within reach for too short a time is not
         // settled.
@@ -206,13 +206,13 @@ mod tests {
     }
 
     #[test]
-    fn worse_larger_peak_reported_if_settled() {
+    fn regressions_larger_peak_reported_if_settled() {
         let run = |force: f64| {
             let forces: Vec<_> = (0..500).map(|tick| (tick, if tick == 150 { force } else { 50.0 })).collect();
             changes(&[set(1, 0, 0.0), set(2, 100, 50.0), set(3, 300, 80.0)], &forces)
         };
-        assert_eq!(worse(&run(104.0), &run(100.0)), Vec::<String>::new());
-        let found = worse(&run(106.0), &run(100.0));
+        assert_eq!(regressions(&run(104.0), &run(100.0)), Vec::<String>::new());
+        let found = regressions(&run(106.0), &run(100.0));
         assert_eq!(found.len(), 1, "{found:?}");
         assert!(
             found[0].contains("F_d z 50 at 0.100 s") && found[0].contains("106.0") && found[0].contains("105.0"),
@@ -221,8 +221,8 @@ mod tests {
         // The second window never reaches 80 N, so more force there is no shortfall.
         let mut unreached = run(100.0);
         unreached[1].largest_n = 500.0;
-        assert_eq!(worse(&unreached, &run(100.0)), Vec::<String>::new());
-        assert_eq!(worse(&[], &[]).len(), 1);
-        assert_eq!(worse(&run(100.0), &run(100.0)[..1]).len(), 1);
+        assert_eq!(regressions(&unreached, &run(100.0)), Vec::<String>::new());
+        assert_eq!(regressions(&[], &[]).len(), 1);
+        assert_eq!(regressions(&run(100.0), &run(100.0)[..1]).len(), 1);
     }
 }

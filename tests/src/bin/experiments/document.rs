@@ -3,7 +3,7 @@
 const END: &str = "<!-- end -->";
 
 /// Whether the document has the marker of a table.
-pub(crate) fn has(document: &str, name: &str) -> bool {
+pub(crate) fn has_marker(document: &str, name: &str) -> bool {
     let marker = format!("<!-- {name} -->");
     document.lines().any(|line| line == marker)
 }
@@ -15,15 +15,15 @@ pub(crate) fn has(document: &str, name: &str) -> bool {
 pub(crate) fn replace(document: &str, name: &str, table: &str) -> Result<String, String> {
     let marker = format!("<!-- {name} -->");
     let lines: Vec<&str> = document.lines().collect();
-    let mut places = lines.iter().enumerate().filter(|(_, line)| **line == marker).map(|(place, _)| place);
-    let (Some(start), None) = (places.next(), places.next()) else {
+    let mut matches = lines.iter().enumerate().filter(|(_, line)| **line == marker).map(|(index, _)| index);
+    let (Some(start), None) = (matches.next(), matches.next()) else {
         return Err(format!(
             "found no line `{marker}`, or more than one, expected one before the table; add it, or remove a copy"
         ));
     };
-    let after = lines[start + 1..].iter().position(|line| line.starts_with("<!-- ")).map(|place| start + 1 + place);
-    let Some(end) = after.filter(|&place| lines[place] == END) else {
-        let found = after.map_or("the end of the file", |place| lines[place]);
+    let after = lines[start + 1..].iter().position(|line| line.starts_with("<!-- ")).map(|index| start + 1 + index);
+    let Some(end) = after.filter(|&index| lines[index] == END) else {
+        let found = after.map_or("the end of the file", |index| lines[index]);
         return Err(format!(
             "after `{marker}` (line {}) found {found}, expected `{END}` after the table; add that line",
             start + 1

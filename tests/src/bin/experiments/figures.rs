@@ -8,18 +8,18 @@ pub(crate) const AXES: [&str; 3] = ["x", "y", "z"];
 pub(crate) const TICK_S: f64 = 1e-3;
 
 /// Value of an axis in an array of the three axes; `None` if the run measured none.
-pub(crate) fn on(summary: &Value, path: &str, axis: usize) -> Option<f64> {
+pub(crate) fn axis_figure(summary: &Value, path: &str, axis: usize) -> Option<f64> {
     summary.pointer(path)?.get(axis)?.as_f64()
 }
 
 /// Largest value of the three axes.
 pub(crate) fn largest(summary: &Value, path: &str) -> Option<f64> {
-    (0..AXES.len()).filter_map(|axis| on(summary, path, axis)).reduce(f64::max)
+    (0..AXES.len()).filter_map(|axis| axis_figure(summary, path, axis)).reduce(f64::max)
 }
 
 /// Sum of the three axes.
 pub(crate) fn sum(summary: &Value, path: &str) -> f64 {
-    (0..AXES.len()).filter_map(|axis| on(summary, path, axis)).sum()
+    (0..AXES.len()).filter_map(|axis| axis_figure(summary, path, axis)).sum()
 }
 
 /// Single number.

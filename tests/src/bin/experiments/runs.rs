@@ -1,7 +1,7 @@
 //! Runs of the tables, two at a time.
 
-use crate::changes::{self, Change};
-use hapfic_tests::{Stack, hapfic};
+use crate::changes::{self, MeasuredChange};
+use hapfic_tests::{StackSandbox, hapfic};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::sync::Mutex;
@@ -19,32 +19,33 @@ const LOG: &str = "run.mcap";
 const SIMULTANEOUS_RUNS: usize = 2;
 
 /// Name in a table, and its settings.
-pub(crate) type Variant = (&'static str, &'static [&'static str]);
+pub(crate) type NamedSettings = (&'static str, &'static [&'static str]);
 
 /// Compared laws.
-pub(crate) const LAWS: [Variant; 3] = [
+pub(crate) const LAWS: [NamedSettings; 3] = [
     ("`tapered` + `contact_loss` (default)", &[]),
     ("`sign` + `contact_loss`", &["controller.search=sign"]),
     ("`fidelity = \"paper\"`", &["controller.fidelity=paper"]),
 ];
 /// Compared sub-steps of the integration.
-pub(crate) const SUBSTEPS: [Variant; 2] = [("20", &["plant.contact_substep_us=20"]), ("10", &["plant.contact_substep_us=10"])];
+pub(crate) const SUBSTEPS: [NamedSettings; 2] =
+    [("20", &["plant.contact_substep_us=20"]), ("10", &["plant.contact_substep_us=10"])];
 /// Settings without the improvements of the law.
 const UNIMPROVED: &[&str] = &["controller.offset_anti_windup=false", "controller.stall_release=false"];
 /// Compared improvements of the law.
-pub(crate) const IMPROVEMENTS: [Variant; 4] = [
+pub(crate) const IMPROVEMENTS: [NamedSettings; 4] = [
     ("both (default)", &[]),
     ("without `offset_anti_windup`", &["controller.offset_anti_windup=false"]),
     ("without `stall_release`", &["controller.stall_release=false"]),
     ("neither", UNIMPROVED),
 ];
 /// Scenarios of the comparison of improvements.
-pub(crate) const IMPROVED: [&str; 2] = ["tuning", "ball-actuators"];
+pub(crate) const IMPROVEMENT_SCENARIOS: [&str; 2] = ["tuning", "ball-actuators"];
 
 /// Scenario with a table of its changes.
-const TUNED: &str = "tuning";
+const TUNING_SCENARIO: &str = "tuning";
 /// Settings of that scenario: with all improvements, and with none.
-pub(crate) const TUNINGS: [&[&str]; 2] = [&[], UNIMPROVED];
+pub(crate) const TUNING_SETTINGS: [&[&str]; 2] = [&[], UNIMPROVED];
 
 /// Setting of the desired force of `floor`.
 pub(crate) fn force_setting(force: u32) -> String {
@@ -53,26 +54,26 @@ pub(crate) fn force_setting(force: u32) -> String {
 
 /// Results of the runs, by scenario and settings.
 #[derive(Default)]
-pub(crate) struct Results {
-    summaries: BTreeMap<Key, Value>,
-    changes: BTreeMap<Key, Vec<Change>>,
+pub(crate) struct ExperimentResults {
+    summaries: BTreeMap<RunKey, Value>,
+    changes: BTreeMap<RunKey, Vec<MeasuredChange>>,
 }
 
-type Key = (String, Vec<String>);
+type RunKey = (String, Vec<String>);
 
-fn key(scenario: &str, settings: &[&str]) -> Key {
+fn key(scenario: &str, settings: &[&str]) -> RunKey {
     (scenario.to_owned(), settings.iter().map(|&setting| setting.to_owned()).collect())
 }
 
-impl Results {
+impl ExperimentResults {
     /// Summary of a run; null if the run wrote none.
-    pub(crate) fn of(&self, scenario: &str, settings: &[&str]) -> &Value {
+    pub(crate) fn summary(&self, scenario: &str, settings: &[&str]) -> &Value {
         self.summaries.get(&key(scenario, settings)).expect("every run of a table is in the list of runs")
     }
 
-    /// Operator's changes in `tuning` with one of [`TUNINGS`]; none if the log cannot be read.
-    pub(crate) fn changes(&self, settings: &[&str]) -> &[Change] {
-        self.changes.get(&key(TUNED, settings)).map(Vec::as_slice).unwrap_or_default()
+    /// Operator's changes in `tuning` with one of [`TUNING_SETTINGS`]; none if the log cannot be read.
+    pub(crate) fn changes(&self, settings: &[&str]) -> &[MeasuredChange] {
+        self.changes.get(&key(TUNING_SCENARIO, settings)).map(Vec::as_slice).unwrap_or_default()
     }
 
     /// Iterates over all runs, each with its name.
@@ -82,12 +83,12 @@ impl Results {
 }
 
 /// Whether every run completed.
-pub(crate) fn complete(results: &Results) -> bool {
+pub(crate) fn complete(results: &ExperimentResults) -> bool {
     results.iter().all(|(_, summary)| summary["completed"] == true)
 }
 
 /// Lists the runs of all tables, each once.
-fn list() -> Vec<Key> {
+fn list() -> Vec<RunKey> {
     let mut list = Vec::new();
     for (_, law) in LAWS {
         for force in FORCES {
@@ -99,26 +100,26 @@ fn list() -> Vec<Key> {
     for scenario in SCENARIOS {
         list.extend(LAWS.iter().chain(&SUBSTEPS).map(|(_, settings)| key(scenario, settings)));
     }
-    for scenario in IMPROVED {
+    for scenario in IMPROVEMENT_SCENARIOS {
         list.extend(IMPROVEMENTS.iter().map(|(_, settings)| key(scenario, settings)));
     }
-    list.extend(TUNINGS.map(|settings| key(TUNED, settings)));
+    list.extend(TUNING_SETTINGS.map(|settings| key(TUNING_SCENARIO, settings)));
     list.sort();
     list.dedup();
     list
 }
 
 /// Runs all.
-pub(crate) fn all() -> Results {
+pub(crate) fn all() -> ExperimentResults {
     // Builds the binary before the threads start.
     hapfic();
     let list = list();
-    let tuned = TUNINGS.map(|settings| key(TUNED, settings));
-    let (next, results) = (AtomicUsize::new(0), Mutex::new(Results::default()));
+    let tuned = TUNING_SETTINGS.map(|settings| key(TUNING_SCENARIO, settings));
+    let (next, results) = (AtomicUsize::new(0), Mutex::new(ExperimentResults::default()));
     std::thread::scope(|scope| {
         for _ in 0..SIMULTANEOUS_RUNS {
             scope.spawn(|| {
-                let stack = Stack::new();
+                let stack = StackSandbox::new();
                 while let Some(key) = list.get(next.fetch_add(1, Ordering::Relaxed)) {
                     let summary = run(&stack, key);
                     // The next run overwrites the log.
@@ -134,7 +135,7 @@ pub(crate) fn all() -> Results {
     results.into_inner().unwrap()
 }
 
-fn run(stack: &Stack, (scenario, settings): &Key) -> Value {
+fn run(stack: &StackSandbox, (scenario, settings): &RunKey) -> Value {
     let mut arguments = vec!["run", scenario, "--clock", "lockstep", "--log", LOG, "--summary-json", "run.json"];
     for setting in settings {
         arguments.extend(["--set", setting]);
@@ -151,7 +152,7 @@ fn run(stack: &Stack, (scenario, settings): &Key) -> Value {
     serde_json::from_str(&text).unwrap_or(Value::Null)
 }
 
-fn changes_of(stack: &Stack, (scenario, settings): &Key) -> Vec<Change> {
+fn changes_of(stack: &StackSandbox, (scenario, settings): &RunKey) -> Vec<MeasuredChange> {
     changes::read(&stack.path(LOG)).unwrap_or_else(|error| {
         eprintln!("{scenario} {settings:?}: its changes are missing: {error}");
         Vec::new()

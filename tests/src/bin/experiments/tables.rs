@@ -1,15 +1,17 @@
 //! Tables of `experiments`, as Markdown.
 
-use crate::changes::Change;
-use crate::figures::{AXES, TICK_S, digits, largest, number, on, sum};
-use crate::runs::{FORCES, IMPROVED, IMPROVEMENTS, LAWS, Results, SCENARIOS, SUBSTEPS, TUNINGS, force_setting};
+use crate::changes::MeasuredChange;
+use crate::figures::{AXES, TICK_S, axis_figure, digits, largest, number, sum};
+use crate::runs::{
+    ExperimentResults, FORCES, IMPROVEMENT_SCENARIOS, IMPROVEMENTS, LAWS, SCENARIOS, SUBSTEPS, TUNING_SETTINGS, force_setting,
+};
 use crate::verdict;
 
 /// Table: name of its marker, and function that makes it.
-pub(crate) type Table = (&'static str, fn(&Results) -> String);
+pub(crate) type MarkedTable = (&'static str, fn(&ExperimentResults) -> String);
 
 /// All tables.
-pub(crate) const TABLES: [Table; 8] = [
+pub(crate) const TABLES: [MarkedTable; 8] = [
     ("short", short),
     ("floor", floor),
     ("tracking", tracking),
@@ -33,13 +35,13 @@ fn seconds(ticks: Option<f64>) -> String {
 }
 
 /// Short table of the floor, for README.
-fn short(results: &Results) -> String {
+fn short(results: &ExperimentResults) -> String {
     let head = ["F_d, N", "settled rms, % of F_d", "sliding rms, % of F_d", "`sign`: settled", "`fidelity = \"paper\"`: settled"];
     let row = |force: u32| {
         let setting = force_setting(force);
         let figure = |law: usize, figure: &str| {
             let settings: Vec<&str> = LAWS[law].1.iter().copied().chain([setting.as_str()]).collect();
-            digits(on(results.of("floor", &settings), &format!("/force/{figure}"), 2), 3)
+            digits(axis_figure(results.summary("floor", &settings), &format!("/force/{figure}"), 2), 3)
         };
         let settled = "settled_rms_percent";
         vec![force.to_string(), figure(0, settled), figure(0, "sliding_rms_percent"), figure(1, settled), figure(2, settled)]
@@ -47,7 +49,7 @@ fn short(results: &Results) -> String {
     table(&head, &FORCES.map(row))
 }
 
-fn floor(results: &Results) -> String {
+fn floor(results: &ExperimentResults) -> String {
     let head =
         ["law", "F_d, N", "settled rms, % of F_d", "sliding rms, % of F_d", "max \\|x - x_d\\| / x_b", "max \\|F_c\\| / F_max"];
     let mut rows = Vec::new();
@@ -55,12 +57,12 @@ fn floor(results: &Results) -> String {
         for force in FORCES {
             let setting = force_setting(force);
             let settings: Vec<&str> = law.iter().copied().chain([setting.as_str()]).collect();
-            let summary = results.of("floor", &settings);
+            let summary = results.summary("floor", &settings);
             rows.push(vec![
                 name.to_owned(),
                 force.to_string(),
-                digits(on(summary, "/force/settled_rms_percent", 2), 3),
-                digits(on(summary, "/force/sliding_rms_percent", 2), 3),
+                digits(axis_figure(summary, "/force/settled_rms_percent", 2), 3),
+                digits(axis_figure(summary, "/force/sliding_rms_percent", 2), 3),
                 digits(largest(summary, "/tracking/max_ratio"), 2),
                 digits(largest(summary, "/force_command/max_ratio"), 2),
             ]);
@@ -69,7 +71,7 @@ fn floor(results: &Results) -> String {
     table(&head, &rows)
 }
 
-fn tracking(results: &Results) -> String {
+fn tracking(results: &ExperimentResults) -> String {
     let head = [
         "scenario",
         "axis",
@@ -87,16 +89,16 @@ fn tracking(results: &Results) -> String {
     ];
     let mut rows = Vec::new();
     for scenario in SCENARIOS {
-        let summary = results.of(scenario, &[]);
+        let summary = results.summary(scenario, &[]);
         for (axis, name) in AXES.iter().enumerate() {
-            let outside = |figure: &str| seconds(on(summary, &format!("/tracking/outside/{figure}"), axis));
+            let outside = |figure: &str| seconds(axis_figure(summary, &format!("/tracking/outside/{figure}"), axis));
             rows.push(vec![
                 format!("`{scenario}`"),
                 (*name).to_owned(),
-                digits(on(summary, "/force_command/max_ratio", axis), 3),
-                seconds(on(summary, "/force_command/at_limit_ticks", axis)),
-                digits(on(summary, "/tracking/max_ratio", axis), 3),
-                digits(on(summary, "/tracking/rms_ratio", axis), 3),
+                digits(axis_figure(summary, "/force_command/max_ratio", axis), 3),
+                seconds(axis_figure(summary, "/force_command/at_limit_ticks", axis)),
+                digits(axis_figure(summary, "/tracking/max_ratio", axis), 3),
+                digits(axis_figure(summary, "/tracking/rms_ratio", axis), 3),
                 outside("ticks"),
                 outside("force_limited_ticks"),
                 outside("torque_limited_ticks"),
@@ -110,7 +112,7 @@ fn tracking(results: &Results) -> String {
     table(&head, &rows)
 }
 
-fn force(results: &Results) -> String {
+fn force(results: &ExperimentResults) -> String {
     let head = [
         "scenario",
         "law",
@@ -126,9 +128,9 @@ fn force(results: &Results) -> String {
     let mut rows = Vec::new();
     for scenario in SCENARIOS {
         for (law, settings) in LAWS {
-            let summary = results.of(scenario, settings);
+            let summary = results.summary(scenario, settings);
             for (axis, name) in AXES.iter().enumerate() {
-                let figure = |figure: &str| on(summary, &format!("/force/{figure}"), axis);
+                let figure = |figure: &str| axis_figure(summary, &format!("/force/{figure}"), axis);
                 if figure("desired_n").is_none() {
                     continue;
                 }
@@ -150,7 +152,7 @@ fn force(results: &Results) -> String {
     table(&head, &rows)
 }
 
-fn milestones(results: &Results) -> String {
+fn milestones(results: &ExperimentResults) -> String {
     let row = |milestone: verdict::Milestone| {
         let reached = if milestone.reached { "yes" } else { "**no**" };
         vec![format!("`{}`", milestone.scenario), milestone.what, milestone.figure, milestone.expected, reached.to_owned()]
@@ -159,7 +161,7 @@ fn milestones(results: &Results) -> String {
     table(&["scenario", "milestone", "found", "expected", "reached"], &rows)
 }
 
-fn integration(results: &Results) -> String {
+fn integration(results: &ExperimentResults) -> String {
     let head = [
         "scenario",
         "sub-step, us",
@@ -173,7 +175,7 @@ fn integration(results: &Results) -> String {
     let mut rows = Vec::new();
     for scenario in SCENARIOS {
         for (substep, settings) in SUBSTEPS {
-            let summary = results.of(scenario, settings);
+            let summary = results.summary(scenario, settings);
             let figure = |figure: &str| number(summary, &format!("/integration/{figure}"));
             rows.push(vec![
                 format!("`{scenario}`"),
@@ -190,7 +192,7 @@ fn integration(results: &Results) -> String {
     table(&head, &rows)
 }
 
-fn improvements(results: &Results) -> String {
+fn improvements(results: &ExperimentResults) -> String {
     let head = [
         "scenario",
         "improvements",
@@ -203,9 +205,9 @@ fn improvements(results: &Results) -> String {
         "last hold rms, %",
     ];
     let mut rows = Vec::new();
-    for scenario in IMPROVED {
+    for scenario in IMPROVEMENT_SCENARIOS {
         for (name, settings) in IMPROVEMENTS {
-            let summary = results.of(scenario, settings);
+            let summary = results.summary(scenario, settings);
             rows.push(vec![
                 format!("`{scenario}`"),
                 name.to_owned(),
@@ -222,7 +224,7 @@ fn improvements(results: &Results) -> String {
     table(&head, &rows)
 }
 
-fn tuning(results: &Results) -> String {
+fn tuning(results: &ExperimentResults) -> String {
     let head = [
         "t, s",
         "change",
@@ -234,18 +236,18 @@ fn tuning(results: &Results) -> String {
         "off: at the end, N",
         "off: settled after, s",
     ];
-    let [with, without] = TUNINGS.map(|settings| results.changes(settings));
-    let figures = |change: Option<&Change>| {
+    let [with, without] = TUNING_SETTINGS.map(|settings| results.changes(settings));
+    let figures = |change: Option<&MeasuredChange>| {
         [
-            change.map_or("-".to_owned(), |change| format!("{:.1} to {:.1}", change.least_n, change.largest_n)),
+            change.map_or("-".to_owned(), |change| format!("{:.1} to {:.1}", change.smallest_n, change.largest_n)),
             digits(change.map(|change| change.end_n), 1),
             seconds(change.and_then(|change| change.settled_ticks).map(|ticks| ticks as f64)),
         ]
     };
-    let row = |(place, change): (usize, &Change)| {
+    let row = |(index, change): (usize, &MeasuredChange)| {
         let mut cells = vec![seconds(Some(change.tick as f64)), change.what.clone(), digits(Some(change.desired_n), 0)];
         cells.extend(figures(Some(change)));
-        cells.extend(figures(without.get(place)));
+        cells.extend(figures(without.get(index)));
         cells
     };
     let rows: Vec<_> = with.iter().enumerate().map(row).collect();

@@ -1,8 +1,8 @@
 //! Limits that the runs with the defaults must keep, and the milestones of the scenarios.
 
 use crate::changes;
-use crate::figures::{AXES, digits, largest, list, number, on};
-use crate::runs::{FORCES, Results, SCENARIOS, TUNINGS, force_setting};
+use crate::figures::{AXES, axis_figure, digits, largest, list, number};
+use crate::runs::{ExperimentResults, FORCES, SCENARIOS, TUNING_SETTINGS, force_setting};
 use serde_json::Value;
 
 /// Largest settled error of a hold [% of F_d].
@@ -32,11 +32,11 @@ pub(crate) struct Milestone {
 }
 
 /// Milestones of all scenarios.
-pub(crate) fn milestones(results: &Results) -> Vec<Milestone> {
-    SCENARIOS.into_iter().flat_map(|scenario| of(scenario, results.of(scenario, &[]))).collect()
+pub(crate) fn milestones(results: &ExperimentResults) -> Vec<Milestone> {
+    SCENARIOS.into_iter().flat_map(|scenario| scenario_milestones(scenario, results.summary(scenario, &[]))).collect()
 }
 
-fn of(scenario: &'static str, summary: &Value) -> Vec<Milestone> {
+fn scenario_milestones(scenario: &'static str, summary: &Value) -> Vec<Milestone> {
     let milestone = |what: &str, figure: String, expected: String, reached: bool| Milestone {
         scenario,
         what: what.to_owned(),
@@ -62,8 +62,9 @@ fn of(scenario: &'static str, summary: &Value) -> Vec<Milestone> {
         let figure = format!("{} deg, {}", digits(rotation, 1), if rests { "at rest" } else { "never at rest" });
         let reached = rotation >= Some(TIPPED_DEG) && rests;
         all.push(milestone("the box is tipped over", figure, format!("{TIPPED_DEG} deg, at rest on another face"), reached));
-        let (offset, error) = (largest(summary, "/moments/air/max_offset_m"), on(summary, "/moments/air/max_error_m", 0));
-        let ticks = on(summary, "/moments/air/ticks", 0);
+        let (offset, error) =
+            (largest(summary, "/moments/air/max_offset_m"), axis_figure(summary, "/moments/air/max_error_m", 0));
+        let ticks = axis_figure(summary, "/moments/air/ticks", 0);
         let figure = format!(
             "{} ticks, dx {} mm, e {} mm",
             digits(ticks, 0),
@@ -93,58 +94,58 @@ fn of(scenario: &'static str, summary: &Value) -> Vec<Milestone> {
 }
 
 /// Lists everything that fell short of its limit.
-pub(crate) fn shortfalls(results: &Results) -> Vec<String> {
-    let mut short = Vec::new();
+pub(crate) fn shortfalls(results: &ExperimentResults) -> Vec<String> {
+    let mut shortfalls = Vec::new();
     for (name, summary) in results.iter() {
         if summary["completed"] != true {
-            short.push(format!("{name}: not completed"));
+            shortfalls.push(format!("{name}: not completed"));
         }
         let ratio = largest(summary, "/force_command/max_ratio");
         if ratio.is_none_or(|ratio| ratio > 1.0) {
-            short.push(format!("{name}: |F_c| / F_max is {}, expected 1 at most", digits(ratio, 6)));
+            shortfalls.push(format!("{name}: |F_c| / F_max is {}, expected 1 at most", digits(ratio, 6)));
         }
     }
     for scenario in SCENARIOS {
-        physics(scenario, results.of(scenario, &[]), &mut short);
-        forces(scenario, scenario, results.of(scenario, &[]), &mut short);
+        physics(scenario, results.summary(scenario, &[]), &mut shortfalls);
+        forces(scenario, scenario, results.summary(scenario, &[]), &mut shortfalls);
     }
     for force in FORCES {
         let setting = force_setting(force);
-        forces("floor", &format!("floor with {force} N"), results.of("floor", &[setting.as_str()]), &mut short);
+        forces("floor", &format!("floor with {force} N"), results.summary("floor", &[setting.as_str()]), &mut shortfalls);
     }
-    let [with, without] = TUNINGS.map(|settings| results.changes(settings));
-    short.extend(changes::worse(with, without));
+    let [with, without] = TUNING_SETTINGS.map(|settings| results.changes(settings));
+    shortfalls.extend(changes::regressions(with, without));
     let missed = milestones(results).into_iter().filter(|milestone| !milestone.reached);
-    short.extend(missed.map(|m| format!("{}: {}: found {}, expected {}", m.scenario, m.what, m.figure, m.expected)));
-    short
+    shortfalls.extend(missed.map(|m| format!("{}: {}: found {}, expected {}", m.scenario, m.what, m.figure, m.expected)));
+    shortfalls
 }
 
-fn physics(scenario: &str, summary: &Value, short: &mut Vec<String>) {
+fn physics(scenario: &str, summary: &Value, shortfalls: &mut Vec<String>) {
     let figure = |figure: &str| number(summary, &format!("/integration/{figure}"));
     let created = figure("contact_energy_created_j");
     if created.is_none_or(|created| created > CREATED_J) {
         let found = created.map_or("not measured".to_owned(), |created| format!("{created:.1e} J"));
-        short.push(format!("{scenario}: energy created by contacts is {found}, expected {CREATED_J:.0e} J at most"));
+        shortfalls.push(format!("{scenario}: energy created by contacts is {found}, expected {CREATED_J:.0e} J at most"));
     }
     let share = figure("unconverged").zip(figure("contact_substeps")).map(|(unconverged, all)| unconverged / all.max(1.0));
     if share.is_none_or(|share| share > UNCONVERGED) {
-        short.push(format!("{scenario}: share of unconverged sub-steps is {share:?}, expected {UNCONVERGED:.0e} at most"));
+        shortfalls.push(format!("{scenario}: share of unconverged sub-steps is {share:?}, expected {UNCONVERGED:.0e} at most"));
     }
     let unexplained = largest(summary, "/tracking/outside/unexplained_ticks");
     if unexplained != Some(0.0) {
-        short.push(format!("{scenario}: {unexplained:?} ticks outside x_b are unexplained, expected none"));
+        shortfalls.push(format!("{scenario}: {unexplained:?} ticks outside x_b are unexplained, expected none"));
     }
 }
 
-fn forces(scenario: &str, name: &str, summary: &Value, short: &mut Vec<String>) {
+fn forces(scenario: &str, name: &str, summary: &Value, shortfalls: &mut Vec<String>) {
     // `tuning` also desires forces out of reach, so its last hold counts.
     let settled = if scenario == "tuning" { "last_hold_rms_percent" } else { "worst_hold_rms_percent" };
     for (figure, most) in [(settled, SETTLED_PERCENT), ("steady_sliding_rms_percent", SLIDING_PERCENT)] {
         for (axis, axis_name) in AXES.iter().enumerate() {
-            if let Some(percent) = on(summary, &format!("/force/{figure}"), axis)
+            if let Some(percent) = axis_figure(summary, &format!("/force/{figure}"), axis)
                 && percent > most
             {
-                short.push(format!("{name}, {axis_name}: {figure} is {percent:.3}, expected {most} at most"));
+                shortfalls.push(format!("{name}, {axis_name}: {figure} is {percent:.3}, expected {most} at most"));
             }
         }
     }

@@ -4,7 +4,7 @@ const USAGE: &str = "usage: faults FILE [--quick] [--only matrix|supervisor|soak
 /// Length of the soak without `--minutes` [min]: of a full and of a quick one.
 const MINUTES: (u64, u64) = (10, 1);
 /// Longest soak [min].
-const MOST_MINUTES: u64 = 1000;
+const MAX_MINUTES: u64 = 1000;
 
 /// Name of a part of the document.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -73,10 +73,9 @@ impl Arguments {
                 }
                 "--minutes" => {
                     let text = value()?;
-                    minutes =
-                        Some(text.parse().ok().filter(|minutes| (1..=MOST_MINUTES).contains(minutes)).ok_or_else(|| {
-                            format!("faults: --minutes: found {text:?}, expected a whole number in [1, {MOST_MINUTES}]; {USAGE}")
-                        })?);
+                    minutes = Some(text.parse().ok().filter(|minutes| (1..=MAX_MINUTES).contains(minutes)).ok_or_else(|| {
+                        format!("faults: --minutes: found {text:?}, expected a whole number in [1, {MAX_MINUTES}]; {USAGE}")
+                    })?);
                 }
                 name if file.is_none() && !name.starts_with("--") => file = Some(name.to_owned()),
                 other => return Err(format!("faults: found {other:?}, expected one file or an option; {USAGE}")),

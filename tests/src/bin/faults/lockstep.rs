@@ -3,10 +3,10 @@
 use crate::part::table;
 use crate::realtime::{DURATION_S, MatrixProcess, PHASES, TICKS, setting, settings};
 use crate::runs::{LOG, RunFolder};
-use crate::trace::{Command, Trace};
+use crate::trace::{Trace, TraceCommand};
 use std::time::Duration;
 
-/// Time limit of a run: a tick may wait for a process that is starting, and the host takes steal time.
+/// Time limit of a run: a tick may wait for a starting process, and steal time adds to it.
 const LIMIT: Duration = Duration::from_secs(120);
 /// Ticks from the fault of the phase `impact` to the first contact.
 const BEFORE_IMPACT: usize = 2;
@@ -33,7 +33,7 @@ pub(crate) struct Undisturbed {
     pub(crate) phases: [usize; 4],
 }
 
-/// Runs the floor scenario undisturbed and finds its impact. The error says why there is none.
+/// Runs the floor scenario undisturbed and finds its impact. The error names the cause of a failure.
 pub(crate) fn undisturbed(folder: &RunFolder) -> Result<Undisturbed, String> {
     let end = folder.floor("lockstep", DURATION_S, &settings(), LIMIT);
     let trace = Trace::read(&folder.path(LOG));
@@ -42,7 +42,7 @@ pub(crate) fn undisturbed(folder: &RunFolder) -> Result<Undisturbed, String> {
         Some(impact) if end.completed() && impact > BEFORE_IMPACT => {
             Ok(Undisturbed { trace, phases: [800, impact - BEFORE_IMPACT, 4200, 5000] })
         }
-        _ => Err(format!("completed: {}, first contact at tick {first_contact:?}, log: {:?}", end.word(), trace.error)),
+        _ => Err(format!("completed: {}, first contact at tick {first_contact:?}, log: {:?}", end.outcome_text(), trace.error)),
     }
 }
 
@@ -62,7 +62,7 @@ pub(crate) fn rows(folder: &RunFolder, undisturbed: &Undisturbed) -> Vec<KillRes
                 process,
                 phase,
                 at,
-                end: end.word(),
+                end: end.outcome_text(),
                 completed: end.completed(),
                 without_fresh: trace.outages().iter().map(ExactSizeIterator::len).sum(),
                 missing: trace.missing(TICKS),
@@ -75,7 +75,7 @@ pub(crate) fn rows(folder: &RunFolder, undisturbed: &Undisturbed) -> Vec<KillRes
 
 /// Bits of all torques, with the mode of the drive.
 fn torques(trace: &Trace) -> Vec<Option<(Option<u32>, Vec<u64>)>> {
-    let bits = |command: &Command| {
+    let bits = |command: &TraceCommand| {
         let all = command.torque.iter().chain(&command.raw).map(|torque| torque.to_bits());
         (command.mode.map(hapfic_messages::Mode::code), all.collect())
     };

@@ -1,8 +1,8 @@
 //! Matrix of processes, faults and phases: tables and expectations.
 
 use crate::lockstep;
-use crate::moment::FaultImpact;
-use crate::part::{Expectation, Part, digits, largest, mean, median, spread, table, verdict};
+use crate::moment::FaultEffect;
+use crate::part::{DocumentPart, Expectation, digits, largest, mean, median, spread, table, verdict};
 use crate::realtime::{self, CellKey, CellResult, DURATION_S, FAULTS, LIMIT, MatrixProcess, PHASES};
 use crate::runs::{LOG, RunFolder};
 use crate::trace::Trace;
@@ -18,7 +18,7 @@ const NO_EXCESS: f64 = 0.5;
 const ANSWERED_AGAIN_MS: f64 = 30.0;
 
 /// Makes the part.
-pub(crate) fn make(quick: bool) -> Part {
+pub(crate) fn make(quick: bool) -> DocumentPart {
     let folder = RunFolder::new();
     let mut expectations = Vec::new();
     let undisturbed = match lockstep::undisturbed(&folder) {
@@ -26,7 +26,7 @@ pub(crate) fn make(quick: bool) -> Part {
         Err(found) => {
             expectations.push(Expectation::new("an undisturbed lockstep run", "completes, with an impact", found, false));
             let tables = vec![("matrix", verdict(&expectations)), ("lockstep", String::new()), ("realtime", String::new())];
-            return Part { tables, expectations };
+            return DocumentPart { tables, expectations };
         }
     };
     let rows = lockstep::rows(&folder, &undisturbed);
@@ -39,7 +39,7 @@ pub(crate) fn make(quick: bool) -> Part {
     expectations.push(plant_loss(&folder, undisturbed.phases[2]));
     let tables =
         vec![("matrix", verdict(&expectations)), ("lockstep", lockstep::as_table(&rows)), ("realtime", as_table(&cells))];
-    Part { tables, expectations }
+    DocumentPart { tables, expectations }
 }
 
 /// The loss of a plant without a restart ends the run.
@@ -61,12 +61,12 @@ fn plant_loss(folder: &RunFolder, at: usize) -> Expectation {
     Expectation::new(&what, "exit code 3 with the plant named, log complete up to there", found, reached)
 }
 
-fn values(impacts: &[FaultImpact], figure: impl Fn(&FaultImpact) -> Option<f64>) -> Vec<f64> {
-    impacts.iter().filter_map(figure).collect()
+fn values(effects: &[FaultEffect], figure: impl Fn(&FaultEffect) -> Option<f64>) -> Vec<f64> {
+    effects.iter().filter_map(figure).collect()
 }
 
-/// Impacts of all phases.
-fn all(phases: &[Vec<FaultImpact>; 4]) -> Vec<FaultImpact> {
+/// Effects of all phases.
+fn all(phases: &[Vec<FaultEffect>; 4]) -> Vec<FaultEffect> {
     phases.iter().flatten().cloned().collect()
 }
 
@@ -77,12 +77,12 @@ fn expect(cells: &BTreeMap<CellKey, CellResult>, expectations: &mut Vec<Expectat
         expectations.extend(excess_of(killed(process), &format!("{} killed", process.name()), most));
     }
     let both = all(&killed(MatrixProcess::Both).disturbed);
-    let braked: Vec<_> = both.iter().map(|impact| impact.braked_at_missed).collect();
+    let braked: Vec<_> = both.iter().map(|effect| effect.braked_at_missed).collect();
     let second = braked.iter().filter(|missed| **missed == Some(2)).count();
     let what = "both controllers killed: the drive brakes at the second missed tick";
     let found = format!("{second} of {}", braked.len());
     expectations.push(Expectation::new(what, "always", found, second == braked.len() && second > 0));
-    let again = values(&both, |impact| impact.answered_again_ms);
+    let again = values(&both, |effect| effect.answered_again_ms);
     let what = "both controllers killed: from the first missed tick to the next answered one, median";
     let reached = median(&again).is_some_and(|ms| ms < ANSWERED_AGAIN_MS);
     expectations.push(Expectation::new(
@@ -93,7 +93,7 @@ fn expect(cells: &BTreeMap<CellKey, CellResult>, expectations: &mut Vec<Expectat
     ));
 
     let limit = hapfic_config::Settings::load("floor", &[]).expect("an embedded scenario").supervisor.ramp_rate * 1e-3;
-    let steps: Vec<f64> = cells.values().flat_map(|cell| values(&all(&cell.disturbed), |impact| impact.ramp_step)).collect();
+    let steps: Vec<f64> = cells.values().flat_map(|cell| values(&all(&cell.disturbed), |effect| effect.ramp_step)).collect();
     let reached = largest(&steps).is_some_and(|step| step <= limit + ROUNDING);
     let what = "largest step of a torque that ramps in after a brake, all rows";
     expectations.push(Expectation::new(
@@ -118,7 +118,7 @@ fn expect(cells: &BTreeMap<CellKey, CellResult>, expectations: &mut Vec<Expectat
 /// Expectations of the median and the largest number of ticks that a fault costs, beyond the undisturbed runs.
 fn excess_of(cell: &CellResult, what: &str, most: f64) -> [Expectation; 2] {
     let (disturbed, undisturbed) = (all(&cell.disturbed), all(&cell.undisturbed));
-    let figures: [fn(&FaultImpact) -> Option<f64>; 2] = [|impact| Some(impact.missed), |impact| Some(impact.without_steal)];
+    let figures: [fn(&FaultEffect) -> Option<f64>; 2] = [|effect| Some(effect.missed), |effect| Some(effect.without_steal)];
     let [missed, without_steal] = figures.map(|figure| values(&disturbed, figure));
     let [base_missed, base_without_steal] = figures.map(|figure| values(&undisturbed, figure));
     let excess = median(&missed).map(|median| median - mean(&base_missed));
@@ -161,32 +161,32 @@ fn as_table(cells: &BTreeMap<CellKey, CellResult>) -> String {
     ];
     let mut rows = Vec::new();
     for ((process, index), cell) in cells {
-        let undisturbed = values(&all(&cell.undisturbed), |impact| Some(impact.missed));
+        let undisturbed = values(&all(&cell.undisturbed), |effect| Some(effect.missed));
         for (phase, name) in PHASES.iter().enumerate() {
-            let (impacts, others) = (&cell.disturbed[phase], &cell.undisturbed[phase]);
-            let list = |figure: fn(&FaultImpact) -> Option<f64>| values(impacts, figure);
-            let missed = list(|impact| Some(impact.missed));
+            let (effects, others) = (&cell.disturbed[phase], &cell.undisturbed[phase]);
+            let list = |figure: fn(&FaultEffect) -> Option<f64>| values(effects, figure);
+            let missed = list(|effect| Some(effect.missed));
             let excess: Vec<f64> = missed.iter().map(|missed| missed - mean(&undisturbed)).collect();
-            let compared = |figure: fn(&FaultImpact) -> f64, places| {
-                let most = |impacts: &[FaultImpact]| digits(largest(&values(impacts, |impact| Some(figure(impact)))), places);
-                format!("{} ({})", most(impacts), most(others))
+            let compared = |figure: fn(&FaultEffect) -> f64, places| {
+                let most = |effects: &[FaultEffect]| digits(largest(&values(effects, |effect| Some(figure(effect)))), places);
+                format!("{} ({})", most(effects), most(others))
             };
             rows.push(vec![
                 process.name().to_owned(),
                 FAULTS[*index].name.to_owned(),
                 (*name).to_owned(),
-                impacts.len().to_string(),
+                effects.len().to_string(),
                 spread(&missed, 0),
                 format!("{:.1} / {}", mean(&undisturbed), digits(largest(&undisturbed), 0)),
                 spread(&excess, 1),
-                format!("{} of {}", impacts.iter().filter(|impact| impact.promoted).count(), impacts.len()),
-                spread(&list(|impact| impact.to_brake_ms), 0),
-                spread(&list(|impact| impact.answered_again_ms), 0),
-                spread(&list(|impact| impact.recovered_ms), 0),
-                spread(&list(|impact| impact.wait_ms), 1),
-                compared(|impact| impact.step, 1),
-                digits(largest(&list(|impact| impact.ramp_step)), 2),
-                compared(|impact| impact.error_mm, 1),
+                format!("{} of {}", effects.iter().filter(|effect| effect.promoted).count(), effects.len()),
+                spread(&list(|effect| effect.to_brake_ms), 0),
+                spread(&list(|effect| effect.answered_again_ms), 0),
+                spread(&list(|effect| effect.recovered_ms), 0),
+                spread(&list(|effect| effect.wait_ms), 1),
+                compared(|effect| effect.step, 1),
+                digits(largest(&list(|effect| effect.ramp_step)), 2),
+                compared(|effect| effect.error_mm, 1),
                 if cell.missing == 0 { "yes".to_owned() } else { format!("**no**, {} ticks missing", cell.missing) },
             ]);
         }

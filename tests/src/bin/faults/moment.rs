@@ -1,21 +1,21 @@
 //! Consequences of one fault.
 
-use crate::trace::{Command, Trace};
+use crate::trace::{Trace, TraceCommand};
 use hapfic_messages::EventKind;
 use std::ops::Range;
 
-/// Range before and after a fault within which missed ticks count [ticks].
-pub(crate) const AROUND: usize = 200;
-/// Range after a fault within which torque steps count [ticks].
-const STEPS: usize = 300;
-/// Range after a fault, up to the next one, within which the position error counts [ticks].
-const ERRORS: usize = 1000;
-/// Range after a fault within which a wait for a command, or a promotion, counts [ticks].
-const AFTER: usize = 100;
+/// Largest distance before and after a fault within which missed ticks count [ticks].
+pub(crate) const MISSED_RANGE: usize = 200;
+/// Largest distance after a fault within which torque steps count [ticks].
+const STEP_RANGE: usize = 300;
+/// Largest distance after a fault, up to the next one, within which the position error counts [ticks].
+const ERROR_RANGE: usize = 1000;
+/// Largest distance after a fault within which a wait for a command, or a promotion, counts [ticks].
+const WAIT_RANGE: usize = 100;
 
 /// Consequences of a fault; in an undisturbed run, the same figures without a fault.
 #[derive(Clone, Debug)]
-pub(crate) struct FaultImpact {
+pub(crate) struct FaultEffect {
     /// Ticks around the fault without fresh torque.
     pub(crate) missed: f64,
     /// The same without outages that steal time explains.
@@ -41,35 +41,37 @@ pub(crate) struct FaultImpact {
 }
 
 /// Largest torque difference of any joint [N m].
-fn step(before: &Command, after: &Command) -> f64 {
+fn step(before: &TraceCommand, after: &TraceCommand) -> f64 {
     before.torque.iter().zip(&after.torque).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
 }
 
 /// Measures the consequences of a fault at tick `at`; the next fault is at tick `next`.
-pub(crate) fn measure(trace: &Trace, at: usize, next: usize) -> FaultImpact {
+pub(crate) fn measure(trace: &Trace, at: usize, next: usize) -> FaultEffect {
     let end = trace.last().map_or(0, |last| last + 1);
     let until = |ticks: usize| at..(at + ticks).min(end);
-    let around = at.saturating_sub(AROUND)..(at + AROUND + 1).min(end);
+    let around = at.saturating_sub(MISSED_RANGE)..(at + MISSED_RANGE + 1).min(end);
     let (mut missed, mut without_steal) = (0, 0);
     for outage in trace.outages() {
         let inside = outage.start.max(around.start)..outage.end.min(around.end);
         missed += inside.len();
         without_steal += if trace.is_steal_time(&outage) { 0 } else { inside.len() };
     }
-    let find = |from: usize, which: &dyn Fn(&Command) -> bool| (from..end).find(|tick| trace.command(*tick).is_some_and(which));
-    let close = |tick: &usize| *tick <= at + AROUND;
-    let brake = find(at, &Command::brakes).filter(close);
-    let unanswered = find(at, &|command: &Command| !command.answered()).filter(close);
-    let stale = find(at, &|command: &Command| !command.fresh()).filter(close);
-    let ms =
-        |from: Option<usize>, which: &dyn Fn(&Command) -> bool| from.and_then(|from| Some((find(from, which)? - from) as f64));
+    let find =
+        |from: usize, which: &dyn Fn(&TraceCommand) -> bool| (from..end).find(|tick| trace.command(*tick).is_some_and(which));
+    let close = |tick: &usize| *tick <= at + MISSED_RANGE;
+    let brake = find(at, &TraceCommand::brakes).filter(close);
+    let unanswered = find(at, &|command: &TraceCommand| !command.answered()).filter(close);
+    let stale = find(at, &|command: &TraceCommand| !command.fresh()).filter(close);
+    let ms = |from: Option<usize>, which: &dyn Fn(&TraceCommand) -> bool| {
+        from.and_then(|from| Some((find(from, which)? - from) as f64))
+    };
     let pairs = |ticks: Range<usize>| {
         ticks.filter_map(|tick| Some((trace.command(tick.checked_sub(1)?)?, trace.command(tick)?))).collect::<Vec<_>>()
     };
-    let steps = pairs(until(STEPS));
+    let steps = pairs(until(STEP_RANGE));
     let active = steps.iter().filter(|(before, after)| before.active() && after.active());
     let ramping = steps.iter().filter(|(_, after)| after.ramped != 0).map(|(before, after)| step(before, after));
-    let waits = until(AFTER).filter_map(|tick| {
+    let waits = until(WAIT_RANGE).filter_map(|tick| {
         let (before, after) = (trace.ticks.get(tick.checked_sub(1)?)?.command_ns?, trace.ticks[tick].command_ns?);
         Some(after.saturating_sub(before) as f64 * 1e-6)
     });
@@ -77,9 +79,9 @@ pub(crate) fn measure(trace: &Trace, at: usize, next: usize) -> FaultImpact {
         let (foot, reference) = (trace.ticks[tick].foot?, trace.ticks[tick].reference?);
         foot.iter().zip(&reference).map(|(x, xd)| (x - xd).abs()).reduce(f64::max)
     };
-    let errors = at..(at + ERRORS).min(next).min(end);
-    let promotions = at as i64 - 1..(at + AFTER) as i64;
-    FaultImpact {
+    let errors = at..(at + ERROR_RANGE).min(next).min(end);
+    let promotions = at as i64 - 1..(at + WAIT_RANGE) as i64;
+    FaultEffect {
         missed: missed as f64,
         without_steal: without_steal as f64,
         promoted: trace.events(EventKind::Promoted).any(|event| promotions.contains(&event.tick)),
@@ -88,8 +90,8 @@ pub(crate) fn measure(trace: &Trace, at: usize, next: usize) -> FaultImpact {
             let before = (0..tick).rev().take_while(|tick| trace.command(*tick).is_some_and(|c| !c.answered() && !c.brakes()));
             before.count() + 1
         }),
-        answered_again_ms: ms(unanswered, &Command::answered),
-        recovered_ms: ms(stale, &Command::fresh),
+        answered_again_ms: ms(unanswered, &TraceCommand::answered),
+        recovered_ms: ms(stale, &TraceCommand::fresh),
         wait_ms: waits.reduce(f64::max),
         step: active.map(|(before, after)| step(before, after)).fold(0.0, f64::max),
         ramp_step: ramping.reduce(f64::max),
@@ -100,10 +102,10 @@ pub(crate) fn measure(trace: &Trace, at: usize, next: usize) -> FaultImpact {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::trace::Tick;
+    use crate::trace::TraceTick;
     use hapfic_messages::{Mode, Process, Source};
 
-    /// A run of 500 ticks: two unanswered ones, a brake for 20 more, then a torque that ramps in by 2 N m a tick.
+    /// Run of 500 ticks: two unanswered ones, a brake for 20 more, then a torque that ramps in by 2 N m a tick.
     fn braked(at: usize) -> Trace {
         let command = |tick: usize| {
             let (mode, source, torque, ramped) = match tick {
@@ -114,33 +116,33 @@ mod tests {
                 t => (Mode::Active, Source::Fresh, 2.0 * (t - at - 21) as f64, u32::from(t < at + 26)),
             };
             let (mode, source, controller) = (Some(mode), Some(source), Some(Process::Controller));
-            Command { mode, source, controller, torque: vec![torque], raw: vec![10.0], ramped }
+            TraceCommand { mode, source, controller, torque: vec![torque], raw: vec![10.0], ramped }
         };
-        let tick = |tick: usize| Tick {
+        let tick = |tick: usize| TraceTick {
             command: Some(command(tick)),
             foot: Some([0.0, 0.0, if tick == at + 5 { 0.012 } else { 0.0 }]),
             reference: Some([0.0; 3]),
             command_ns: Some(tick as u64 * 1_000_000 + if tick >= at + 3 { 500_000 } else { 0 }),
-            ..Tick::default()
+            ..TraceTick::default()
         };
         Trace { ticks: (0..500).map(tick).collect(), ..Trace::default() }
     }
 
     #[test]
     fn measure_brake_all_figures() {
-        let impact = measure(&braked(250), 250, 500);
-        assert_eq!((impact.missed, impact.without_steal), (22.0, 22.0));
-        assert_eq!((impact.to_brake_ms, impact.braked_at_missed), (Some(1.0), Some(2)));
-        assert_eq!((impact.answered_again_ms, impact.recovered_ms), (Some(2.0), Some(22.0)));
-        assert_eq!((impact.step, impact.ramp_step), (2.0, Some(2.0)));
-        assert!((impact.error_mm - 12.0).abs() < 1e-9 && (impact.wait_ms.unwrap() - 1.5).abs() < 1e-9);
-        assert!(!impact.promoted);
+        let effect = measure(&braked(250), 250, 500);
+        assert_eq!((effect.missed, effect.without_steal), (22.0, 22.0));
+        assert_eq!((effect.to_brake_ms, effect.braked_at_missed), (Some(1.0), Some(2)));
+        assert_eq!((effect.answered_again_ms, effect.recovered_ms), (Some(2.0), Some(22.0)));
+        assert_eq!((effect.step, effect.ramp_step), (2.0, Some(2.0)));
+        assert!((effect.error_mm - 12.0).abs() < 1e-9 && (effect.wait_ms.unwrap() - 1.5).abs() < 1e-9);
+        assert!(!effect.promoted);
     }
 
     #[test]
     fn measure_no_fault_no_figures() {
-        let impact = measure(&braked(499), 250, 300);
-        assert_eq!((impact.missed, impact.to_brake_ms, impact.answered_again_ms, impact.recovered_ms), (0.0, None, None, None));
-        assert_eq!((impact.step, impact.ramp_step, impact.error_mm), (0.0, None, 0.0));
+        let effect = measure(&braked(499), 250, 300);
+        assert_eq!((effect.missed, effect.to_brake_ms, effect.answered_again_ms, effect.recovered_ms), (0.0, None, None, None));
+        assert_eq!((effect.step, effect.ramp_step, effect.error_mm), (0.0, None, 0.0));
     }
 }

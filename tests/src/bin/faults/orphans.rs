@@ -1,6 +1,6 @@
 //! Kills of the supervisor at random times, and their remains.
 
-use crate::part::{Expectation, Part, digits, largest, median, table, verdict};
+use crate::part::{DocumentPart, Expectation, digits, largest, median, table, verdict};
 use crate::runs::{LOG, RunFolder};
 use crate::trace::Trace;
 use hapfic_tests::remains_of;
@@ -39,7 +39,7 @@ enum RecoveredLog {
     Lost(String),
 }
 
-/// Result of a kill.
+/// Result of a kill of the supervisor.
 struct OrphanResult {
     /// Time from the kill to the end of the last process [ms].
     ended_ms: f64,
@@ -51,7 +51,7 @@ struct OrphanResult {
 }
 
 /// Makes the part.
-pub(crate) fn make(quick: bool) -> Part {
+pub(crate) fn make(quick: bool) -> DocumentPart {
     let (kills, early) = KILLS[usize::from(quick)];
     let mut random = fastrand::Rng::with_seed(SEED);
     let folder = RunFolder::new();
@@ -60,7 +60,7 @@ pub(crate) fn make(quick: bool) -> Part {
         let (from, to) = if kill < early { (0.0, START_MS) } else { (START_MS, LATEST_MS) };
         let delay_ms = from + random.f64() * (to - from);
         eprintln!("kill {} of {kills}: {delay_ms:.0} ms after the start", kill + 1);
-        all.push((kill < early, once(&folder, Duration::from_secs_f64(delay_ms * 1e-3))));
+        all.push((kill < early, measure_kill(&folder, Duration::from_secs_f64(delay_ms * 1e-3))));
     }
     let groups = [("during the start", true), ("later", false)];
     let rows: Vec<_> = groups
@@ -80,10 +80,10 @@ pub(crate) fn make(quick: bool) -> Part {
         "missing at its end, s: median",
         "max",
     ];
-    Part { tables: vec![("supervisor", format!("{}\n{}", verdict(&expectations), table(&head, &rows)))], expectations }
+    DocumentPart { tables: vec![("supervisor", format!("{}\n{}", verdict(&expectations), table(&head, &rows)))], expectations }
 }
 
-fn once(folder: &RunFolder, delay: Duration) -> OrphanResult {
+fn measure_kill(folder: &RunFolder, delay: Duration) -> OrphanResult {
     for written in [LOG, RECOVERED] {
         let _ = std::fs::remove_file(folder.path(written));
     }
@@ -146,8 +146,8 @@ fn recovered(folder: &RunFolder, killed_ns: u64) -> RecoveredLog {
     if missing > 0 {
         return RecoveredLog::Lost(format!("{missing} commands missing before tick {last}"));
     }
-    // The timing of a tick follows its command. If it is missing, an earlier one serves, a period earlier for each
-    // tick.
+    // The timing of a tick follows its command. If it is missing, the time of an earlier command counts, plus a period
+    // a tick.
     let stamped = (0..=last).rev().find_map(|tick| Some((tick, trace.ticks[tick].command_ns?)));
     match stamped {
         Some((tick, stamp)) => {
@@ -184,7 +184,7 @@ fn row(name: &str, kills: &[&OrphanResult]) -> Vec<String> {
 fn expect(kills: &[&OrphanResult]) -> Vec<Expectation> {
     let ended: Vec<f64> = kills.iter().map(|kill| kill.ended_ms).collect();
     let missing = missing(kills);
-    let bad: Vec<String> = kills
+    let failures: Vec<String> = kills
         .iter()
         .flat_map(|kill| kill.next.iter().cloned().chain(kill.remains.iter().map(|name| format!("left: {name}"))))
         .collect();
@@ -203,8 +203,8 @@ fn expect(kills: &[&OrphanResult]) -> Vec<Expectation> {
         Expectation::new(
             "next starts that fail, or leave remains of the killed run",
             "0",
-            first(&bad.iter().map(String::as_str).collect::<Vec<_>>()),
-            bad.is_empty(),
+            first(&failures.iter().map(String::as_str).collect::<Vec<_>>()),
+            failures.is_empty(),
         ),
         Expectation::new("logs that cannot be recovered, or have gaps", "0", first(&lost), lost.is_empty()),
         Expectation::new(

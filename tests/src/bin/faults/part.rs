@@ -1,7 +1,7 @@
 //! Part of the document: tables, and expectations of their figures.
 
 /// Part of the document.
-pub(crate) struct Part {
+pub(crate) struct DocumentPart {
     /// Tables, each with its marker.
     pub(crate) tables: Vec<(&'static str, String)>,
     /// Conditions that must hold.
@@ -73,11 +73,11 @@ pub(crate) fn digits(value: Option<f64>, digits: usize) -> String {
 }
 
 /// Formats median and largest value.
-pub(crate) fn spread(values: &[f64], places: usize) -> String {
+pub(crate) fn spread(values: &[f64], decimals: usize) -> String {
     if values.is_empty() {
         return "-".to_owned();
     }
-    format!("{} / {}", digits(median(values), places), digits(largest(values), places))
+    format!("{} / {}", digits(median(values), decimals), digits(largest(values), decimals))
 }
 
 #[cfg(test)]
@@ -85,7 +85,7 @@ mod tests {
     use super::{digits, largest, mean, median, spread};
 
     #[test]
-    fn statistics_of_lists_computed_and_formatted() {
+    fn statistics_lists_computed_and_formatted() {
         assert_eq!((median(&[]), median(&[3.0]), median(&[4.0, 1.0, 2.0])), (None, Some(3.0), Some(2.0)));
         assert_eq!((median(&[1.0, 2.0]), largest(&[1.0, 5.0, 2.0]), mean(&[1.0, 2.0])), (Some(1.5), Some(5.0), 1.5));
         assert_eq!((digits(Some(-0.01), 1), digits(Some(-0.06), 1), digits(None, 1)), ("0.0".into(), "-0.1".into(), "-".into()));

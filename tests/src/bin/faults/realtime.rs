@@ -1,6 +1,6 @@
 //! Realtime runs of the matrix, each beside an undisturbed run of the same length.
 
-use crate::moment::{FaultImpact, measure};
+use crate::moment::{FaultEffect, measure};
 use crate::runs::{LOG, RunFolder, RunResult};
 use crate::trace::Trace;
 use hapfic_messages::{EventKind, Process};
@@ -63,7 +63,7 @@ pub(crate) struct MatrixFault {
     pub(crate) kind: &'static str,
     /// Further keys in a scenario.
     pub(crate) more: &'static str,
-    /// Whether the process is absent for more than two ticks, so the other controller becomes the primary.
+    /// Whether the process misses more than two ticks, so the other controller becomes the primary.
     pub(crate) promotes: bool,
     /// Whether the supervisor sends a signal at the tick; otherwise it announces the fault in advance.
     signal: bool,
@@ -105,9 +105,9 @@ pub(crate) type CellKey = (MatrixProcess, usize);
 #[derive(Debug, Default)]
 pub(crate) struct CellResult {
     /// Disturbed runs, by phase.
-    pub(crate) disturbed: [Vec<FaultImpact>; 4],
+    pub(crate) disturbed: [Vec<FaultEffect>; 4],
     /// Undisturbed runs, by phase.
-    pub(crate) undisturbed: [Vec<FaultImpact>; 4],
+    pub(crate) undisturbed: [Vec<FaultEffect>; 4],
     /// Ticks missing in the logs.
     pub(crate) missing: usize,
     /// Runs that did not complete, with their causes.
@@ -196,13 +196,13 @@ fn run(
 /// Result of an incomplete run, with its cause.
 fn cause(end: &RunResult) -> String {
     let fault = end.out.lines().chain(end.err.lines()).find(|line| line.contains("FAULT") || line.starts_with("hapfic:"));
-    format!("{} {}", end.word(), fault.unwrap_or_default().split_whitespace().collect::<Vec<_>>().join(" "))
+    format!("{} {}", end.outcome_text(), fault.unwrap_or_default().split_whitespace().collect::<Vec<_>>().join(" "))
 }
 
 /// Tick at which a fault took effect.
 ///
-/// The supervisor sends a signal at its tick at the earliest, and reports it some ticks later. In between lies the
-/// first tick that the process no longer did.
+/// The supervisor sends a signal at its tick at the earliest, and reports it some ticks later. The first tick without
+/// work of the process lies in between.
 fn fault_tick(trace: &Trace, planned: usize, target: &str, signal: bool) -> Option<usize> {
     let window = planned as i64 - 5..planned as i64 + SIGNAL_DELAY_TICKS;
     let injected = trace.events(EventKind::Injected).find(|event| !signal || window.contains(&event.tick))?;
@@ -218,7 +218,7 @@ fn fault_tick(trace: &Trace, planned: usize, target: &str, signal: bool) -> Opti
     Some(done.map_or(planned, |tick| tick + 1).clamp(planned, reported))
 }
 
-/// Whether the faulted controller had the role of its row: a busy host may have promoted the other one.
+/// Whether the faulted controller had the role of its row: on a busy machine the supervisor may have switched roles.
 fn has_role(trace: &Trace, at: usize, process: MatrixProcess, target: &str) -> bool {
     let primary = trace.command(at.saturating_sub(1)).and_then(|command| command.controller);
     match process {
@@ -231,14 +231,14 @@ fn has_role(trace: &Trace, at: usize, process: MatrixProcess, target: &str) -> b
 #[cfg(test)]
 mod tests {
     use super::{FAULTS, MatrixProcess, fault_tick, setting};
-    use crate::trace::{Event, Tick, Trace};
+    use crate::trace::{Trace, TraceEvent, TraceTick};
     use hapfic_messages::{EventKind, Process};
 
     #[test]
     fn fault_tick_signal_is_first_tick_not_done() {
-        let mut trace = Trace { ticks: vec![Tick::default(); 900], ..Trace::default() };
+        let mut trace = Trace { ticks: vec![TraceTick::default(); 900], ..Trace::default() };
         trace.ticks[..802].iter_mut().for_each(|tick| tick.done_by = 1 << Process::Standby.code());
-        trace.events.push(Event { tick: 805, kind: Some(EventKind::Injected) });
+        trace.events.push(TraceEvent { tick: 805, kind: Some(EventKind::Injected) });
         assert_eq!(fault_tick(&trace, 800, "standby", true), Some(802));
         assert_eq!(fault_tick(&trace, 800, "controllers", true), Some(802));
         // The process had ended before.

@@ -1,6 +1,6 @@
 //! Runs of the stack with a time limit.
 
-use hapfic_tests::{Stack, remains_of};
+use hapfic_tests::{StackSandbox, remains_of};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use std::fs::File;
@@ -19,7 +19,7 @@ const SUMMARY: &str = "run.json";
 
 /// Temporary folder for consecutive runs, removed when dropped.
 pub(crate) struct RunFolder {
-    stack: Stack,
+    stack: StackSandbox,
 }
 
 /// Result of a run.
@@ -43,7 +43,7 @@ impl RunResult {
     }
 
     /// Result in a few words, as a table cell.
-    pub(crate) fn word(&self) -> String {
+    pub(crate) fn outcome_text(&self) -> String {
         match self.code {
             _ if self.hung => "**hung**".to_owned(),
             Some(0) if self.completed() => "yes".to_owned(),
@@ -55,7 +55,7 @@ impl RunResult {
 
 impl RunFolder {
     pub(crate) fn new() -> Self {
-        Self { stack: Stack::new() }
+        Self { stack: StackSandbox::new() }
     }
 
     pub(crate) fn path(&self, name: &str) -> PathBuf {
@@ -68,12 +68,12 @@ impl RunFolder {
     }
 
     /// Starts the program.
-    pub(crate) fn start(&self, arguments: &[&str]) -> Running {
+    pub(crate) fn start(&self, arguments: &[&str]) -> RunningProgram {
         // Files instead of pipes: no reader is needed, and orphans of a killed run cannot block one.
         let [out, err] = ["out.txt", "err.txt"].map(|name| self.path(name));
         let file = |path: &PathBuf| Stdio::from(File::create(path).expect("a file for the run's output"));
         let child = self.stack.command(arguments).stdout(file(&out)).stderr(file(&err)).spawn().expect("the binary starts");
-        Running { child, out, err, summary: self.path(SUMMARY), ended: false }
+        RunningProgram { child, out, err, summary: self.path(SUMMARY), ended: false }
     }
 
     /// Runs the program to its end, or to a time limit.
@@ -107,7 +107,7 @@ impl RunFolder {
 }
 
 /// Running program; ended when dropped.
-pub(crate) struct Running {
+pub(crate) struct RunningProgram {
     child: Child,
     out: PathBuf,
     err: PathBuf,
@@ -115,7 +115,7 @@ pub(crate) struct Running {
     ended: bool,
 }
 
-impl Running {
+impl RunningProgram {
     pub(crate) fn pid(&self) -> u32 {
         self.child.id()
     }
@@ -171,7 +171,7 @@ impl Running {
     }
 }
 
-impl Drop for Running {
+impl Drop for RunningProgram {
     fn drop(&mut self) {
         if !self.has_ended() {
             self.end();

@@ -1,15 +1,15 @@
 //! Soak: some minutes with more than one fault a second, and the resources of the run before and after.
 
-use crate::part::{Expectation, Part, digits, table, verdict};
+use crate::part::{DocumentPart, Expectation, digits, table, verdict};
 use crate::runs::{LOG, RunFolder, RunResult};
 use crate::sample::ResourceSample;
-use crate::trace::{Command, Trace};
+use crate::trace::{Trace, TraceCommand};
 use serde_json::Value;
 use std::fmt::Write as _;
 use std::time::{Duration, Instant};
 
 /// Undisturbed time before and after the faults [s].
-const CALM_S: [u64; 2] = [8, 52];
+const UNDISTURBED_S: [u64; 2] = [8, 52];
 /// Time of the first sample, and interval of the others [s].
 const SAMPLE_S: f64 = 5.0;
 /// Faults in ten minutes: kills of one process, kills of both controllers (two each), and halts.
@@ -18,14 +18,14 @@ const IN_TEN_MINUTES: [u64; 3] = [880, 60, 200];
 const HALTS_MS: [u64; 5] = [20, 35, 50, 65, 80];
 /// Time of the first slide, and interval of the others [s].
 const SLIDES_S: (f64, f64) = (10.2, 2.0);
-/// Positions x of the slides, in turns [m].
+/// Positions x of the slides, alternating [m].
 const TARGETS_M: [f64; 2] = [-0.02, -0.18];
 /// Largest growth of each count from the first sample to the last.
 const COUNT_GROWTH: u64 = 8;
 /// Largest growth of the resident memory of a process [kB].
 const MEMORY_GROWTH_KB: u64 = 32 * 1024;
 /// Scenario of the soak.
-const FILE: &str = "soak.toml";
+const SCENARIO_FILE: &str = "soak.toml";
 
 /// Resource that grows with the first losses.
 const SUPERVISOR_FILES: &str = "open files of the supervisor";
@@ -34,17 +34,17 @@ const SUPERVISOR_FILES: &str = "open files of the supervisor";
 const FIRST_LOSS_GROWTH: u64 = 32;
 
 /// Name of a resource, its value in a sample, and its largest growth.
-type Resource = (&'static str, fn(&ResourceSample) -> u64, u64);
+type ResourceLimit = (&'static str, fn(&ResourceSample) -> u64, u64);
 
 /// Makes the part.
-pub(crate) fn make(minutes: u64) -> Part {
+pub(crate) fn make(minutes: u64) -> DocumentPart {
     let folder = RunFolder::new();
-    let duration_s = minutes * 60 + CALM_S[0] + CALM_S[1];
+    let duration_s = minutes * 60 + UNDISTURBED_S[0] + UNDISTURBED_S[1];
     let floor = folder.run(&["scenarios", "floor"], Duration::from_secs(60));
-    std::fs::write(folder.path(FILE), scenario(&floor.out, minutes)).expect("a scenario");
+    std::fs::write(folder.path(SCENARIO_FILE), scenario(&floor.out, minutes)).expect("a scenario");
     eprintln!("soak: {duration_s} s");
     let begun = Instant::now();
-    let mut run = folder.start(&["run", FILE, "--log", LOG, "--summary-json", "run.json"]);
+    let mut run = folder.start(&["run", SCENARIO_FILE, "--log", LOG, "--summary-json", "run.json"]);
     let pid = run.pid();
     let mut samples: Vec<ResourceSample> = Vec::new();
     // Twice as long, since time may slip.
@@ -61,12 +61,12 @@ pub(crate) fn make(minutes: u64) -> Part {
     let trace = Trace::read(&folder.path(LOG));
     let expectations = expect(&end, &samples, trace.missing(duration_s as usize * 1000));
     let text = format!("{}\n{}\n{}", verdict(&expectations), losses(&end, &trace, minutes), resources(&samples));
-    Part { tables: vec![("soak", text)], expectations }
+    DocumentPart { tables: vec![("soak", text)], expectations }
 }
 
 /// Returns the floor scenario with a longer duration, more changes of the operator, and faults.
 fn scenario(floor: &str, minutes: u64) -> String {
-    let duration_s = minutes * 60 + CALM_S[0] + CALM_S[1];
+    let duration_s = minutes * 60 + UNDISTURBED_S[0] + UNDISTURBED_S[1];
     let mut text = String::new();
     for line in floor.lines() {
         match line.split_once('=') {
@@ -85,7 +85,7 @@ fn scenario(floor: &str, minutes: u64) -> String {
     let [kills, both, halts] = IN_TEN_MINUTES.map(|count| (count * minutes).div_ceil(10));
     let any = "[\"controller\", \"standby\", \"planner\"]";
     let mut fault = |kind: &str, process: &str, more: &str, count: u64| {
-        let (from, to) = (CALM_S[0], CALM_S[0] + minutes * 60);
+        let (from, to) = (UNDISTURBED_S[0], UNDISTURBED_S[0] + minutes * 60);
         let random = format!("{{ count = {count}, from_s = {from}.0, to_s = {to}.0 }}");
         let _ = writeln!(text, "\n[[fault]]\nkind = \"{kind}\"\nprocess = {process}\n{more}random = {random}");
     };
@@ -117,7 +117,7 @@ fn losses(end: &RunResult, trace: &Trace, minutes: u64) -> String {
     let unanswered = longest_unanswered(trace);
     let mut rows = vec![
         ("minutes with faults".to_owned(), minutes.to_string()),
-        ("completed".to_owned(), end.word()),
+        ("completed".to_owned(), end.outcome_text()),
         ("injected faults".to_owned(), count("/losses/injected")),
     ];
     rows.extend(losses.iter().map(lost));
@@ -139,7 +139,7 @@ fn losses(end: &RunResult, trace: &Trace, minutes: u64) -> String {
 fn longest_unanswered(trace: &Trace) -> usize {
     let (mut longest, mut now) = (0, 0);
     for tick in trace.ticks.iter().skip(trace.first) {
-        now = if tick.command.as_ref().is_none_or(Command::answered) { 0 } else { now + 1 };
+        now = if tick.command.as_ref().is_none_or(TraceCommand::answered) { 0 } else { now + 1 };
         longest = longest.max(now);
     }
     longest
@@ -172,7 +172,7 @@ fn resources(samples: &[ResourceSample]) -> String {
 
 fn expect(end: &RunResult, samples: &[ResourceSample], missing: usize) -> Vec<Expectation> {
     let lost = number(&end.summary, "/recorder/lost");
-    let resources: [Resource; 8] = [
+    let resources: [ResourceLimit; 8] = [
         ("threads of the supervisor", |s| s.supervisor.threads, COUNT_GROWTH),
         ("threads of the plant", |s| s.plant.threads, COUNT_GROWTH),
         (SUPERVISOR_FILES, |s| s.supervisor.files, COUNT_GROWTH),
@@ -184,7 +184,7 @@ fn expect(end: &RunResult, samples: &[ResourceSample], missing: usize) -> Vec<Ex
     ];
     let completed = end.completed();
     let mut all = vec![
-        Expectation::new("the soak completes", "yes", end.word(), completed),
+        Expectation::new("the soak completes", "yes", end.outcome_text(), completed),
         Expectation::new("ticks lost by the recorder", "0", digits(lost, 0), lost == Some(0.0)),
         Expectation::new("ticks missing in the log", "0", missing.to_string(), missing == 0),
     ];

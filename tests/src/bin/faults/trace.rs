@@ -7,13 +7,13 @@ use std::ops::Range;
 use std::path::Path;
 
 /// Largest plausible number of ticks.
-const MOST_TICKS: i64 = 10_000_000;
+const MAX_TICKS: i64 = 10_000_000;
 /// Lateness of the plant's timer above which the tick counts as steal time [ns].
 const STEAL_LATENESS_NS: u64 = 500_000;
 
 /// Fields of a command that the measurements need.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Command {
+pub(crate) struct TraceCommand {
     pub(crate) mode: Option<Mode>,
     pub(crate) source: Option<Source>,
     /// Controller of the accepted request.
@@ -26,7 +26,7 @@ pub(crate) struct Command {
     pub(crate) ramped: u32,
 }
 
-impl Command {
+impl TraceCommand {
     /// Whether the torque is that of a request of the same tick.
     pub(crate) fn fresh(&self) -> bool {
         self.active() && self.source == Some(Source::Fresh)
@@ -50,8 +50,8 @@ impl Command {
 
 /// Logged data of a tick.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Tick {
-    pub(crate) command: Option<Command>,
+pub(crate) struct TraceTick {
+    pub(crate) command: Option<TraceCommand>,
     /// Position of the foot [m].
     pub(crate) foot: Option<[f64; 3]>,
     /// Reference position [m].
@@ -70,7 +70,7 @@ pub(crate) struct Tick {
 
 /// Event of a run.
 #[derive(Clone, Debug)]
-pub(crate) struct Event {
+pub(crate) struct TraceEvent {
     pub(crate) tick: i64,
     pub(crate) kind: Option<EventKind>,
 }
@@ -78,8 +78,8 @@ pub(crate) struct Event {
 /// Logged data of a run.
 #[derive(Debug, Default)]
 pub(crate) struct Trace {
-    pub(crate) ticks: Vec<Tick>,
-    pub(crate) events: Vec<Event>,
+    pub(crate) ticks: Vec<TraceTick>,
+    pub(crate) events: Vec<TraceEvent>,
     /// Rejected messages, by process and generation.
     pub(crate) rejected: BTreeMap<(String, u32), u32>,
     /// Error of the log.
@@ -96,30 +96,30 @@ impl Trace {
             Ok(reader) => {
                 for entry in reader {
                     match entry {
-                        Ok(entry) => trace.take(entry.record),
+                        Ok(entry) => trace.add(entry.record),
                         Err(error) => trace.error = Some(error.to_string()),
                     }
                 }
             }
             Err(error) => trace.error = Some(error.to_string()),
         }
-        let active = |tick: &Tick| tick.command.as_ref().is_some_and(Command::active);
+        let active = |tick: &TraceTick| tick.command.as_ref().is_some_and(TraceCommand::active);
         trace.first = trace.ticks.iter().position(active).unwrap_or(trace.ticks.len());
         trace
     }
 
-    fn at(&mut self, tick: i64) -> Option<&mut Tick> {
-        let place = usize::try_from(tick).ok().filter(|_| tick < MOST_TICKS)?;
-        if self.ticks.len() <= place {
-            self.ticks.resize_with(place + 1, Tick::default);
+    fn tick_mut(&mut self, tick: i64) -> Option<&mut TraceTick> {
+        let index = usize::try_from(tick).ok().filter(|_| tick < MAX_TICKS)?;
+        if self.ticks.len() <= index {
+            self.ticks.resize_with(index + 1, TraceTick::default);
         }
-        self.ticks.get_mut(place)
+        self.ticks.get_mut(index)
     }
 
-    fn take(&mut self, record: Record) {
+    fn add(&mut self, record: Record) {
         match record {
             Record::State(state) => {
-                if let Some(tick) = self.at(state.tick)
+                if let Some(tick) = self.tick_mut(state.tick)
                     && tick.foot.is_none()
                 {
                     tick.foot = state.foot_position.try_into().ok();
@@ -128,17 +128,17 @@ impl Trace {
                 }
             }
             Record::Reference(reference) => {
-                if let Some(tick) = self.at(reference.tick)
+                if let Some(tick) = self.tick_mut(reference.tick)
                     && tick.reference.is_none()
                 {
                     tick.reference = reference.position.try_into().ok();
                 }
             }
             Record::Command(command) => {
-                if let Some(tick) = self.at(command.tick)
+                if let Some(tick) = self.tick_mut(command.tick)
                     && tick.command.is_none()
                 {
-                    tick.command = Some(Command {
+                    tick.command = Some(TraceCommand {
                         mode: Mode::from_name(&command.mode),
                         source: Source::from_name(&command.source),
                         controller: Process::from_name(&command.controller),
@@ -154,7 +154,7 @@ impl Trace {
                 if timing.phase == Phase::Running.name()
                     && timing.publish_ns > 0
                     && let Some(process) = Process::from_name(&timing.process)
-                    && let Some(tick) = self.at(timing.tick)
+                    && let Some(tick) = self.tick_mut(timing.tick)
                 {
                     tick.done_by |= 1 << process.code();
                     if process == Process::Supervisor {
@@ -163,13 +163,13 @@ impl Trace {
                 }
             }
             Record::Event(event) => {
-                self.events.push(Event { tick: event.tick, kind: EventKind::from_name(&event.kind) });
+                self.events.push(TraceEvent { tick: event.tick, kind: EventKind::from_name(&event.kind) });
             }
             _ => {}
         }
     }
 
-    pub(crate) fn command(&self, tick: usize) -> Option<&Command> {
+    pub(crate) fn command(&self, tick: usize) -> Option<&TraceCommand> {
         self.ticks.get(tick)?.command.as_ref()
     }
 
@@ -189,11 +189,11 @@ impl Trace {
         count - self.ticks.iter().take(count).filter(|tick| tick.foot.is_some() && tick.command.is_some()).count()
     }
 
-    /// Stretches of consecutive ticks without fresh torque, after the first one with it.
+    /// Ranges of consecutive ticks without fresh torque, after the first tick with it.
     pub(crate) fn outages(&self) -> Vec<Range<usize>> {
         let mut outages: Vec<Range<usize>> = Vec::new();
         for tick in self.first..self.ticks.len() {
-            if self.command(tick).is_none_or(Command::fresh) {
+            if self.command(tick).is_none_or(TraceCommand::fresh) {
                 continue;
             }
             match outages.last_mut() {
@@ -214,7 +214,7 @@ impl Trace {
     }
 
     /// Events of a kind.
-    pub(crate) fn events(&self, kind: EventKind) -> impl Iterator<Item = &Event> {
+    pub(crate) fn events(&self, kind: EventKind) -> impl Iterator<Item = &TraceEvent> {
         self.events.iter().filter(move |event| event.kind == Some(kind))
     }
 

@@ -1,13 +1,13 @@
 //! Command line of `fuzz`.
 
-use hapfic_tests::fuzz::{ALL, FOLDER, Target, named};
+use hapfic_tests::fuzz::{ALL_TARGETS, CORPUS_FOLDER, FuzzTarget, target_named};
 use std::path::PathBuf;
 
 /// Arguments of the command line.
 #[derive(Debug)]
 pub struct Arguments {
     /// Targets, in their order.
-    pub targets: Vec<&'static Target>,
+    pub targets: Vec<&'static FuzzTarget>,
     /// Duration for each target [s].
     pub seconds: u64,
     /// Seed of the first job; each further job has the next one.
@@ -21,11 +21,11 @@ pub struct Arguments {
 impl Arguments {
     /// Reads the command line. The error has the pattern of all messages: place, found, expected, hint.
     pub fn read(arguments: &[String]) -> Result<Self, String> {
-        let names: Vec<&str> = ALL.iter().map(|target| target.name).collect();
+        let names: Vec<&str> = ALL_TARGETS.iter().map(|target| target.name).collect();
         let usage =
             format!("usage: fuzz TARGET|all --seconds N [--seed S] [--corpus DIR] [--jobs N]; targets are {}", names.join(", "));
-        let mut targets: Option<Vec<&'static Target>> = None;
-        let (mut seconds, mut seed, mut jobs, mut corpus) = (None, 1, 1, PathBuf::from(FOLDER));
+        let mut targets: Option<Vec<&'static FuzzTarget>> = None;
+        let (mut seconds, mut seed, mut jobs, mut corpus) = (None, 1, 1, PathBuf::from(CORPUS_FOLDER));
         let mut rest = arguments.iter();
         while let Some(argument) = rest.next() {
             let mut value =
@@ -35,8 +35,10 @@ impl Arguments {
                 "--seed" => seed = whole(argument, value()?, 0)?,
                 "--jobs" => jobs = whole(argument, value()?, 1)?,
                 "--corpus" => corpus = PathBuf::from(value()?),
-                "all" if targets.is_none() => targets = Some(ALL.iter().collect()),
-                name if targets.is_none() && named(name).is_some() => targets = Some(named(name).into_iter().collect()),
+                "all" if targets.is_none() => targets = Some(ALL_TARGETS.iter().collect()),
+                name if targets.is_none() && target_named(name).is_some() => {
+                    targets = Some(target_named(name).into_iter().collect())
+                }
                 other => return Err(format!("fuzz: found {other:?}, expected one target or an option; {usage}")),
             }
         }

@@ -1,6 +1,6 @@
 //! Worker: the process of one campaign.
 
-use hapfic_tests::fuzz::{Budget, Options, campaign, named};
+use hapfic_tests::fuzz::{CampaignBudget, CampaignOptions, campaign, target_named};
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use serde_json::{Value, json};
 use std::io::Write;
@@ -49,8 +49,8 @@ impl WorkerResult {
     }
 }
 
-/// File with the present input of a worker.
-pub fn notebook(scratch: &Path, job: usize) -> PathBuf {
+/// File with the current input of a worker.
+pub fn input_file(scratch: &Path, job: usize) -> PathBuf {
     scratch.join(format!("{job}.input"))
 }
 
@@ -73,19 +73,19 @@ fn work(arguments: &[String]) -> Result<Value, String> {
         return Err("worker: found other arguments, expected seven; only `fuzz` starts a worker".to_owned());
     };
     let number = |text: &String| text.parse::<u64>().map_err(|error| format!("worker: {text}: {error}"));
-    let target = named(target).ok_or_else(|| format!("worker: found no target {target}"))?;
+    let target = target_named(target).ok_or_else(|| format!("worker: found no target {target}"))?;
     let job = usize::try_from(number(job)?).map_err(|error| error.to_string())?;
     let scratch = Path::new(scratch);
     let own = scratch.join(job.to_string());
     std::fs::create_dir(&own).map_err(|error| format!("worker: {}: {error}", own.display()))?;
     limit_memory();
-    let options = Options {
-        budget: Budget::Time(Duration::from_secs(number(seconds)?)),
+    let options = CampaignOptions {
+        budget: CampaignBudget::Time(Duration::from_secs(number(seconds)?)),
         seed: number(seed)?,
         corpus: PathBuf::from(corpus),
         scratch: own,
         findings: PathBuf::from(findings),
-        notebook: Some(notebook(scratch, job)),
+        input_file: Some(input_file(scratch, job)),
     };
     let result = campaign(target, &options).map_err(|error| format!("worker: {error}"))?;
     let findings: Vec<String> =

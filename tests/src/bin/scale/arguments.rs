@@ -6,7 +6,7 @@ const SECONDS: (u64, u64) = (10, 3);
 /// Rounds without and with `--quick`.
 const ROUNDS: (u64, u64) = (3, 1);
 /// Longest measurement [s], and largest number of rounds.
-const MOST: u64 = 1000;
+const MAX_VALUE: u64 = 1000;
 
 /// Arguments of the command line.
 #[derive(Debug, PartialEq, Eq)]
@@ -43,8 +43,8 @@ fn whole(option: &str, text: Option<&String>) -> Result<u64, String> {
     let text = text.ok_or_else(|| format!("scale: {option}: found nothing after it, expected a value; {USAGE}"))?;
     text.parse()
         .ok()
-        .filter(|number| (1..=MOST).contains(number))
-        .ok_or_else(|| format!("scale: {option}: found {text:?}, expected a whole number in [1, {MOST}]; {USAGE}"))
+        .filter(|number| (1..=MAX_VALUE).contains(number))
+        .ok_or_else(|| format!("scale: {option}: found {text:?}, expected a whole number in [1, {MAX_VALUE}]; {USAGE}"))
 }
 
 #[cfg(test)]

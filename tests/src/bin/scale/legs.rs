@@ -1,7 +1,7 @@
 //! Simultaneous realtime stacks.
 
-use crate::usage::{CpuTime, Memory};
-use hapfic_tests::{Stack, Started, is_running, remains_of};
+use crate::usage::{CpuTime, MemoryUse};
+use hapfic_tests::{StackSandbox, StartedProgram, is_running, remains_of};
 use rustix::process::Signal;
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -37,7 +37,7 @@ pub(crate) struct LegResult {
     /// Share of a core during the measurement, by group [%]; `None` if the stack ended before.
     pub(crate) cpu: Option<BTreeMap<&'static str, f64>>,
     /// Memory at the end of the measurement.
-    pub(crate) memory: Option<Memory>,
+    pub(crate) memory: Option<MemoryUse>,
 }
 
 impl LegResult {
@@ -75,16 +75,16 @@ impl LegCount {
     /// Measures a round.
     pub(crate) fn measure(&mut self, seconds: u64) {
         // One sandbox: runs that see each other's registrations take separate cores as long as there are some.
-        let stack = Stack::new();
+        let stack = StackSandbox::new();
         let (log, summary) = (|leg| stack.path(&format!("{leg}.mcap")), |leg| stack.path(&format!("{leg}.json")));
         let duration = (seconds + MARGIN_S).to_string();
-        let mut running: Vec<Started> = (0..self.legs)
+        let mut running: Vec<StartedProgram> = (0..self.legs)
             .map(|leg| {
                 let [log, summary] = [log(leg), summary(leg)].map(|path: PathBuf| path.display().to_string());
                 stack.start(&["run", "floor", "--duration", &duration, "--log", &log, "--summary-json", &summary])
             })
             .collect();
-        let pids: Vec<u32> = running.iter().map(Started::pid).collect();
+        let pids: Vec<u32> = running.iter().map(StartedProgram::pid).collect();
         let has_ticks = |leg: usize| {
             CpuTime::take(pids[leg]).is_some() && std::fs::metadata(log(leg)).is_ok_and(|log| log.len() >= RUNNING_LOG_BYTES)
         };
@@ -105,7 +105,7 @@ impl LegCount {
             .collect();
         // After the processor times of all stacks, since this read takes some milliseconds.
         for (leg, pid) in results.iter_mut().zip(&pids) {
-            leg.memory = Memory::take(*pid);
+            leg.memory = MemoryUse::take(*pid);
         }
         let limit = LIMIT_FACTOR * Duration::from_secs(seconds + MARGIN_S);
         for (number, (leg, running)) in results.iter_mut().zip(running.drain(..)).enumerate() {
@@ -131,7 +131,7 @@ impl LegCount {
 }
 
 /// Waits for the end of a run, and ends it after a time limit. The error describes an unexpected end.
-fn end(running: Started, begun: Instant, limit: Duration) -> Result<(), String> {
+fn end(running: StartedProgram, begun: Instant, limit: Duration) -> Result<(), String> {
     let pid = running.pid();
     let ended_by = |until: Instant| {
         while is_running(pid) {

@@ -1,6 +1,6 @@
 //! Simulation speed of a scenario without a realtime clock.
 
-use hapfic_tests::{Finished, Stack, Started};
+use hapfic_tests::{FinishedProgram, StackSandbox, StartedProgram};
 use serde_json::Value;
 
 /// Mode of simulation.
@@ -40,7 +40,7 @@ impl SpeedResult {
 
     /// Measures a round; `seconds` is the simulated time of a run.
     pub(crate) fn measure(&mut self, seconds: u64) {
-        let stack = Stack::new();
+        let stack = StackSandbox::new();
         let duration = seconds.to_string();
         let total = if self.mode.stacks > 0 {
             processes(&stack, self.mode.stacks, &duration)
@@ -55,9 +55,9 @@ impl SpeedResult {
 }
 
 /// Sum of the speeds of simultaneous stacks, each from its first to its last tick.
-fn processes(stack: &Stack, stacks: usize, duration: &str) -> Result<f64, String> {
+fn processes(stack: &StackSandbox, stacks: usize, duration: &str) -> Result<f64, String> {
     let file = |number: usize, ending: &str| stack.path(&format!("{number}.{ending}")).display().to_string();
-    let started: Vec<Started> = (0..stacks)
+    let started: Vec<StartedProgram> = (0..stacks)
         .map(|number| {
             let (log, summary) = (file(number, "mcap"), file(number, "json"));
             let clock = ["--clock", "lockstep", "--duration", duration];
@@ -66,7 +66,7 @@ fn processes(stack: &Stack, stacks: usize, duration: &str) -> Result<f64, String
         .collect();
     let mut total = 0.0;
     // Waits for all runs, before an error drops the others.
-    let ended: Vec<Finished> = started.into_iter().map(Started::finish).collect();
+    let ended: Vec<FinishedProgram> = started.into_iter().map(StartedProgram::finish).collect();
     for (number, end) in ended.iter().enumerate() {
         expect_done(end)?;
         let text =
@@ -77,7 +77,7 @@ fn processes(stack: &Stack, stacks: usize, duration: &str) -> Result<f64, String
 }
 
 /// Speed of a study with a number of jobs.
-fn study(stack: &Stack, jobs: usize, duration: &str) -> Result<f64, String> {
+fn study(stack: &StackSandbox, jobs: usize, duration: &str) -> Result<f64, String> {
     let runs = jobs * RUNS;
     // The floor scenario has no random part, so all runs are the same work.
     let sweep = format!("seed=1:{runs}:{runs}");
@@ -86,7 +86,7 @@ fn study(stack: &Stack, jobs: usize, duration: &str) -> Result<f64, String> {
     speed(&end.out)
 }
 
-fn expect_done(end: &Finished) -> Result<(), String> {
+fn expect_done(end: &FinishedProgram) -> Result<(), String> {
     if end.code == Some(0) { Ok(()) } else { Err(format!("ended with {:?}: {}{}", end.code, end.out, end.err)) }
 }
 

@@ -41,12 +41,12 @@ fn legs(counts: &[LegCount]) -> String {
 
 fn row(count: usize, legs: &[LegResult]) -> Vec<String> {
     let cpu: Vec<f64> = legs.iter().filter_map(total_cpu).collect();
-    let latency = |place: usize| -> Vec<f64> { legs.iter().filter_map(|leg| Some(leg.latency_us?[place])).collect() };
+    let latency = |index: usize| -> Vec<f64> { legs.iter().filter_map(|leg| Some(leg.latency_us?[index])).collect() };
     let sum_and_worst = |figure: fn(&LegResult) -> u64| {
         let all = || legs.iter().map(figure);
         format!("{} / {}", all().sum::<u64>(), all().max().unwrap_or(0))
     };
-    let memory = |figure: fn(&crate::usage::Memory) -> f64| {
+    let memory = |figure: fn(&crate::usage::MemoryUse) -> f64| {
         let all: Vec<f64> = legs.iter().filter_map(|leg| leg.memory.as_ref().map(figure)).collect();
         digits(median(&all), 1)
     };
@@ -94,7 +94,7 @@ fn speed(speeds: &[SpeedResult]) -> String {
 mod tests {
     use super::*;
     use crate::speed::MODES;
-    use crate::usage::Memory;
+    use crate::usage::MemoryUse;
     use std::collections::BTreeMap;
 
     fn leg(missed: u64, plant: f64) -> LegResult {
@@ -103,7 +103,7 @@ mod tests {
             missed,
             latency_us: Some([50.0 + plant, 90.0, 100.0, 200.0]),
             cpu: Some(BTreeMap::from([("plant", plant), ("gate", 1.0)])),
-            memory: Some(Memory { proportional: 40.0, shared: 20.0 }),
+            memory: Some(MemoryUse { proportional: 40.0, shared: 20.0 }),
             ..LegResult::default()
         }
     }

@@ -60,7 +60,7 @@ impl CpuTime {
 
 /// User and system time in a `stat` file [s].
 fn times(stat: &str) -> Option<f64> {
-    // The program's name stands in parentheses, and may hold any character.
+    // The program's name is in parentheses, and may have any character.
     let fields: Vec<&str> = stat.rsplit_once(')')?.1.split_whitespace().collect();
     let ticks = TIME_FIELDS.map(|field| fields.get(field)?.parse::<u64>().ok());
     Some((ticks[0]? + ticks[1]?) as f64 / USER_HZ)
@@ -68,14 +68,14 @@ fn times(stat: &str) -> Option<f64> {
 
 /// Memory of a stack [MB].
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Memory {
+pub(crate) struct MemoryUse {
     /// Proportional set size of all its processes, shared memory included.
     pub(crate) proportional: f64,
     /// Size of its files in shared memory.
     pub(crate) shared: f64,
 }
 
-impl Memory {
+impl MemoryUse {
     /// Reads the memory of a run.
     pub(crate) fn take(supervisor: u32) -> Option<Self> {
         let children = children_of(supervisor).into_iter().map(|(_, pid)| pid);
@@ -122,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn own_process_memory_found_no_stack() {
+    fn memory_own_process_read() {
         let own = std::process::id();
         assert!(proportional_kb(own).unwrap() > 0 && proportional_kb(u32::MAX).is_none());
         assert!(CpuTime::take(own).is_none());

@@ -1,12 +1,12 @@
 //! Target `change`: changes of a running stack, as `key=value` pairs in an operator's request.
 
-use crate::fuzz::target::{FuzzOutcome, Target};
-use hapfic_config::{OperatorChange, Parameters, Settings};
+use crate::fuzz::target::{FuzzOutcome, FuzzTarget};
+use hapfic_config::{OperatorChange, ParameterSettings, Settings};
 use hapfic_controller::parameters::parameters;
 use hapfic_messages::{Check, OperatorKind, OperatorRequest};
 use std::path::Path;
 
-pub(super) const TARGET: Target = Target {
+pub(super) const TARGET: FuzzTarget = FuzzTarget {
     name: "change",
     seeds,
     dictionary: &[
@@ -44,7 +44,7 @@ pub(super) const TARGET: Target = Target {
         "false",
     ],
     text: true,
-    longest: 4096,
+    max_bytes: 4096,
     execute,
 };
 
@@ -60,9 +60,9 @@ fn seeds() -> Vec<Vec<u8>> {
     lines.map(|text| text.as_bytes().to_vec()).into()
 }
 
-fn base() -> Parameters {
+fn base() -> ParameterSettings {
     thread_local! {
-        static BASE: Parameters = Settings::load("floor", &[]).expect("an embedded scenario").initial;
+        static BASE: ParameterSettings = Settings::load("floor", &[]).expect("an embedded scenario").initial;
     }
     BASE.with(|base| *base)
 }
@@ -85,7 +85,7 @@ fn execute(input: &[u8], _: &Path) -> FuzzOutcome {
 /// Applies the text of a request as the supervisor does.
 pub(super) fn changed(text: &str) -> Result<(), String> {
     let pairs: Vec<&str> = text.split('\0').filter(|pair| !pair.is_empty()).collect();
-    for base in [base(), Parameters { target_position: Some([0.1, 0.2, 0.3]), ..base() }] {
+    for base in [base(), ParameterSettings { target_position: Some([0.1, 0.2, 0.3]), ..base() }] {
         let parsed = OperatorChange::from_pairs(&pairs, &base).map_err(|error| error.to_string())?;
         let set = parameters(&base.with(&parsed.change), 2, 100, [0.0; 3]);
         assert_eq!(set.check(), Ok(()), "an accepted change makes an invalid set");

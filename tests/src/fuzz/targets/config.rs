@@ -1,14 +1,14 @@
 //! Target `config`: scenarios in TOML.
 
 use super::SCENARIO_WORDS;
-use crate::fuzz::target::{FuzzOutcome, Target};
+use crate::fuzz::target::{FuzzOutcome, FuzzTarget};
 use hapfic_config::{Settings, scenarios};
 use hapfic_messages::{Check, Command, Mode};
 use hapfic_plant::Plant;
 use std::path::Path;
 
-pub(super) const TARGET: Target =
-    Target { name: "config", seeds, dictionary: SCENARIO_WORDS, text: true, longest: 32 * 1024, execute };
+pub(super) const TARGET: FuzzTarget =
+    FuzzTarget { name: "config", seeds, dictionary: SCENARIO_WORDS, text: true, max_bytes: 32 * 1024, execute };
 
 /// Name of the scenario in error messages.
 const ORIGIN: &str = "fuzz.toml";

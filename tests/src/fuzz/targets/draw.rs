@@ -1,7 +1,6 @@
 //! Sampler: reads decisions from the bytes of an input.
 //!
-//! So messages, which are not text, are mutated as bytes as well, and an input in a file always gives the same
-//! messages.
+//! Thus messages, which are not text, are mutated as bytes too, and an input file always gives the same messages.
 
 /// Reader of decisions; zeros after the last byte.
 pub(super) struct Sampler<'a> {

@@ -8,10 +8,10 @@ use hapfic_messages::{
 use std::slice::from_mut;
 
 /// Largest number of corrupted fields in one message.
-const MOST: usize = 5;
+const MAX_CORRUPTED_FIELDS: usize = 5;
 
 /// Adjacent fields of one kind.
-pub(super) enum Field<'a> {
+pub(super) enum FieldGroup<'a> {
     Numbers(&'a mut [f64]),
     /// Codes, small counts, flags.
     Codes(&'a mut [u32]),
@@ -21,39 +21,39 @@ pub(super) enum Field<'a> {
     Bytes(&'a mut [u8]),
 }
 
-use Field::{Bytes, Codes, Counts, Numbers, Ticks};
+use FieldGroup::{Bytes, Codes, Counts, Numbers, Ticks};
 
 /// Message with accessible fields.
-pub(super) trait Fields {
-    fn fields(&mut self) -> Vec<Field<'_>>;
+pub(super) trait FieldAccess {
+    fn fields(&mut self) -> Vec<FieldGroup<'_>>;
 }
 
 /// Corrupts zero to five fields of a message.
-pub(super) fn corrupt<T: Fields>(message: &mut T, sampler: &mut Sampler<'_>) {
-    for _ in 0..sampler.below(MOST + 1) {
+pub(super) fn corrupt<T: FieldAccess>(message: &mut T, sampler: &mut Sampler<'_>) {
+    for _ in 0..sampler.below(MAX_CORRUPTED_FIELDS + 1) {
         let mut fields = message.fields();
-        let place = sampler.below(fields.len());
-        match &mut fields[place] {
+        let index = sampler.below(fields.len());
+        match &mut fields[index] {
             Numbers(values) => {
                 if sampler.byte().is_multiple_of(8) {
                     let new = sampler.number(values[0]);
                     values.fill(new);
                 } else {
-                    let place = sampler.below(values.len());
-                    values[place] = sampler.number(values[place]);
+                    let index = sampler.below(values.len());
+                    values[index] = sampler.number(values[index]);
                 }
             }
             Codes(values) => {
-                let place = sampler.below(values.len());
-                values[place] = sampler.code(values[place]);
+                let index = sampler.below(values.len());
+                values[index] = sampler.code(values[index]);
             }
             Counts(values) => {
-                let place = sampler.below(values.len());
-                values[place] = sampler.count(values[place]);
+                let index = sampler.below(values.len());
+                values[index] = sampler.count(values[index]);
             }
             Ticks(values) => {
-                let place = sampler.below(values.len());
-                values[place] = sampler.tick(values[place]);
+                let index = sampler.below(values.len());
+                values[index] = sampler.tick(values[index]);
             }
             Bytes(values) => {
                 for byte in values.iter_mut().take(64) {
@@ -64,8 +64,8 @@ pub(super) fn corrupt<T: Fields>(message: &mut T, sampler: &mut Sampler<'_>) {
     }
 }
 
-impl Fields for State {
-    fn fields(&mut self) -> Vec<Field<'_>> {
+impl FieldAccess for State {
+    fn fields(&mut self) -> Vec<FieldGroup<'_>> {
         let mut fields = vec![
             Counts(from_mut(&mut self.stamp_ns)),
             Ticks(from_mut(&mut self.tick)),
@@ -99,7 +99,7 @@ impl Fields for State {
                 Numbers(&mut object.angular_velocity),
             ]);
         }
-        // Two contacts stand for all.
+        // Two contacts represent all.
         for contact in self.contacts.iter_mut().take(2) {
             fields.extend([
                 Codes(from_mut(&mut contact.body)),
@@ -113,8 +113,8 @@ impl Fields for State {
     }
 }
 
-impl Fields for PlannerState {
-    fn fields(&mut self) -> Vec<Field<'_>> {
+impl FieldAccess for PlannerState {
+    fn fields(&mut self) -> Vec<FieldGroup<'_>> {
         let mut fields = vec![Counts(from_mut(&mut self.ticks))];
         for axis in &mut self.axes {
             fields.extend([
@@ -132,8 +132,8 @@ impl Fields for PlannerState {
     }
 }
 
-impl Fields for Reference {
-    fn fields(&mut self) -> Vec<Field<'_>> {
+impl FieldAccess for Reference {
+    fn fields(&mut self) -> Vec<FieldGroup<'_>> {
         let mut fields = vec![
             Counts(from_mut(&mut self.stamp_ns)),
             Ticks(from_mut(&mut self.tick)),
@@ -146,8 +146,8 @@ impl Fields for Reference {
     }
 }
 
-impl Fields for ControllerState {
-    fn fields(&mut self) -> Vec<Field<'_>> {
+impl FieldAccess for ControllerState {
+    fn fields(&mut self) -> Vec<FieldGroup<'_>> {
         vec![
             Numbers(&mut self.offset),
             Numbers(&mut self.x_max),
@@ -161,8 +161,8 @@ impl Fields for ControllerState {
     }
 }
 
-impl Fields for Request {
-    fn fields(&mut self) -> Vec<Field<'_>> {
+impl FieldAccess for Request {
+    fn fields(&mut self) -> Vec<FieldGroup<'_>> {
         let mut fields = vec![
             Counts(from_mut(&mut self.stamp_ns)),
             Ticks(from_mut(&mut self.tick)),
@@ -180,8 +180,8 @@ impl Fields for Request {
     }
 }
 
-impl Fields for Command {
-    fn fields(&mut self) -> Vec<Field<'_>> {
+impl FieldAccess for Command {
+    fn fields(&mut self) -> Vec<FieldGroup<'_>> {
         let mut fields = vec![
             Counts(from_mut(&mut self.stamp_ns)),
             Ticks(from_mut(&mut self.tick)),
@@ -198,8 +198,8 @@ impl Fields for Command {
     }
 }
 
-impl Fields for Parameters {
-    fn fields(&mut self) -> Vec<Field<'_>> {
+impl FieldAccess for Parameters {
+    fn fields(&mut self) -> Vec<FieldGroup<'_>> {
         vec![
             Counts(from_mut(&mut self.version)),
             Ticks(from_mut(&mut self.effective_tick)),
@@ -223,16 +223,16 @@ impl Fields for Parameters {
     }
 }
 
-impl Fields for Operator {
-    fn fields(&mut self) -> Vec<Field<'_>> {
+impl FieldAccess for Operator {
+    fn fields(&mut self) -> Vec<FieldGroup<'_>> {
         let mut fields = self.current.fields();
         fields.extend(self.next.fields());
         fields
     }
 }
 
-impl Fields for Event {
-    fn fields(&mut self) -> Vec<Field<'_>> {
+impl FieldAccess for Event {
+    fn fields(&mut self) -> Vec<FieldGroup<'_>> {
         vec![
             Counts(from_mut(&mut self.stamp_ns)),
             Ticks(from_mut(&mut self.tick)),
@@ -247,8 +247,8 @@ impl Fields for Event {
     }
 }
 
-impl Fields for Timing {
-    fn fields(&mut self) -> Vec<Field<'_>> {
+impl FieldAccess for Timing {
+    fn fields(&mut self) -> Vec<FieldGroup<'_>> {
         vec![
             Codes(from_mut(&mut self.process)),
             Codes(from_mut(&mut self.phase)),
@@ -266,20 +266,20 @@ impl Fields for Timing {
     }
 }
 
-impl Fields for Credit {
-    fn fields(&mut self) -> Vec<Field<'_>> {
+impl FieldAccess for Credit {
+    fn fields(&mut self) -> Vec<FieldGroup<'_>> {
         vec![Ticks(from_mut(&mut self.tick))]
     }
 }
 
-impl Fields for OperatorRequest {
-    fn fields(&mut self) -> Vec<Field<'_>> {
+impl FieldAccess for OperatorRequest {
+    fn fields(&mut self) -> Vec<FieldGroup<'_>> {
         vec![Codes(from_mut(&mut self.kind)), Codes(from_mut(&mut self.text_len)), Bytes(&mut self.text)]
     }
 }
 
-impl Fields for OperatorReply {
-    fn fields(&mut self) -> Vec<Field<'_>> {
+impl FieldAccess for OperatorReply {
+    fn fields(&mut self) -> Vec<FieldGroup<'_>> {
         vec![
             Counts(from_mut(&mut self.version)),
             Ticks(from_mut(&mut self.tick)),

@@ -1,7 +1,7 @@
 //! Target `log`: MCAP logs, read, recovered and reported.
 
-use super::stage::Stage;
-use crate::fuzz::target::{FuzzOutcome, Target};
+use super::stage::StackFixture;
+use crate::fuzz::target::{FuzzOutcome, FuzzTarget};
 use hapfic_log::{Attachment, LogError, Metrics, Names, Reader, Writer, WriterOptions, recover};
 use hapfic_messages::{Detector, Event, EventKind, Phase, Process, Severity, Timing};
 use hapfic_report::Report;
@@ -12,7 +12,7 @@ use std::fs;
 use std::io::{Cursor, Read, Write};
 use std::path::Path;
 
-pub(super) const TARGET: Target = Target {
+pub(super) const TARGET: FuzzTarget = FuzzTarget {
     name: "log",
     seeds,
     dictionary: &[
@@ -50,25 +50,25 @@ pub(super) const TARGET: Target = Target {
         "MCAP0\r\n",
     ],
     text: false,
-    longest: 256 * 1024,
+    max_bytes: 256 * 1024,
     execute,
 };
 
 /// Name of the log in error messages.
 const NAME: &str = "fuzz.mcap";
-/// One input in this many is also rendered, which takes a hundred times as long as the rest.
+/// Mean interval of the rendered inputs; rendering takes a hundred times as long as the rest.
 const RENDER_INTERVAL: u8 = 32;
 /// Ticks of a seed.
 const TICKS: i64 = 5;
 
-/// One log as the recorder writes it, and without compression and checksums, where mutations reach the content.
+/// Returns a log as the recorder writes it, and a copy without compression and checksums: mutations reach its content.
 fn seeds() -> Vec<Vec<u8>> {
-    let log = Stage::with(written);
+    let log = StackFixture::with(written);
     let plain = plain(&log);
     vec![log, plain]
 }
 
-fn written(stage: &Stage) -> Vec<u8> {
+fn written(fixture: &StackFixture) -> Vec<u8> {
     let record = [("scenario", "floor"), ("clock", "lockstep"), ("duration_ticks", "5")];
     let record = record.map(|(key, value)| (key.to_owned(), value.to_owned()));
     let header = [("hapfic".to_owned(), BTreeMap::from(record))];
@@ -77,9 +77,9 @@ fn written(stage: &Stage) -> Vec<u8> {
     let options = WriterOptions { start_unix_ns: 0, chunk_bytes: 4096 };
     let mut bytes = Vec::new();
     let mut writer =
-        Writer::new(&mut bytes, Path::new(NAME), &stage.names, &header, &attachments, &options).expect("a log in memory");
+        Writer::new(&mut bytes, Path::new(NAME), &fixture.names, &header, &attachments, &options).expect("a log in memory");
     for tick in 0..TICKS {
-        let mut snapshot = stage.snapshots[tick as usize % stage.snapshots.len()].messages;
+        let mut snapshot = fixture.snapshots[tick as usize % fixture.snapshots.len()].messages;
         snapshot.state.tick = tick;
         snapshot.reference.tick = tick;
         snapshot.command.tick = tick;
@@ -116,7 +116,7 @@ fn plain(log: &[u8]) -> Vec<u8> {
         .calculate_attachment_crcs(false);
     let mut bytes = Vec::new();
     let mut writer = options.create(Cursor::new(&mut bytes)).expect("a log in memory");
-    let names = Stage::with(|stage| stage.names.to_metadata());
+    let names = StackFixture::with(|fixture| fixture.names.to_metadata());
     writer.write_metadata(&Metadata { name: Names::METADATA.to_owned(), metadata: names }).expect("a log in memory");
     for message in mcap::MessageStream::new(log).expect("a log") {
         let message = message.expect("a whole log");

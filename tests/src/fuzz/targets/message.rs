@@ -5,24 +5,25 @@
 
 use super::change::changed;
 use super::draw::Sampler;
-use super::fields::{Fields, corrupt};
-use super::stage::{PEAK, StackSnapshot, Stage};
-use crate::fuzz::target::{FuzzOutcome, Target};
+use super::fields::{FieldAccess, corrupt};
+use super::stage::{PEAK, StackFixture, StackSnapshot};
+use crate::fuzz::target::{FuzzOutcome, FuzzTarget};
 use hapfic_controller::control_step::{ControlInputs, control_step};
 use hapfic_gate::protocol::{ControllerSlot, GateInputs, Observation};
-use hapfic_log::viewer::Scene;
+use hapfic_log::viewer::ViewerScene;
 use hapfic_log::{Metrics, Names, Viewer, convert};
 use hapfic_messages::{
     Check, Command, ControllerState, Credit, Detector, Event, EventKind, Mode, Operator, OperatorKind, OperatorReply,
     OperatorRequest, Phase, Process, Reference, ReplyCode, Request, Severity, State, Timing,
 };
-use hapfic_planner::Plan;
+use hapfic_planner::TickPlan;
 use std::path::Path;
 
-pub(super) const TARGET: Target = Target { name: "message", seeds, dictionary: &[], text: false, longest: 1024, execute };
+pub(super) const TARGET: FuzzTarget =
+    FuzzTarget { name: "message", seeds, dictionary: &[], text: false, max_bytes: 1024, execute };
 
 /// Largest number of messages of an input.
-const MOST: usize = 16;
+const MAX_MESSAGES: usize = 16;
 
 fn seeds() -> Vec<Vec<u8>> {
     // Each kind of message in both snapshots, with one field corrupted in different ways.
@@ -40,12 +41,12 @@ fn seeds() -> Vec<Vec<u8>> {
 }
 
 fn execute(input: &[u8], _: &Path) -> FuzzOutcome {
-    Stage::with(|stage| {
+    StackFixture::with(|fixture| {
         let mut sampler = Sampler::new(input);
-        let snapshot = &stage.snapshots[sampler.below(stage.snapshots.len())];
-        let mut stack = StackUnderTest::new(stage, snapshot);
+        let snapshot = &fixture.snapshots[sampler.below(fixture.snapshots.len())];
+        let mut stack = StackUnderTest::new(fixture, snapshot);
         let mut rejected = None;
-        for _ in 0..MOST {
+        for _ in 0..MAX_MESSAGES {
             if let Err(message) = stack.receive(&mut sampler) {
                 rejected.get_or_insert(message);
             }
@@ -59,7 +60,7 @@ fn execute(input: &[u8], _: &Path) -> FuzzOutcome {
 }
 
 /// Returns a message with some fields corrupted.
-fn corrupted<T: Fields>(mut message: T, sampler: &mut Sampler<'_>) -> T {
+fn corrupted<T: FieldAccess>(mut message: T, sampler: &mut Sampler<'_>) -> T {
     corrupt(&mut message, sampler);
     message
 }
@@ -71,14 +72,14 @@ fn checked(kind: &str, message: &impl Check) -> Result<(), String> {
 
 /// Receiving parts of all processes.
 struct StackUnderTest<'a> {
-    stage: &'a Stage,
+    fixture: &'a StackFixture,
     names: &'a Names,
     snapshot: StackSnapshot,
     metrics: Metrics,
     viewer: Viewer,
     /// Last valid state.
     state: State,
-    plan: Option<Plan>,
+    plan: Option<TickPlan>,
     /// Reference of the controller.
     reference: Reference,
     operator: Operator,
@@ -88,15 +89,15 @@ struct StackUnderTest<'a> {
 }
 
 impl<'a> StackUnderTest<'a> {
-    fn new(stage: &'a Stage, snapshot: &StackSnapshot) -> Self {
+    fn new(fixture: &'a StackFixture, snapshot: &StackSnapshot) -> Self {
         let messages = &snapshot.messages;
         Self {
-            stage,
-            names: &stage.names,
+            fixture,
+            names: &fixture.names,
             metrics: Metrics::new(),
-            viewer: Viewer::new(Scene::default(), 60, 0),
+            viewer: Viewer::new(ViewerScene::default(), 60, 0),
             state: messages.state,
-            plan: Some(Plan { tick: messages.reference.tick, state: messages.reference.planner }),
+            plan: Some(TickPlan { tick: messages.reference.tick, state: messages.reference.planner }),
             reference: messages.reference,
             operator: messages.operator,
             previous_state: messages.command.request.state,
@@ -153,7 +154,7 @@ impl<'a> StackUnderTest<'a> {
             }
             _ => {
                 checked("credit", &corrupted(Credit { tick: next }, sampler))?;
-                checked("operator's reply", &corrupted(OperatorReply::new(ReplyCode::Refused, "größer"), sampler))
+                checked("operator's reply", &corrupted(OperatorReply::new(ReplyCode::Rejected, "größer"), sampler))
             }
         }
     }
@@ -172,7 +173,7 @@ impl<'a> StackUnderTest<'a> {
         }
         self.state = *state;
         let parameters = *self.operator.at(state.tick);
-        let plan = Plan::next(self.plan, state, self.active, &self.operator);
+        let plan = TickPlan::next(self.plan, state, self.active, &self.operator);
         self.plan = Some(plan);
         let inputs = ControlInputs {
             state,
@@ -181,7 +182,7 @@ impl<'a> StackUnderTest<'a> {
             parameters: &parameters,
             previous_state: self.previous_state,
         };
-        let request = control_step(&self.stage.chain, &self.stage.gravity, &inputs, Process::Controller);
+        let request = control_step(&self.fixture.chain, &self.fixture.gravity, &inputs, Process::Controller);
         // The reference is for the next tick; the controller ignores an invalid one.
         let reference = plan.reference(parameters.version);
         if reference.check().is_ok() {
@@ -202,7 +203,7 @@ impl<'a> StackUnderTest<'a> {
         checked("reference", reference)?;
         self.reference = *reference;
         // A restarted planner continues from here.
-        self.plan = Some(Plan::resumed(reference));
+        self.plan = Some(TickPlan::resumed(reference));
         Ok(())
     }
 

@@ -1,15 +1,15 @@
 //! Target `runfile`: run files, JSON that the supervisor writes and its children read.
 
 use super::SCENARIO_WORDS;
-use crate::fuzz::target::{FuzzOutcome, Target};
+use crate::fuzz::target::{FuzzOutcome, FuzzTarget};
 use hapfic_config::Settings;
 use hapfic_ipc::{Domain, RunFile};
 use hapfic_messages::{Clock, RealtimeMode};
 use std::fs;
 use std::path::Path;
 
-pub(super) const TARGET: Target =
-    Target { name: "runfile", seeds, dictionary: SCENARIO_WORDS, text: true, longest: 64 * 1024, execute };
+pub(super) const TARGET: FuzzTarget =
+    FuzzTarget { name: "runfile", seeds, dictionary: SCENARIO_WORDS, text: true, max_bytes: 64 * 1024, execute };
 
 fn seeds() -> Vec<Vec<u8>> {
     let settings = Settings::load("floor", &[]).expect("an embedded scenario");
@@ -20,7 +20,7 @@ fn seeds() -> Vec<Vec<u8>> {
         clock,
         realtime,
         core,
-        reserve_core: core,
+        standby_core: core,
         gate_core: Some(1),
         settings: settings.effective_toml(),
         urdf_name: settings.robot.urdf.name.clone(),

@@ -3,7 +3,7 @@
 use hapfic_config::Settings;
 use hapfic_gate::protocol::{ControllerSlot, GateInputs, Observation};
 use hapfic_gate::torque_check::TorqueCheck;
-use hapfic_gate::{Gate, Limits};
+use hapfic_gate::{Gate, GateLimits};
 use hapfic_log::Names;
 use hapfic_messages::MAX_JOINTS;
 use hapfic_plant::Plant;
@@ -19,7 +19,7 @@ const SNAPSHOT_TICKS: [i64; 2] = [20, 600];
 pub(super) const PEAK: f64 = 40.0;
 
 /// Constant parts, and the snapshots.
-pub(super) struct Stage {
+pub(super) struct StackFixture {
     pub(super) chain: Chain,
     pub(super) gravity: Vector3<f64>,
     pub(super) names: Names,
@@ -38,20 +38,20 @@ pub(super) struct StackSnapshot {
 }
 
 thread_local! {
-    static STAGE: Stage = Stage::new();
+    static FIXTURE: StackFixture = StackFixture::new();
 }
 
-impl Stage {
-    /// Calls a function with the stage, which each thread makes once.
+impl StackFixture {
+    /// Calls a function with the fixture, which each thread makes once.
     pub(super) fn with<T>(call: impl FnOnce(&Self) -> T) -> T {
-        STAGE.with(call)
+        FIXTURE.with(call)
     }
 
     fn new() -> Self {
         let settings = Settings::load("floor", &[FLOOR.to_owned()]).expect("an embedded scenario");
         let mut simulation = Simulation::new(&settings).expect("an embedded scenario");
         let chain = simulation.plant().chain().clone();
-        let limits = Limits {
+        let limits = GateLimits {
             joints: chain.dof(),
             bandwidth_hz: Some(100.0),
             peak: [PEAK; MAX_JOINTS],

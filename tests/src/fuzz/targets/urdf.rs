@@ -1,14 +1,14 @@
 //! Target `urdf`: robot descriptions in XML.
 
 use super::config::simulated;
-use crate::fuzz::target::{FuzzOutcome, Target};
+use crate::fuzz::target::{FuzzOutcome, FuzzTarget};
 use hapfic_config::{Settings, robots};
 use hapfic_messages::Check;
 use hapfic_robot::{Chain, MAX_JOINTS};
 use nalgebra::Vector3;
 use std::path::Path;
 
-pub(super) const TARGET: Target = Target {
+pub(super) const TARGET: FuzzTarget = FuzzTarget {
     name: "urdf",
     seeds,
     dictionary: &[
@@ -62,7 +62,7 @@ pub(super) const TARGET: Target = Target {
         "<!DOCTYPE a>",
     ],
     text: true,
-    longest: 32 * 1024,
+    max_bytes: 32 * 1024,
     execute,
 };
 

@@ -1,27 +1,24 @@
 //! Namespace of a run: its prefix and folder in shared memory, and the registration by which other commands find it.
 //!
-//! The supervisor holds a lock on the registration while it process_lives. A registration without a lock belongs to a dead run,
+//! The supervisor holds a lock on the registration while it lives. A registration without a lock belongs to a dead run,
 //! and the next start removes the remains of that run.
 
+mod clean_up;
+mod lock;
+
 use anyhow::{Context, Result};
+use clean_up::{clean_up, remove_remains};
 use hapfic_ipc::Domain;
-use rustix::event::{PollFd, PollFlags, poll};
+use lock::{RegistryLock, folder_path, is_alive, is_ours, runtime_folder};
 use rustix::fs::{FlockOperation, flock};
-use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
 use serde::{Deserialize, Serialize};
 use std::fs::{self, DirBuilder, File, OpenOptions};
 use std::io::Write;
 use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
 
-/// Time a killed process may take to end [ns].
-const END_TIMEOUT_NS: u64 = 1_000_000_000;
 /// Folder of POSIX shared memory.
 const SHM: &str = "/dev/shm";
-/// Time a lock may outlive its supervisor, and interval at which it is polled.
-const LOCK_TIMEOUT: Duration = Duration::from_secs(1);
-const LOCK_POLL_INTERVAL: Duration = Duration::from_millis(1);
 
 /// Public data of a run, as other commands read it.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -88,11 +85,6 @@ pub fn while_alive<T>(run: &str, act: impl FnOnce() -> T) -> Result<Option<T>> {
     }
     let _lock = RegistryLock::take(&folder)?;
     Ok(is_alive(&folder.join(format!("{run}.json"))).then(act))
-}
-
-/// Whether the supervisor of a registration process_lives, that is, holds its lock. The caller holds the [`RegistryLock`].
-fn is_alive(path: &Path) -> bool {
-    File::open(path).is_ok_and(|file| flock(&file, FlockOperation::NonBlockingLockExclusive).is_err())
 }
 
 /// The namespace of a run; dropping it removes everything in it.
@@ -217,164 +209,6 @@ impl Drop for RunDirectory {
     }
 }
 
-/// The exclusive right to change the registry; ends when dropped.
-struct RegistryLock(#[allow(dead_code)] File);
-
-impl RegistryLock {
-    fn take(folder: &Path) -> Result<Self> {
-        use std::os::unix::fs::MetadataExt;
-        let problem = || format!("cannot lock {}, where runs are registered", folder.display());
-        loop {
-            let handle = match File::open(folder) {
-                Ok(handle) => handle,
-                // Another run has just removed the folder.
-                Err(e) if e.kind() == std::io::ErrorKind::NotFound => {
-                    // Created again, unless the user's run-time directory itself is gone, as after a logout.
-                    if runtime_folder()? != folder {
-                        return Err(e).with_context(problem);
-                    }
-                    continue;
-                }
-                Err(e) => return Err(e).with_context(problem),
-            };
-            flock(&handle, FlockOperation::LockExclusive).with_context(problem)?;
-            // Another run may have removed and recreated the folder during the wait.
-            let same = |a: &fs::Metadata, b: &fs::Metadata| (a.dev(), a.ino()) == (b.dev(), b.ino());
-            if let (Ok(ours), Ok(now)) = (handle.metadata(), fs::metadata(folder))
-                && same(&ours, &now)
-            {
-                return Ok(Self(handle));
-            }
-        }
-    }
-}
-
-/// Path of the user's registry folder.
-fn folder_path() -> PathBuf {
-    match std::env::var_os("XDG_RUNTIME_DIR") {
-        // The variable may name a missing folder, as after `su`.
-        Some(dir) if Path::new(&dir).is_dir() => PathBuf::from(dir).join("hapfic"),
-        _ => std::env::temp_dir().join(format!("hapfic-{}", rustix::process::getuid().as_raw())),
-    }
-}
-
-/// The user's registry folder; created if it does not exist.
-fn runtime_folder() -> Result<PathBuf> {
-    let folder = folder_path();
-    match DirBuilder::new().mode(0o700).create(&folder) {
-        Ok(()) => Ok(folder),
-        Err(e) if e.kind() == std::io::ErrorKind::AlreadyExists => {
-            anyhow::ensure!(is_ours(&folder)?, "{} has just been removed. Hint: try again", folder.display());
-            Ok(folder)
-        }
-        Err(e) => Err(e).with_context(|| format!("cannot make {}, where runs are registered", folder.display())),
-    }
-}
-
-/// Whether the registry folder exists; fails if another user owns it or may write to it.
-fn is_ours(folder: &Path) -> Result<bool> {
-    use std::os::unix::fs::MetadataExt;
-    let found = match fs::symlink_metadata(folder) {
-        Ok(found) => found,
-        Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(false),
-        Err(e) => {
-            return Err(e).with_context(|| {
-                format!(
-                    "cannot read {}, where runs are registered. Hint: set XDG_RUNTIME_DIR to a folder of your own",
-                    folder.display()
-                )
-            });
-        }
-    };
-    let own = rustix::process::getuid().as_raw();
-    anyhow::ensure!(
-        found.is_dir() && found.uid() == own && found.mode() & 0o022 == 0,
-        "{} belongs to user {} with mode {:o}, expected a folder of user {own} without write permission for others. Hint: set \
-         XDG_RUNTIME_DIR to a folder of your own",
-        folder.display(),
-        found.uid(),
-        found.mode() & 0o7777
-    );
-    Ok(true)
-}
-
-/// Removes the remains of dead runs. Returns the number of live runs, and the logs of the dead ones.
-fn clean_up(folder: &Path) -> (usize, Vec<PathBuf>) {
-    let Ok(entries) = fs::read_dir(folder) else { return (0, Vec::new()) };
-    let (mut alive, mut logs) = (0, Vec::new());
-    for path in entries.flatten().map(|e| e.path()) {
-        let Ok(file) = File::open(&path) else { continue };
-        if is_held(&file, &path) {
-            alive += 1;
-            continue;
-        }
-        let run = path.file_stem().and_then(|s| s.to_str()).unwrap_or_default();
-        if run.starts_with("hf") && run.len() > 4 && run.chars().all(|c| c.is_ascii_alphanumeric()) {
-            remove_remains(run);
-            // A truncated registration names no log.
-            let registered = fs::read(&path).ok().and_then(|text| serde_json::from_slice::<Registration>(&text).ok());
-            logs.extend(registered.map(|registration| registration.log));
-            let _ = fs::remove_file(&path);
-        }
-    }
-    (alive, logs)
-}
-
-/// Whether a live supervisor holds the lock of a registration.
-///
-/// A supervisor that is killed while it starts a process leaves its lock to that process, until the process calls exec
-/// or ends.
-fn is_held(file: &File, path: &Path) -> bool {
-    let begun = Instant::now();
-    while flock(file, FlockOperation::NonBlockingLockExclusive).is_err() {
-        let registered = fs::read(path).ok().and_then(|text| serde_json::from_slice::<Registration>(&text).ok());
-        if registered.is_some_and(|registration| process_lives(registration.pid)) || begun.elapsed() > LOCK_TIMEOUT {
-            return true;
-        }
-        std::thread::sleep(LOCK_POLL_INTERVAL);
-    }
-    false
-}
-
-/// Whether a process exists and is no zombie.
-fn process_lives(pid: u32) -> bool {
-    let stat = fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
-    stat.rsplit_once(") ").is_some_and(|(_, rest)| !rest.starts_with(['Z', 'X']))
-}
-
-fn remove_remains(run: &str) {
-    end_processes(run);
-    let _ = fs::remove_dir_all(format!("{SHM}/{run}"));
-    let prefix = format!("{run}_");
-    let Ok(entries) = fs::read_dir(SHM) else { return };
-    for entry in entries.flatten() {
-        if entry.file_name().to_string_lossy().starts_with(&prefix) {
-            let _ = fs::remove_file(entry.path());
-        }
-    }
-}
-
-/// Kills the remaining processes of a dead run; only stopped ones outlive their supervisor.
-fn end_processes(run: &str) {
-    let mark = format!("{}={SHM}/{run}/", hapfic_ipc::RunFile::VARIABLE);
-    let Ok(entries) = fs::read_dir("/proc") else { return };
-    let mut ended = Vec::new();
-    for entry in entries.flatten() {
-        let Some(pid) = entry.file_name().to_str().and_then(|n| n.parse().ok()).and_then(Pid::from_raw) else { continue };
-        // Opened before the environment is read, so that both belong to the same process.
-        let Ok(handle) = pidfd_open(pid, PidfdFlags::empty()) else { continue };
-        let environment = fs::read(entry.path().join("environ")).unwrap_or_default();
-        if environment.split(|b| *b == 0).any(|v| v.starts_with(mark.as_bytes())) {
-            let _ = pidfd_send_signal(&handle, Signal::KILL);
-            ended.push(handle);
-        }
-    }
-    // A process inside a system call may still create a file.
-    for handle in &ended {
-        let _ = poll(&mut [PollFd::new(handle, PollFlags::IN)], Some(&hapfic_ipc::clock::timespec(END_TIMEOUT_NS)));
-    }
-}
-
 fn base36(mut value: u64) -> String {
     let mut digits = Vec::new();
     while value > 0 || digits.is_empty() {
@@ -417,33 +251,6 @@ mod tests {
         assert!(!Path::new(&format!("{SHM}/{run}")).exists());
         assert!(!Path::new(&format!("{SHM}/{run}_segment")).exists());
         drop(directory);
-    }
-
-    #[test]
-    fn is_held_dead_supervisor_waits_for_lock() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("hfx.json");
-        let register = |pid: u32| {
-            let content = Registration { run: "hfx".to_owned(), pid, scenario: "floor".to_owned(), log: PathBuf::from("a") };
-            fs::write(&path, serde_json::to_string(&content).unwrap()).unwrap();
-        };
-        let mut dead = std::process::Command::new("true").spawn().unwrap();
-        let pid = dead.id();
-        dead.wait().unwrap();
-        register(pid);
-        let held = File::open(&path).unwrap();
-        flock(&held, FlockOperation::NonBlockingLockExclusive).unwrap();
-        std::thread::scope(|scope| {
-            scope.spawn(move || {
-                std::thread::sleep(Duration::from_millis(30));
-                drop(held);
-            });
-            assert!(!is_held(&File::open(&path).unwrap(), &path));
-        });
-        register(std::process::id());
-        let held = File::open(&path).unwrap();
-        flock(&held, FlockOperation::NonBlockingLockExclusive).unwrap();
-        assert!(is_held(&File::open(&path).unwrap(), &path));
     }
 
     #[test]

@@ -1,0 +1,181 @@
+//! Status that the supervisor's threads share, in parts with one writer each. All but the snapshot are atomics: the gate
+//! never waits for another thread.
+
+use hapfic_ipc::HeartbeatPage;
+use hapfic_messages::{Detector, Process};
+use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU32, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
+
+/// Status shared by the supervisor's threads.
+#[derive(Debug)]
+pub struct SharedStatus {
+    /// Orders to gate and recorder.
+    pub orders: RunOrders,
+    /// Processes that are there, and that are missing.
+    pub presence: Presence,
+    /// Report of the gate.
+    pub gate: GateReport,
+    /// Report of the recorder.
+    pub recorder: RecorderReport,
+    /// Report of the thread that answers operators.
+    pub operator: OperatorReport,
+    /// Heartbeats of all processes, which they write themselves.
+    pub heartbeats: Arc<HeartbeatPage>,
+}
+
+impl SharedStatus {
+    /// Status before the run.
+    #[must_use]
+    pub fn new(heartbeats: Arc<HeartbeatPage>) -> Self {
+        Self {
+            orders: RunOrders::default(),
+            presence: Presence::default(),
+            gate: GateReport {
+                tick: AtomicI64::new(-1),
+                primary: AtomicU32::new(Process::Controller.code()),
+                ..GateReport::default()
+            },
+            recorder: RecorderReport::default(),
+            operator: OperatorReport::default(),
+            heartbeats,
+        }
+    }
+}
+
+/// Orders to gate and recorder, by the main thread and by the thread that answers operators.
+#[derive(Debug, Default)]
+pub struct RunOrders {
+    /// Whether all processes are ready, so that the gate may start the run.
+    pub start: AtomicBool,
+    /// Whether the gate has to end.
+    pub stop: AtomicBool,
+    /// Whether the recorder has to receive the remaining messages and end.
+    pub drain: AtomicBool,
+    /// Latched stops requested so far.
+    pub latched_stops: AtomicU64,
+    /// Code of the detector that requested the last latched stop.
+    pub stop_by: AtomicU32,
+    /// Re-armings so far.
+    pub rearms: AtomicU64,
+}
+
+impl RunOrders {
+    /// Requests a latched stop from the gate.
+    pub fn stop_latched(&self, by: Detector) {
+        self.stop_by.store(by.code(), Ordering::Relaxed);
+        self.latched_stops.fetch_add(1, Ordering::AcqRel);
+    }
+}
+
+/// Sets of processes, a bit for each by its code; written by the main thread.
+#[derive(Debug, Default)]
+pub struct Presence {
+    /// Processes that are alive and run ticks.
+    pub present: AtomicU32,
+    /// Required processes that are lost, or run no ticks yet.
+    pub missing: AtomicU32,
+}
+
+/// Report of the gate.
+#[derive(Debug, Default)]
+pub struct GateReport {
+    /// Last tick with a published command; -1 before the first.
+    pub tick: AtomicI64,
+    /// Ticks of the spare gate thread.
+    pub spare_ticks: AtomicU64,
+    /// Code of the severity.
+    pub severity: AtomicU32,
+    /// Code of the primary controller.
+    pub primary: AtomicU32,
+    /// Version of the last announced parameters.
+    pub announced: AtomicU64,
+    /// Ticks in a row with a rejected request, for each controller slot; the main thread resets it after a restart.
+    pub rejected_requests: [AtomicU32; 2],
+}
+
+/// Report of the recorder.
+#[derive(Debug, Default)]
+pub struct RecorderReport {
+    /// Whether writing the log has failed.
+    pub log_failed: AtomicBool,
+    /// Failed connections of the recorder.
+    pub failed_connections: AtomicU32,
+    /// Rounds in which the recorder has received all messages.
+    pub rounds: AtomicU64,
+    /// Snapshot for the terminal; no real-time thread locks it.
+    pub snapshot: Mutex<StatusSnapshot>,
+    /// Latencies from state to command.
+    pub latencies: RecentLatencies,
+}
+
+/// Report of the thread that answers operators.
+#[derive(Debug, Default)]
+pub struct OperatorReport {
+    /// Whether an operator has requested the end of the run.
+    pub end_requested: AtomicBool,
+    /// Whether dead clients require a clean-up, which the main thread does after the hand-over cache is up to date.
+    pub cleanup_requested: AtomicBool,
+    /// Unreadable requests.
+    pub rejected: AtomicU64,
+}
+
+/// Number of recent latencies: one a tick, for a second.
+const RECENT: usize = 1000;
+
+/// Recent latencies from state to command [us].
+#[derive(Debug)]
+pub struct RecentLatencies {
+    us: [AtomicU32; RECENT],
+    count: AtomicU64,
+}
+
+impl Default for RecentLatencies {
+    fn default() -> Self {
+        Self { us: [const { AtomicU32::new(0) }; RECENT], count: AtomicU64::new(0) }
+    }
+}
+
+impl RecentLatencies {
+    /// Adds a latency. Only one thread may call it.
+    pub fn push(&self, ns: u64) {
+        let count = self.count.load(Ordering::Relaxed);
+        self.us[count as usize % RECENT].store(u32::try_from(ns / 1000).unwrap_or(u32::MAX), Ordering::Relaxed);
+        self.count.store(count + 1, Ordering::Release);
+    }
+
+    /// Recorded latencies in ascending order [us].
+    #[must_use]
+    pub fn sorted(&self) -> Vec<u32> {
+        let count = usize::try_from(self.count.load(Ordering::Acquire)).unwrap_or(RECENT).min(RECENT);
+        let mut all: Vec<u32> = self.us[..count].iter().map(|us| us.load(Ordering::Relaxed)).collect();
+        all.sort_unstable();
+        all
+    }
+}
+
+/// Snapshot for the progress line and for `hapfic status`.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct StatusSnapshot {
+    /// Simulated time [s].
+    pub time_s: f64,
+    /// Position of the foot [m].
+    pub foot_position: [f64; 3],
+    /// F [N].
+    pub foot_force: [f64; 3],
+    /// F_d [N].
+    pub desired_force: [f64; 3],
+    /// Missed ticks so far.
+    pub missed: u64,
+    /// Periods by which the plant's timer was late so far.
+    pub late: u64,
+    /// Ticks with a braking drive, after it had been active.
+    pub braked: u64,
+    /// Code of the mode.
+    pub mode: u32,
+    /// x - x_d [m].
+    pub tracking: [f64; 3],
+    /// x_b [m].
+    pub bound: [f64; 3],
+    /// Version of the parameters in force.
+    pub version: u64,
+}
