@@ -167,6 +167,7 @@ impl PreparedRun {
                 gate,
                 recorder: &recorder,
                 stop,
+                prefix: directory.prefix(),
                 run_file: &run_file,
                 cores,
                 fault_requests,

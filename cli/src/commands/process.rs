@@ -4,7 +4,7 @@ use crate::CommandOutcome;
 use anyhow::{Context as _, Result};
 use clap::ValueEnum;
 use hapfic_config::Settings;
-use hapfic_ipc::{Context, ProcessStart, RunFile};
+use hapfic_ipc::{Bus, Context, Domain, ProcessStart, RunFile};
 use hapfic_messages::Process;
 use std::os::unix::process::CommandExt;
 use std::path::PathBuf;
@@ -20,25 +20,22 @@ pub enum ProcessName {
     Controller,
     /// The standby controller.
     Standby,
+    /// Helper that removes dead nodes and ends.
+    CleanUp,
 }
 
 /// Joins the run that the environment names and works until it ends, or becomes an external process that does.
 pub fn process(name: ProcessName, external: &[String]) -> Result<CommandOutcome> {
     let process = match name {
+        ProcessName::CleanUp => return clean_up(),
         ProcessName::Plant => Process::Plant,
         ProcessName::Planner => Process::Planner,
         ProcessName::Controller => Process::Controller,
         ProcessName::Standby => Process::Standby,
     };
-    let Some(path) = std::env::var_os(RunFile::VARIABLE).map(PathBuf::from) else {
-        return Ok(CommandOutcome::Rejected(anyhow::anyhow!(
-            "{} is not set, expected the path of a run file. Hint: `hapfic run` starts the processes",
-            RunFile::VARIABLE
-        )));
-    };
-    let run = match RunFile::read(&path) {
+    let run = match run_file() {
         Ok(run) => run,
-        Err(e) => return Ok(CommandOutcome::Rejected(e.into())),
+        Err(e) => return Ok(CommandOutcome::Rejected(e)),
     };
     if let [program, arguments @ ..] = external {
         hapfic_ipc::tie_to_supervisor(run.supervisor_pid, hapfic_ipc::Ending::Terminated).context("cannot join the run")?;
@@ -52,5 +49,26 @@ pub fn process(name: ProcessName, external: &[String]) -> Result<CommandOutcome>
         Process::Planner => hapfic_planner_process::run(&mut context, &settings).context("planner")?,
         _ => hapfic_controller_process::run(&mut context, &settings).context("controller")?,
     }
+    Ok(CommandOutcome::Done)
+}
+
+/// Reads the run file that the environment names.
+fn run_file() -> Result<RunFile> {
+    let path = std::env::var_os(RunFile::VARIABLE).map(PathBuf::from).with_context(|| {
+        format!("{} is not set, expected the path of a run file. Hint: `hapfic run` starts the processes", RunFile::VARIABLE)
+    })?;
+    Ok(RunFile::read(&path)?)
+}
+
+/// Removes the dead nodes of the run that the environment names.
+fn clean_up() -> Result<CommandOutcome> {
+    let run = match run_file() {
+        Ok(run) => run,
+        Err(e) => return Ok(CommandOutcome::Rejected(e)),
+    };
+    hapfic_ipc::tie_to_supervisor(run.supervisor_pid, hapfic_ipc::Ending::Killed).context("cannot join the run")?;
+    hapfic_ipc::service::silence_transport_log();
+    let domain = Domain::new(&run.prefix, &run.root)?;
+    Bus::open(&domain, "clean-up")?.clean_up_dead_nodes();
     Ok(CommandOutcome::Done)
 }

@@ -1,5 +1,6 @@
 //! The main thread during a run: starts, watches, restarts and ends the processes.
 
+mod clean_up;
 mod detect;
 mod evidence;
 mod handover_cache;
@@ -15,6 +16,7 @@ use crate::recorder::{self, Recorder};
 use crate::request::RunRequest;
 use crate::summary::{self, Losses, RunFault};
 use anyhow::Result;
+use clean_up::{CleanUp, SegmentRemover};
 use evidence::{Evidence, Suspicion};
 use handover_cache::HandOverCache;
 use hapfic_config::{PERIOD_S, Settings};
@@ -71,6 +73,8 @@ pub struct WatchStart<'a> {
     pub recorder: &'a Recorder,
     /// Flag that signals set to end the run.
     pub stop: Arc<AtomicBool>,
+    /// Prefix of the run's segments in shared memory.
+    pub prefix: String,
     /// Path of the run file, which the processes read.
     pub run_file: &'a Path,
     /// Cores of the real-time threads.
@@ -108,6 +112,10 @@ pub struct Watch<'a> {
     rearms: u64,
     /// Dead processes whose nodes are not cleaned up yet.
     not_cleaned_up: u32,
+    clean_up: CleanUp,
+    segments: SegmentRemover,
+    /// Whether all ports reconnect after the clean-up.
+    reconnect_due: bool,
     /// Failed connections of gate and recorder so far.
     failed_connections: u32,
     /// Whether a spent budget requested a latched stop, and no re-arming followed.
@@ -128,10 +136,11 @@ impl<'a> Watch<'a> {
     /// Opens the main thread's ports, before any process starts.
     ///
     /// # Errors
-    /// [`IpcError`] if the ports cannot be opened.
-    pub fn open(bus: &'a Bus, start: WatchStart<'a>) -> Result<Self, IpcError> {
+    /// If the ports cannot be opened, or a thread cannot be started.
+    pub fn open(bus: &'a Bus, start: WatchStart<'a>) -> Result<Self> {
         use hapfic_ipc::topic;
-        let WatchStart { request, shared, gate, recorder, stop, run_file, cores, fault_requests, notify } = start;
+        let WatchStart { request, shared, gate, recorder, stop, prefix, run_file, cores, fault_requests, notify } = start;
+        let segments = SegmentRemover::start(prefix)?;
         Ok(Self {
             request,
             settings: &request.settings,
@@ -163,6 +172,9 @@ impl<'a> Watch<'a> {
             begun: Instant::now(),
             rearms: 0,
             not_cleaned_up: 0,
+            clean_up: CleanUp::default(),
+            segments,
+            reconnect_due: false,
             failed_connections: 0,
             stopped_by_budget: false,
             faults: Vec::new(),

@@ -1,7 +1,8 @@
 //! Restart of a lost process: event, hand-over, start and rejoining, or a latched stop after its budget is spent.
 
+use super::clean_up::CleanUpState;
 use super::slot::{DetectorLimits, ProcessSlot};
-use super::{Watch, bit};
+use super::{FAST_POLL_INTERVAL, WATCH_PRIORITY, Watch, bit};
 use crate::children::{self, Child};
 use anyhow::Result;
 use hapfic_config::OnLoss;
@@ -19,6 +20,8 @@ const REJECTED_LIMIT: u32 = 20;
 const JOINING_PRIORITY: u32 = 10;
 /// Dead nodes above which the clean-up does not wait for a starting process.
 const MAX_DEAD_NODES: u32 = 3;
+/// Time that a start waits for the clean-up if there are more.
+const CROWDED_TIMEOUT: Duration = Duration::from_millis(200);
 
 impl Watch<'_> {
     /// Checks every process and performs its restart actions; `false` if the run must end.
@@ -70,6 +73,7 @@ impl Watch<'_> {
         if self.shared.operator.cleanup_requested.swap(false, Ordering::AcqRel) {
             self.clean_up()?;
         }
+        self.poll_clean_up()?;
         // Clean-up takes milliseconds and delays starting processes, so it waits for them; topics hold some dead nodes.
         let joining = self.slots.iter().any(ProcessSlot::joining);
         if self.not_cleaned_up > MAX_DEAD_NODES || (self.not_cleaned_up > 0 && !joining) {
@@ -94,7 +98,23 @@ impl Watch<'_> {
         if !more {
             return Ok(());
         }
-        self.clean_up()?;
+        self.reconnect_due = true;
+        self.clean_up()
+    }
+
+    /// Follows the helper process of the clean-up, and reconnects all ports after it if that is due.
+    fn poll_clean_up(&mut self) -> Result<()> {
+        match self.clean_up.poll(self.run_file, self.helper_priority())? {
+            CleanUpState::Running => return Ok(()),
+            CleanUpState::Idle => {}
+            CleanUpState::TimedOut => {
+                let text = "the clean-up of dead nodes did not end in time and was killed";
+                self.note(Process::Supervisor, EventKind::Note, Detector::None, text);
+            }
+        }
+        if !std::mem::take(&mut self.reconnect_due) {
+            return Ok(());
+        }
         self.bus.force_reconnect(&topic::STATE)?;
         self.bus.force_reconnect(&topic::REFERENCE)?;
         self.bus.force_reconnect(&topic::REQUEST)?;
@@ -108,12 +128,27 @@ impl Watch<'_> {
         Ok(())
     }
 
-    /// Removes dead nodes, after the hand-over cache has received their last messages.
+    /// Starts the removal of dead nodes, after the hand-over cache has received their last messages.
     fn clean_up(&mut self) -> Result<()> {
+        let crowded = self.not_cleaned_up > MAX_DEAD_NODES;
         self.not_cleaned_up = 0;
         self.cache.receive(&self.shared.gate.tick)?;
-        self.bus.clean_up_dead_nodes();
+        self.clean_up.start(self.run_file, self.helper_priority())?;
+        let begun = Instant::now();
+        // Without room for another node the next process could not start.
+        while crowded
+            && begun.elapsed() < CROWDED_TIMEOUT
+            && self.clean_up.poll(self.run_file, self.helper_priority())? == CleanUpState::Running
+        {
+            std::thread::sleep(FAST_POLL_INTERVAL);
+        }
         Ok(())
+    }
+
+    /// Returns the priority of helper processes: that of the main thread, if the gate has real-time privileges.
+    fn helper_priority(&self) -> Option<u32> {
+        let granted = SchedGrants(self.shared.heartbeats.read(crate::recorder::GATE).realtime);
+        (self.clock == Clock::Realtime && granted.has(SchedGrants::FIFO)).then_some(WATCH_PRIORITY)
     }
 
     fn policy(&self) -> RestartPolicy {
@@ -133,6 +168,7 @@ impl Watch<'_> {
     /// Handles the loss of a process; `false` if the run must end.
     pub(super) fn on_lost(&mut self, process: Process, detector: Detector, what: &str) -> Result<bool> {
         let Some(index) = self.slots.iter().position(|s| s.process == process) else { return Ok(true) };
+        self.segments.process_lost();
         // Precedes the other steps, so that the gate stops waiting for the process.
         self.shared.presence.present.fetch_and(!bit(process), Ordering::AcqRel);
         let fatal = match process {
