@@ -24,7 +24,7 @@ experiments:
     cargo build --release --workspace
     cargo run --release -q -p hapfic-tests --bin experiments -- docs/experiments.md README.md
 
-# Draws the figures of README from lockstep runs (about a minute).
+# Draws the figures of docs/paper-experiments.md from lockstep runs (about a minute).
 figures:
     #!/usr/bin/env bash
     set -euo pipefail

@@ -9,12 +9,14 @@
 
 mod cli;
 mod commands;
+mod output;
 
 use clap::Parser;
 use hapfic_messages::OperatorKind;
 use hapfic_supervisor::log_line;
 use std::io::Write;
 use std::process::ExitCode;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 /// Exit code: the machine is not good enough.
@@ -54,6 +56,7 @@ pub fn main() -> ExitCode {
         cli::CliCommand::Process { name, external } => commands::process::process(name, &external),
     };
     match outcome {
+        Ok(CommandOutcome::Done) if OUTPUT_FAILED.load(Ordering::Relaxed) => ExitCode::from(FAILED),
         Ok(CommandOutcome::Done) => ExitCode::SUCCESS,
         Ok(CommandOutcome::NotGoodEnough) => ExitCode::from(NOT_GOOD_ENOUGH),
         Ok(CommandOutcome::Failed) => ExitCode::from(FAILED),
@@ -80,7 +83,17 @@ enum CommandOutcome {
     Rejected(anyhow::Error),
 }
 
-/// Writes a line to standard output; a closed standard output is no failure.
+/// Whether a write to standard output has failed.
+static OUTPUT_FAILED: AtomicBool = AtomicBool::new(false);
+
+/// Writes a line to standard output. A closed standard output is no failure; any other error makes the command fail.
 fn print(text: &str) {
-    let _ = writeln!(std::io::stdout(), "{text}");
+    let mut output = std::io::stdout();
+    let written = writeln!(output, "{text}").and_then(|()| output.flush());
+    if let Err(e) = written
+        && e.kind() != std::io::ErrorKind::BrokenPipe
+        && !OUTPUT_FAILED.swap(true, Ordering::Relaxed)
+    {
+        log_line(&format!("hapfic: cannot write to standard output: {e}"));
+    }
 }

@@ -24,17 +24,17 @@
 
 mod anti_windup;
 mod attractor;
-pub mod conditioning;
 pub mod control_step;
 mod haptic;
 pub mod parameters;
 mod profile;
 mod stall_release;
 pub mod task_space;
+pub mod torque_filter;
 
 pub use anti_windup::{bumpless_offset, conditional_integration};
 pub use attractor::Attractor;
-pub use conditioning::{LowPass, limit};
 pub use haptic::{HapticParameters, HapticSearch};
 pub use profile::ForceProfile;
 pub use stall_release::{Stall, StallInput};
+pub use torque_filter::{LowPass, limit};

@@ -3,7 +3,7 @@
 use crate::limits::GateLimits;
 use crate::protocol::{Choice, ControllerSlot, GateInputs, Observation, Protocol, TickAction, WaitPolicy};
 use crate::torque_check::TorqueCheck;
-use hapfic_controller::conditioning::{LowPass, limit};
+use hapfic_controller::torque_filter::{LowPass, limit};
 use hapfic_messages::{
     Check, Command, ControllerState, MAX_JOINTS, Mode, Parameters, Process, Request, Severity, Source, State, ValidationError,
 };

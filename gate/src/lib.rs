@@ -2,14 +2,14 @@
 //!
 //! Read [`gate`] first: it validates requests, conditions the torque and keeps the last command. [`protocol`] decides
 //! which controller answers a tick, and [`severity`] how severe the situation is. [`torque_check`] compares a torque
-//! with its force. [`parameter_schedule`] decides at which tick a change of parameters takes effect, and [`restart`]
+//! with its force. [`parameter_schedule`] decides at which tick a change of parameters takes effect, and [`restart_policy`]
 //! when the supervisor restarts a lost process. `tests/protocol` explores protocol, severity and restarts exhaustively.
 
 pub mod gate;
 mod limits;
 pub mod parameter_schedule;
 pub mod protocol;
-pub mod restart;
+pub mod restart_policy;
 pub mod severity;
 pub mod torque_check;
 

@@ -3,6 +3,7 @@
 use crate::children;
 use crate::notify::Notify;
 use crate::operator::{self, OperatorServer};
+use crate::preflight;
 use crate::privileges::{self, Cores};
 use crate::recorder::{self, Recorder};
 use crate::registry::RunDirectory;
@@ -13,13 +14,14 @@ use anyhow::{Context, Result};
 use hapfic_gate::GateLimits;
 use hapfic_gate::parameter_schedule::ParameterSchedule;
 use hapfic_gate::torque_check::TorqueCheck;
-use hapfic_gate_process::status::SharedStatus;
+use hapfic_gate_process::status::{GateCounts, SharedStatus};
 use hapfic_gate_process::{GateNode, GateStart};
 use hapfic_ipc::realtime::{CpuLatencyGuard, Prefault, SchedRequest};
 use hapfic_ipc::{Bus, Domain, IpcError, RunFile, topic};
 use hapfic_log::{RunLog, Viewer, Writer, scene};
-use hapfic_messages::{Clock, RealtimeMode};
+use hapfic_messages::{Clock, Detector, RealtimeMode};
 use hapfic_plant::Plant;
+use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -47,6 +49,8 @@ struct PreparedRun {
     directory: RunDirectory,
     plant: Plant,
     writer: Writer,
+    /// The created log.
+    log_file: Option<FileId>,
     viewer: Viewer,
     stop: Arc<AtomicBool>,
 }
@@ -56,6 +60,7 @@ impl PreparedRun {
         let settings = &request.settings;
         let plant = Plant::new(settings)?;
         privileges::require(settings, request.clock, request.realtime)?;
+        preflight::check(settings, &request.log)?;
         for process in children::started(settings) {
             children::find_program(&settings.processes, *process)?;
         }
@@ -73,11 +78,11 @@ impl PreparedRun {
             signal_hook::flag::register_conditional_shutdown(signal, 3, Arc::clone(&stop)).context("cannot handle signals")?;
             signal_hook::flag::register(signal, Arc::clone(&stop)).context("cannot handle signals")?;
         }
-        Ok(Self { directory, plant, writer, viewer, stop })
+        Ok(Self { directory, plant, writer, log_file: file_id(&request.log), viewer, stop })
     }
 
     fn run(self, request: &RunRequest) -> Result<Summary> {
-        let Self { directory, plant, writer, viewer, stop } = self;
+        let Self { directory, plant, writer, log_file, viewer, stop } = self;
         let settings = &request.settings;
         hapfic_ipc::service::silence_transport_log();
         let domain = Domain::new(&directory.prefix(), &directory.root())?.with_short_timeouts(request.clock);
@@ -159,6 +164,7 @@ impl PreparedRun {
             shared: Arc::clone(&shared),
         })?;
 
+        preflight::reserve_segments(&directory.prefix())?;
         let mut watch = Watch::open(
             &bus,
             WatchStart {
@@ -178,15 +184,16 @@ impl PreparedRun {
             Ok(times) => times,
             // Processes may run by now, so a failure must end them.
             Err(e) => {
-                watch.fault("supervisor", format!("{e:#}"), "start");
+                watch.fault("supervisor", format!("{e:#}"), Detector::Start);
                 RunTimes::default()
             }
         };
         watch.end(times.completed)?;
         let faults = std::mem::take(&mut watch.faults);
-        let losses = watch.losses();
+        let (losses, supervisor_delay) = (watch.losses(), watch.largest_delay());
         drop(watch);
-        Ok(summarise(request, times, faults, losses, recorder))
+        let own = OwnCounts { gate: shared.gate.counts(), supervisor_delay };
+        Ok(summarise(request, times, faults, losses, own, recorder, log_file))
     }
 }
 
@@ -247,7 +254,38 @@ fn run_log<'a>(request: &'a RunRequest, plant: &'a Plant, start_unix_ns: u64) ->
     }
 }
 
-fn summarise(request: &RunRequest, times: RunTimes, mut faults: Vec<RunFault>, losses: Losses, recorder: Recorder) -> Summary {
+/// Counts of the gate and of the main thread.
+struct OwnCounts {
+    gate: GateCounts,
+    supervisor_delay: Duration,
+}
+
+/// Identity of a file: device and inode.
+type FileId = (u64, u64);
+
+/// Returns the identity of the file at a path; `None` without a file.
+fn file_id(path: &Path) -> Option<FileId> {
+    std::fs::metadata(path).ok().map(|metadata| (metadata.dev(), metadata.ino()))
+}
+
+/// Describes what has become of a log that was created as `created`.
+fn log_problem(log: &Path, created: Option<FileId>) -> Option<String> {
+    match file_id(log) {
+        None => Some("was deleted during the run: its content is lost".to_owned()),
+        now if now != created => Some("was replaced during the run: the file of this name is another".to_owned()),
+        _ => None,
+    }
+}
+
+fn summarise(
+    request: &RunRequest,
+    times: RunTimes,
+    mut faults: Vec<RunFault>,
+    losses: Losses,
+    own: OwnCounts,
+    recorder: Recorder,
+    log_file: Option<FileId>,
+) -> Summary {
     let (recorded, incidents, error) = recorder.finish();
     let mut completed = times.completed && faults.is_empty();
     if let Some(error) = error {
@@ -255,14 +293,14 @@ fn summarise(request: &RunRequest, times: RunTimes, mut faults: Vec<RunFault>, l
         faults.push(RunFault {
             process: "recorder".to_owned(),
             what: error,
-            detector: "recorder",
+            detector: Detector::Recorder,
             tick: recorded.and_then(|r| r.metrics.ticks.last).unwrap_or(-1),
         });
     }
     if completed && recorded.is_some_and(|r| !r.active) {
         completed = false;
         let what = "made no valid request in the whole run".to_owned();
-        faults.push(RunFault { process: "controller".to_owned(), what, detector: "tick", tick: -1 });
+        faults.push(RunFault { process: "controller".to_owned(), what, detector: Detector::Tick, tick: -1 });
     }
     let metrics = recorded.map(|r| r.metrics).unwrap_or_default();
     let run = RunSummary {
@@ -272,7 +310,8 @@ fn summarise(request: &RunRequest, times: RunTimes, mut faults: Vec<RunFault>, l
         launch_s: times.launch_s,
         completed,
         steal_ms: times.steal_ms,
-        spare_ticks: times.spare_ticks,
+        gate: own.gate,
+        supervisor_delay: own.supervisor_delay,
         losses,
         incidents,
         faults,
@@ -284,7 +323,11 @@ fn summarise(request: &RunRequest, times: RunTimes, mut faults: Vec<RunFault>, l
         let written: u64 = recorded.map_or(0, |r| r.ticks.iter().sum());
         lost = (2 * request.settings.duration_ticks).saturating_sub(written);
     }
-    let log =
-        RecorderSummary { messages: recorded.map_or(0, |r| r.messages), lost, file_bytes: recorded.map_or(0, |r| r.file_bytes) };
+    let log = RecorderSummary {
+        messages: recorded.map_or(0, |r| r.messages),
+        lost,
+        file_bytes: recorded.map_or(0, |r| r.file_bytes),
+        problem: log_problem(&request.log, log_file),
+    };
     Summary::new(run, &metrics, log)
 }

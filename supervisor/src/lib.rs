@@ -8,6 +8,7 @@ pub mod children;
 pub mod launch;
 mod notify;
 pub mod operator;
+mod preflight;
 pub mod privileges;
 mod progress;
 pub mod recorder;

@@ -23,7 +23,7 @@ impl Progress {
     }
 
     /// Updates the line if standard error is a terminal and the update interval has passed.
-    pub fn show(&mut self, snapshot: &StatusSnapshot) {
+    pub fn show(&mut self, snapshot: &StatusSnapshot, missed: u64) {
         // The default snapshot precedes the first tick.
         if !self.terminal || *snapshot == StatusSnapshot::default() || self.updated.is_some_and(|t| t.elapsed() < UPDATE_INTERVAL)
         {
@@ -34,14 +34,13 @@ impl Progress {
         let done = ((snapshot.time_s / self.duration_s).clamp(0.0, 1.0) * f64::from(width)) as usize;
         let [x, y, z] = snapshot.foot_position.map(|v| v * 1e3);
         let line = format!(
-            "[{}{}] {:6.2} / {:.0} s  foot {x:6.1} {y:6.1} {z:6.1} mm  F_z {:6.1} of {:5.1} N  missed {}  late {}",
+            "[{}{}] {:6.2} / {:.0} s  foot {x:6.1} {y:6.1} {z:6.1} mm  F_z {:6.1} of {:5.1} N  missed {missed}  late {}",
             "=".repeat(done),
             " ".repeat(width as usize - done),
             snapshot.time_s,
             self.duration_s,
             snapshot.foot_force[2],
             snapshot.desired_force[2],
-            snapshot.missed,
             snapshot.late,
         );
         // A closed terminal does not end the run.

@@ -1,15 +1,19 @@
 //! The summary of a run, as text and as JSON with the same content.
 
 use crate::recorder::IncidentSummary;
+use hapfic_gate_process::status::GateCounts;
 use hapfic_log::MetricsSummary;
 use hapfic_log::metrics::{
     ForceCommandSummary, ForceSummary, IntegrationSummary, MomentsSummary, PairSummary, Quantiles, TickSummary, TrackingSummary,
 };
-use hapfic_messages::Process;
+use hapfic_messages::{Detector, Process};
 use serde::Serialize;
 use std::fmt::Write;
 use std::path::PathBuf;
 use std::time::Duration;
+
+/// Delay of the supervisor from which the summary reports it [ms].
+const SUPERVISOR_DELAY_MS: f64 = 200.0;
 
 /// Summary of a run.
 #[derive(Clone, Debug, Serialize)]
@@ -71,6 +75,10 @@ pub struct RunTiming {
     pub steal_ms: u64,
     /// Ticks by the spare gate thread.
     pub spare_gate_ticks: u64,
+    /// Torque steps beyond the limit of a healthy loop, as the gate has counted them.
+    pub discontinuities: u64,
+    /// Largest delay of the supervisor's own main thread [ms].
+    pub supervisor_delay_ms: f64,
     /// Heap allocations between receiving and sending, in all processes.
     pub allocations: u64,
 }
@@ -84,6 +92,8 @@ pub struct RecorderSummary {
     pub lost: u64,
     /// Size of the file [bytes].
     pub file_bytes: u64,
+    /// Description of a log that was deleted or replaced during the run.
+    pub problem: Option<String>,
 }
 
 /// Lost processes of a run, and injected faults.
@@ -104,13 +114,16 @@ pub struct ProcessLoss {
     pub times: u32,
     /// Longest time from the detected loss to the successor's first tick [ms].
     pub longest_ms: f64,
+    /// Whether the process, or a successor, did ticks at the end.
+    pub recovered: bool,
 }
 
 impl Losses {
-    /// Creates the summary from the number of losses and the longest outage of each process.
-    pub fn new(all: impl Iterator<Item = (Process, u32, Duration)>, injected: u64) -> Self {
-        let lost = all.filter(|(_, times, _)| *times > 0);
-        let processes = lost.map(|(process, times, longest)| ProcessLoss {
+    /// Creates the summary from the number of losses, the longest outage and the final presence of each process.
+    pub fn new(all: impl Iterator<Item = (Process, u32, Duration, bool)>, injected: u64) -> Self {
+        let lost = all.filter(|(_, times, ..)| *times > 0);
+        let processes = lost.map(|(process, times, longest, recovered)| ProcessLoss {
+            recovered,
             process: process.name(),
             times,
             longest_ms: longest.as_secs_f64() * 1e3,
@@ -126,10 +139,22 @@ pub struct RunFault {
     pub process: String,
     /// Description without the name of the process.
     pub what: String,
-    /// Detector that found it: `exit`, `heartbeat`, `tick`, `signal`, `operator`, `recorder`, `start`.
-    pub detector: &'static str,
+    /// Detector that found it; its name in JSON.
+    #[serde(serialize_with = "detector_name")]
+    pub detector: Detector,
     /// Last tick whose command was published.
     pub tick: i64,
+}
+
+fn detector_name<S: serde::Serializer>(detector: &Detector, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.serialize_str(detector.name())
+}
+
+impl RunFault {
+    /// Whether an operator or a signal has ended the run as requested.
+    fn is_request(&self) -> bool {
+        matches!(self.detector, Detector::Operator | Detector::Signal)
+    }
 }
 
 impl Summary {
@@ -154,11 +179,13 @@ impl Summary {
             timing: RunTiming {
                 latency_us: metrics.timing.latency_us.filter(|_| realtime),
                 late_ticks: metrics.timing.late_ticks,
-                missed_ticks: metrics.timing.missed_ticks,
-                brake_ticks: metrics.timing.brake_ticks,
+                missed_ticks: run.gate.missed,
+                brake_ticks: run.gate.braked,
                 wake_lateness_us: metrics.timing.wake_lateness_us.filter(|_| realtime),
                 steal_ms: run.steal_ms,
-                spare_gate_ticks: run.spare_ticks,
+                spare_gate_ticks: run.gate.spare,
+                discontinuities: run.gate.discontinuities,
+                supervisor_delay_ms: run.supervisor_delay.as_secs_f64() * 1e3,
                 allocations: metrics.timing.allocations,
             },
             recorder,
@@ -285,9 +312,20 @@ impl Summary {
         if losses.injected > 0 {
             writeln!(out, "  injected faults    {}", losses.injected)?;
         }
+        if self.timing.discontinuities > 0 {
+            writeln!(out, "  torque             {} discontinuities, in the events of the log", self.timing.discontinuities)?;
+        }
+        if self.timing.supervisor_delay_ms > SUPERVISOR_DELAY_MS {
+            writeln!(out, "  supervisor         was itself delayed by up to {:.0} ms", self.timing.supervisor_delay_ms)?;
+        }
+        if let Some(problem) = &self.recorder.problem {
+            writeln!(out, "  log                {problem}")?;
+        }
         for loss in &losses.processes {
             let times = if loss.times == 1 { "once".to_owned() } else { format!("{} times", loss.times) };
-            writeln!(out, "  lost               {} {times}, recovered within {:.1} ms", loss.process, loss.longest_ms)?;
+            let outcome =
+                if loss.recovered { format!("recovered within {:.1} ms", loss.longest_ms) } else { "NOT RECOVERED".to_owned() };
+            writeln!(out, "  lost               {} {times}, {outcome}", loss.process)?;
         }
         if let Some(incidents) = &self.incidents {
             writeln!(out, "  brakes and stops   {}, described in {}", incidents.count, incidents.file.display())?;
@@ -296,10 +334,17 @@ impl Summary {
             }
         }
         for fault in &self.faults {
+            if fault.is_request() {
+                writeln!(out, "  ended              {} {} (tick {})", fault.process, fault.what, fault.tick)?;
+                continue;
+            }
             writeln!(
                 out,
                 "  FAULT              {} {} (tick {}, detected by: {})",
-                fault.process, fault.what, fault.tick, fault.detector
+                fault.process,
+                fault.what,
+                fault.tick,
+                fault.detector.name()
             )?;
         }
         Ok(())
@@ -321,8 +366,10 @@ pub struct RunSummary {
     pub completed: bool,
     /// Steal time [ms].
     pub steal_ms: u64,
-    /// Ticks by the spare gate thread.
-    pub spare_ticks: u64,
+    /// Counts of the gate.
+    pub gate: GateCounts,
+    /// Largest delay of the supervisor's main thread.
+    pub supervisor_delay: Duration,
     /// Lost and restarted processes.
     pub losses: Losses,
     /// Brakes and stops.

@@ -4,7 +4,7 @@ use anyhow::Result;
 use criterion::Criterion;
 use hapfic_bench_recorded::recorded_ticks;
 use hapfic_config::{PERIOD_S, Settings};
-use hapfic_controller::conditioning::{LowPass, limit};
+use hapfic_controller::torque_filter::{LowPass, limit};
 use hapfic_gate::protocol::{ControllerSlot, GateInputs, Observation};
 use hapfic_gate::torque_check::TorqueCheck;
 use hapfic_gate::{Gate, GateLimits};

@@ -1,5 +1,6 @@
 //! `hapfic run`: runs a scenario and prints its summary.
 
+use crate::output::{OutputKind, check_output};
 use crate::{CommandOutcome, print};
 use anyhow::{Context, Result};
 use clap::{Args, ValueEnum};
@@ -36,6 +37,9 @@ pub struct RunArgs {
     /// Also write the summary as JSON.
     #[arg(long, value_name = "FILE")]
     pub summary_json: Option<PathBuf>,
+    /// Replace output files of another kind.
+    #[arg(long)]
+    pub force: bool,
     /// Real-time privileges: take the available ones, require all, or request none.
     #[arg(long, value_enum, default_value_t = RealtimeName::Auto)]
     pub realtime: RealtimeName,
@@ -51,6 +55,7 @@ impl Default for RunArgs {
             log: None,
             set: Vec::new(),
             summary_json: None,
+            force: false,
             realtime: RealtimeName::Auto,
         }
     }
@@ -108,6 +113,19 @@ pub fn run(args: &RunArgs, since: Instant) -> Result<CommandOutcome> {
         Ok(settings) => settings,
         Err(e) => return Ok(CommandOutcome::Rejected(e.into())),
     };
+    let input = [Path::new(&args.scenario)];
+    for (option, path, kind) in
+        [("--log", &args.log, OutputKind::Log), ("--summary-json", &args.summary_json, OutputKind::Json("launch_s"))]
+    {
+        if let Some(path) = path
+            && let Err(e) = check_output(option, path, kind, &input, args.force)
+        {
+            return Ok(CommandOutcome::Rejected(e));
+        }
+    }
+    if args.log.is_some() && args.log == args.summary_json {
+        return Ok(CommandOutcome::Rejected(anyhow::anyhow!("--summary-json: found the path of the log, expected another file")));
+    }
     let summary_file = match args.summary_json.as_deref().map(SummaryFile::open).transpose() {
         Ok(file) => file,
         Err(e) => return Ok(CommandOutcome::Rejected(e)),
@@ -167,11 +185,13 @@ impl SummaryFile {
     }
 }
 
-/// Default path of the log, relative to the working directory: `logs/floor-20260131-154502-1234.mcap`.
+/// Default path of the log, relative to the working directory: `logs/floor-20260131-154502-123456-1234.mcap` with the
+/// microsecond and the process id. Runs in containers may share the folder, the second and the process id.
 fn default_log(scenario: &str) -> PathBuf {
     let stem = Path::new(scenario).file_stem().and_then(|s| s.to_str()).unwrap_or("run");
-    let seconds = hapfic_ipc::clock::unix_ns() / 1_000_000_000;
+    let now_ns = hapfic_ipc::clock::unix_ns();
+    let (seconds, micros) = (now_ns / 1_000_000_000, now_ns / 1000 % 1_000_000);
     let (year, month, day) = hapfic_ipc::clock::date(seconds / 86_400);
     let (h, m, s) = (seconds / 3600 % 24, seconds / 60 % 60, seconds % 60);
-    PathBuf::from(format!("logs/{stem}-{year:04}{month:02}{day:02}-{h:02}{m:02}{s:02}-{}.mcap", std::process::id()))
+    PathBuf::from(format!("logs/{stem}-{year:04}{month:02}{day:02}-{h:02}{m:02}{s:02}-{micros:06}-{}.mcap", std::process::id()))
 }

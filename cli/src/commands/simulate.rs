@@ -5,6 +5,7 @@
 
 mod text;
 
+use crate::output::{OutputKind, check_output};
 use crate::{CommandOutcome, log_line, print};
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
@@ -49,6 +50,9 @@ pub struct SimulateArgs {
     /// Write all metrics as a table: a line for each run once it and all earlier ones have ended.
     #[arg(long, value_name = "FILE")]
     pub csv: Option<PathBuf>,
+    /// Replace output files of another kind.
+    #[arg(long)]
+    pub force: bool,
     /// Print one JSON object at the end instead of text.
     #[arg(long)]
     pub json: bool,
@@ -93,6 +97,13 @@ impl CheckedStudy {
             "--csv {}: found the log's file, expected another one",
             args.csv.as_deref().unwrap_or(Path::new("")).display()
         );
+        let input = [Path::new(&args.scenario)];
+        for (option, path, kind) in [("--log", &args.log, OutputKind::Log), ("--csv", &args.csv, OutputKind::Csv("simulated_s"))]
+        {
+            if let Some(path) = path {
+                check_output(option, path, kind, &input, args.force)?;
+            }
+        }
         let csv = args.csv.as_deref().map(CsvFile::open).transpose()?;
         let recording = match (&args.log, settings.first()) {
             (Some(log), Some(settings)) => match Recording::create(&args.scenario, settings, log) {

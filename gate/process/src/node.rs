@@ -13,7 +13,7 @@ use hapfic_gate::torque_check::TorqueCheck;
 use hapfic_gate::{Gate, GateLimits};
 use hapfic_ipc::realtime::{SchedGrants, SchedRequest};
 use hapfic_ipc::{ArrivalPredictor, Bus, Domain, IpcError, allocations, clock};
-use hapfic_messages::{Clock, Command, Phase, Process, Timing};
+use hapfic_messages::{Clock, Command, Mode, Phase, Process, Source, Timing};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
@@ -66,6 +66,8 @@ pub struct GateNode {
     /// Stops and re-armings that the gate has processed.
     stops: u64,
     rearms: u64,
+    /// Whether a command has been active.
+    was_active: bool,
     /// Time of the last heartbeat while waiting [ns].
     heartbeat_ns: u64,
     /// Arrival predictor, if busy-poll is enabled.
@@ -89,6 +91,7 @@ impl GateNode {
             waiting_ns: 0,
             stops: 0,
             rearms: 0,
+            was_active: false,
             heartbeat_ns: 0,
             predictor: None,
             called: -1,
@@ -143,6 +146,7 @@ impl GateNode {
             missing: self.start.clock == Clock::Realtime && shared.presence.missing.load(Ordering::Acquire) != 0,
         };
         (self.stops, self.rearms) = (stops, rearms);
+        shared.gate.processed_stops.store(stops, Ordering::Release);
         inputs
     }
 
@@ -168,6 +172,7 @@ impl GateNode {
         self.start.shared.gate.severity.store(command.severity, Ordering::Relaxed);
         self.start.shared.gate.primary.store(self.gate.primary().process().code(), Ordering::Relaxed);
         self.start.shared.gate.tick.store(tick, Ordering::Release);
+        self.count(command);
         self.ports.command_sent.notify();
         self.report_all(command, severity_before, announced)?;
         let latency_ns = match self.received.newest {
@@ -187,6 +192,23 @@ impl GateNode {
         };
         self.account(&timing)?;
         self.idle_work()
+    }
+
+    /// Counts missed and braked ticks.
+    fn count(&mut self, command: &Command) {
+        let report = &self.start.shared.gate;
+        let active = command.mode == Mode::Active.code();
+        let answered = command.source == Source::Fresh.code() || command.source == Source::Suppressed.code();
+        self.was_active |= active;
+        if self.was_active && !answered {
+            report.missed_ticks.fetch_add(1, Ordering::Relaxed);
+        }
+        if self.was_active && !active {
+            report.braked_ticks.fetch_add(1, Ordering::Relaxed);
+        }
+        if self.gate.discontinuity().is_some() {
+            report.discontinuities.fetch_add(1, Ordering::Relaxed);
+        }
     }
 
     /// Announces parameters that are due. Returns their version and first tick.

@@ -76,6 +76,14 @@ pub struct Presence {
     pub missing: AtomicU32,
 }
 
+impl Presence {
+    /// Whether a required process is lost, or runs no ticks yet.
+    #[must_use]
+    pub fn is_missing(&self, process: Process) -> bool {
+        self.missing.load(Ordering::Acquire) & (1 << process.code()) != 0
+    }
+}
+
 /// Report of the gate.
 #[derive(Debug, Default)]
 pub struct GateReport {
@@ -83,6 +91,14 @@ pub struct GateReport {
     pub tick: AtomicI64,
     /// Ticks of the spare gate thread.
     pub spare_ticks: AtomicU64,
+    /// Ticks whose command is not from a request of the same tick, after the first active one.
+    pub missed_ticks: AtomicU64,
+    /// Ticks without an active command, after the first active one.
+    pub braked_ticks: AtomicU64,
+    /// Torque discontinuities.
+    pub discontinuities: AtomicU64,
+    /// Latched stops that the gate has processed.
+    pub processed_stops: AtomicU64,
     /// Code of the severity.
     pub severity: AtomicU32,
     /// Code of the primary controller.
@@ -91,6 +107,33 @@ pub struct GateReport {
     pub announced: AtomicU64,
     /// Ticks in a row with a rejected request, for each controller slot; the main thread resets it after a restart.
     pub rejected_requests: [AtomicU32; 2],
+}
+
+impl GateReport {
+    /// Reads the counts.
+    #[must_use]
+    pub fn counts(&self) -> GateCounts {
+        let read = |count: &AtomicU64| count.load(Ordering::Relaxed);
+        GateCounts {
+            spare: read(&self.spare_ticks),
+            missed: read(&self.missed_ticks),
+            braked: read(&self.braked_ticks),
+            discontinuities: read(&self.discontinuities),
+        }
+    }
+}
+
+/// Counts of the gate.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct GateCounts {
+    /// Ticks of the spare gate thread.
+    pub spare: u64,
+    /// Missed ticks.
+    pub missed: u64,
+    /// Braked ticks.
+    pub braked: u64,
+    /// Torque discontinuities.
+    pub discontinuities: u64,
 }
 
 /// Report of the recorder.
@@ -164,12 +207,8 @@ pub struct StatusSnapshot {
     pub foot_force: [f64; 3],
     /// F_d [N].
     pub desired_force: [f64; 3],
-    /// Missed ticks so far.
-    pub missed: u64,
     /// Periods by which the plant's timer was late so far.
     pub late: u64,
-    /// Ticks with a braking drive, after it had been active.
-    pub braked: u64,
     /// Code of the mode.
     pub mode: u32,
     /// x - x_d [m].

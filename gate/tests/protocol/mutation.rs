@@ -2,7 +2,7 @@
 
 use crate::slot::{NOW_MS, POLICY};
 use hapfic_gate::protocol::{Choice, GateInputs, Observation, Protocol, TickAction, WaitPolicy};
-use hapfic_gate::restart::{RestartAction, RestartSignal, RestartStage, RestartState};
+use hapfic_gate::restart_policy::{RestartAction, RestartSignal, RestartStage, RestartState};
 use hapfic_messages::Severity;
 
 /// Defect of a mutant.

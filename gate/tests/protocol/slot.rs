@@ -5,7 +5,7 @@
 
 use crate::mutation::{self, Mutation};
 use crate::rules::{BrokenRules, Rule};
-use hapfic_gate::restart::{RestartAction, RestartPolicy, RestartSignal, RestartStage, RestartState};
+use hapfic_gate::restart_policy::{RestartAction, RestartPolicy, RestartSignal, RestartStage, RestartState};
 
 /// Length of the window [ms].
 const WINDOW: usize = 2;

@@ -4,7 +4,7 @@ use crate::mutation::{self, Mutation};
 use crate::rules::{BrokenRules, GatedTick, Rule, TickCounts};
 use crate::slot::{ProcessModel, SlotModel};
 use hapfic_gate::protocol::{Choice, ControllerSlot, GateInputs, Observation, Protocol, TickAction, WaitPolicy};
-use hapfic_gate::restart::{RestartAction, RestartSignal, RestartStage};
+use hapfic_gate::restart_policy::{RestartAction, RestartSignal, RestartStage};
 use hapfic_messages::Severity;
 use stateright::{Model, Property};
 

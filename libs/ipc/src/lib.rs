@@ -17,7 +17,7 @@
 //! # }
 //! ```
 //!
-//! No other crate of the stack has `unsafe` code; the `diagnostics` crate, which measures the machine, has its own.
+//! Besides this crate only `sync` (the hand-off cell) and `diagnostics` (which measures the machine) have `unsafe` code.
 #![allow(unsafe_code)]
 
 pub mod allocations;

@@ -217,14 +217,12 @@ fn may_lock() -> bool {
     getrlimit(Resource::Memlock).current.is_none() || capable(CapabilitySet::IPC_LOCK)
 }
 
-/// Whether this process may have `SCHED_FIFO` at a priority.
+/// Whether a thread of this process gets `SCHED_FIFO` at a priority. Tries it: rights alone do not suffice in a control
+/// group without real-time runtime.
 #[must_use]
 pub fn may_fifo(priority: i32) -> bool {
-    capable(CapabilitySet::SYS_NICE) || rtprio_limit() >= priority as u64
-}
-
-fn rtprio_limit() -> u64 {
-    getrlimit(Resource::Rtprio).current.unwrap_or(u64::MAX)
+    let tried = std::thread::Builder::new().name("hapfic-may-fifo".to_owned()).spawn(move || set_fifo(priority as u32).is_ok());
+    tried.is_ok_and(|thread| thread.join().unwrap_or(false))
 }
 
 /// Guard that keeps the processors out of idle states with a long exit latency.

@@ -16,7 +16,9 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::fs::{File, TryLockError};
 use std::io::{self, BufWriter, Write};
+use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 
 /// Largest chunk [bytes]: its buffer is allocated as a whole.
 const MAX_CHUNK_BYTES: u64 = 16 << 20;
@@ -92,7 +94,7 @@ impl Writer<BufWriter<File>> {
         let path = path.as_ref();
         let failed = |cause| LogError::Create { path: path.to_owned(), cause };
         // Truncated only with the lock: another run may be writing the file.
-        let file = File::options().write(true).create(true).truncate(false).open(path).map_err(failed)?;
+        let file = open_for_writing(path).map_err(failed)?;
         match file.try_lock() {
             Ok(()) => {}
             Err(TryLockError::WouldBlock) => return Err(LogError::Busy { path: path.to_owned() }),
@@ -107,6 +109,37 @@ impl Writer<BufWriter<File>> {
         Ok(Self { disk, ..writer })
     }
 }
+
+/// Time that a pipe may stay without a reader.
+const READER_TIMEOUT: Duration = Duration::from_secs(5);
+/// Interval at which a reader is looked for.
+const READER_POLL_INTERVAL: Duration = Duration::from_millis(10);
+
+/// Opens a file, or a pipe that has a reader; never blocks for longer than [`READER_TIMEOUT`].
+fn open_for_writing(path: &Path) -> io::Result<File> {
+    let is_pipe = std::fs::metadata(path).is_ok_and(|metadata| metadata.file_type().is_fifo());
+    if !is_pipe {
+        return File::options().write(true).create(true).truncate(false).open(path);
+    }
+    let begun = Instant::now();
+    loop {
+        // Without a reader this open fails, where another would block.
+        match File::options().write(true).custom_flags(O_NONBLOCK).open(path) {
+            Ok(_nonblocking) => return File::options().write(true).open(path),
+            Err(e) if e.raw_os_error() == Some(ENXIO) && begun.elapsed() < READER_TIMEOUT => {
+                std::thread::sleep(READER_POLL_INTERVAL);
+            }
+            Err(e) if e.raw_os_error() == Some(ENXIO) => {
+                return Err(io::Error::other("it is a pipe, and no program has opened it for reading within 5 s"));
+            }
+            Err(e) => return Err(e),
+        }
+    }
+}
+
+/// `O_NONBLOCK` and `ENXIO` of Linux.
+const O_NONBLOCK: i32 = 0o4000;
+const ENXIO: i32 = 6;
 
 impl<W: Write> Writer<W> {
     /// Writes to any output, as [`Writer::create`]; errors name it `path`.

@@ -179,6 +179,12 @@ wire_enum! {
         Operator = 6, "operator";
         /// The restart budget.
         Budget = 7, "budget";
+        /// The start of the run.
+        Start = 8, "start";
+        /// A signal to the supervisor.
+        Signal = 9, "signal";
+        /// The recorder.
+        Recorder = 10, "recorder";
     }
 }
 

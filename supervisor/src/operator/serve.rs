@@ -185,6 +185,10 @@ impl RequestHandler {
 
     fn rearm(&self) -> OperatorReply {
         let shared = &self.start.shared;
+        if shared.gate.processed_stops.load(Ordering::Acquire) < shared.orders.latched_stops.load(Ordering::Acquire) {
+            let text = "nothing re-armed: the latched stop takes effect with the next tick. Hint: re-arm after that tick";
+            return OperatorReply::new(ReplyCode::Rejected, text);
+        }
         if shared.gate.severity.load(Ordering::Relaxed) != Severity::Stopped.code() {
             return OperatorReply::new(ReplyCode::Rejected, "nothing to re-arm: the run is not in a latched stop");
         }
@@ -332,7 +336,11 @@ impl RequestHandler {
                     let heartbeat = shared.heartbeats.read(*process);
                     ProcessStatus {
                         name: name(*process).to_owned(),
-                        phase: heartbeat.phase.map_or("no heartbeat", Phase::name).to_owned(),
+                        phase: if shared.presence.is_missing(*process) {
+                            "lost".to_owned()
+                        } else {
+                            heartbeat.phase.map_or("no heartbeat", Phase::name).to_owned()
+                        },
                         tick: heartbeat.tick,
                         heartbeat_age_ms: heartbeat.age_ns().map(|ns| ns as f64 * 1e-6),
                         rejected: heartbeat.rejected,
@@ -340,8 +348,12 @@ impl RequestHandler {
                 })
                 .collect(),
             late_ticks: snapshot.late,
-            missed_ticks: snapshot.missed,
-            brake_ticks: snapshot.braked,
+            missed_ticks: shared.gate.missed_ticks.load(Ordering::Relaxed),
+            brake_ticks: shared.gate.braked_ticks.load(Ordering::Relaxed),
+            stopped_by: (shared.gate.severity.load(Ordering::Relaxed) == Severity::Stopped.code())
+                .then(|| Detector::from_code(shared.orders.stop_by.load(Ordering::Relaxed)))
+                .flatten()
+                .map(|by| by.name().to_owned()),
             rejected_requests: shared.operator.rejected.load(Ordering::Relaxed),
             log: self.start.log.clone(),
             log_bytes: std::fs::metadata(&self.start.log).map_or(0, |m| m.len()),

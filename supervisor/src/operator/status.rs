@@ -17,6 +17,9 @@ pub struct Status {
     pub mode: String,
     /// Severity, `nominal` to `stopped`.
     pub severity: String,
+    /// What requested the latched stop, if the run is in one: `operator` or `budget`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stopped_by: Option<String>,
     /// Last tick whose command was published; -1 before the first.
     pub tick: i64,
     /// Ticks of the run.
@@ -106,6 +109,11 @@ impl Status {
             "{} ({})  run {}  {}, {}  tick {} of {}  {:.3} s",
             self.scenario, self.clock, self.run, self.mode, self.severity, self.tick, self.end_tick, self.time_s
         )?;
+        match self.stopped_by.as_deref() {
+            Some("budget") => writeln!(out, "  latched stop: a process was lost once more than its restart budget allows")?,
+            Some(_) => writeln!(out, "  latched stop: requested by an operator")?,
+            None => {}
+        }
         writeln!(out, "                        x          y          z")?;
         let mut row = |name: &str, values: [f64; 3], scale: f64, unit: &str| {
             let [x, y, z] = values.map(|v| format!("{:.2} {unit}", v * scale));

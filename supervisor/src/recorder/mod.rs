@@ -144,8 +144,6 @@ impl Recorder {
                     shared,
                     metrics: Metrics::new(),
                     frames: ViewerFrames::default(),
-                    missed: 0,
-                    braked: 0,
                     active: false,
                     timing_log_ns: 0,
                     incidents: PostMortem::new(&log, clock),

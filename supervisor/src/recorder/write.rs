@@ -5,7 +5,7 @@ use super::viewer_frames::ViewerFrames;
 use super::{RecordedMessage, RecordingResult, WriterResult};
 use hapfic_gate_process::status::{SharedStatus, StatusSnapshot};
 use hapfic_log::{LogError, Metrics, Topic, Viewer, Writer, scene};
-use hapfic_messages::{Mode, Operator, Source};
+use hapfic_messages::{Mode, Operator};
 use hapfic_robot::Chain;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -20,8 +20,6 @@ pub(super) struct WriterThread {
     pub(super) shared: Arc<SharedStatus>,
     pub(super) metrics: Metrics,
     pub(super) frames: ViewerFrames,
-    pub(super) missed: u64,
-    pub(super) braked: u64,
     pub(super) active: bool,
     pub(super) timing_log_ns: u64,
     pub(super) incidents: PostMortem,
@@ -110,8 +108,6 @@ impl WriterThread {
                 let command = if write { self.writer.command(m)? } else { hapfic_log::convert::command(m) };
                 self.metrics.push_command(&command);
                 self.active |= m.mode == Mode::Active.code();
-                self.missed += u64::from(self.active && m.source != Source::Fresh.code());
-                self.braked += u64::from(self.active && m.mode >= Mode::Brake.code());
                 if self.viewer.due(m.tick) {
                     self.write_frame(m.tick, m.mode, write)?;
                 }
@@ -165,9 +161,7 @@ impl WriterThread {
                 foot_position: m.foot_position,
                 foot_force: m.foot_force,
                 desired_force: parameters.map_or([0.0; 3], |p| p.desired_force),
-                missed: self.missed,
                 late: m.slipped,
-                braked: self.braked,
                 mode,
                 tracking: frame.reference.map_or([0.0; 3], |x_d| std::array::from_fn(|i| m.foot_position[i] - x_d[i])),
                 bound: parameters.map_or([0.0; 3], |p| p.position_bound),

@@ -18,11 +18,11 @@ impl Watch<'_> {
     /// Checks all processes and threads, and restarts what is lost; `false` if the run must end.
     pub(super) fn healthy(&mut self) -> Result<bool> {
         if self.shared.operator.end_requested.load(Ordering::Relaxed) {
-            self.fault("supervisor", "was asked to end by the operator".to_owned(), "operator");
+            self.fault("supervisor", "was asked to end by the operator".to_owned(), Detector::Operator);
             return Ok(false);
         }
         if self.stop.load(Ordering::Relaxed) {
-            self.fault("supervisor", "was asked to end by a signal".to_owned(), "signal");
+            self.fault("supervisor", "was asked to end by a signal".to_owned(), Detector::Signal);
             return Ok(false);
         }
         self.evidence.observe(&self.shared.heartbeats, hapfic_ipc::clock::now_ns());
@@ -31,7 +31,7 @@ impl Watch<'_> {
             && age > self.silence_limit_ns()
             && self.shared.heartbeats.read(recorder::GATE).phase != Some(Phase::Finished)
         {
-            self.fault("gate", format!("has sent no heartbeat for {} ms", age / 1_000_000), "heartbeat");
+            self.fault("gate", format!("has sent no heartbeat for {} ms", age / 1_000_000), Detector::Heartbeat);
             return Ok(false);
         }
         if healthy && self.shared.orders.start.load(Ordering::Relaxed) {
@@ -41,13 +41,13 @@ impl Watch<'_> {
             }
         }
         if self.shared.recorder.log_failed.load(Ordering::Acquire) || self.recorder.failed() {
-            self.fault("recorder", "cannot write the log any further".to_owned(), "recorder");
+            self.fault("recorder", "cannot write the log any further".to_owned(), Detector::Recorder);
             return Ok(false);
         }
         if healthy && self.gate.as_ref().is_some_and(JoinHandle::is_finished) {
             let done = self.shared.gate.tick.load(Ordering::Acquire) + 1 >= self.settings.duration_ticks as i64;
             if !done {
-                self.fault("gate", "ended too early".to_owned(), "exit");
+                self.fault("gate", "ended too early".to_owned(), Detector::Exit);
                 return Ok(false);
             }
         }
@@ -114,7 +114,7 @@ impl Watch<'_> {
             let what = format!("has done no tick for {} ms; messages rejected: {rejected}", limit_ms);
             return Ok(!self.on_lost(Process::Plant, Detector::Tick, &what)?);
         }
-        self.fault("gate", format!("has published no command for {} ms; messages rejected: {rejected}", limit_ms), "tick");
+        self.fault("gate", format!("has published no command for {limit_ms} ms; messages rejected: {rejected}"), Detector::Tick);
         Ok(true)
     }
 }

@@ -10,6 +10,7 @@ mod slot;
 
 use crate::children::{self, Child, started};
 use crate::notify::Notify;
+use crate::preflight;
 use crate::privileges::{self, Cores};
 use crate::progress::Progress;
 use crate::recorder::{self, Recorder};
@@ -55,8 +56,6 @@ pub struct RunTimes {
     pub wall_s: f64,
     /// Steal time during the run [ms].
     pub steal_ms: u64,
-    /// Ticks by the spare gate thread.
-    pub spare_ticks: u64,
     /// Whether the run reached its end.
     pub completed: bool,
 }
@@ -97,6 +96,8 @@ pub struct Watch<'a> {
     gate: Option<JoinHandle<Result<(), IpcError>>>,
     recorder: &'a Recorder,
     stop: Arc<AtomicBool>,
+    /// Prefix of the run's segments in shared memory.
+    prefix: String,
     run_file: &'a Path,
     cores: Cores,
     /// Code of the primary controller that got its priority and core last.
@@ -140,7 +141,7 @@ impl<'a> Watch<'a> {
     pub fn open(bus: &'a Bus, start: WatchStart<'a>) -> Result<Self> {
         use hapfic_ipc::topic;
         let WatchStart { request, shared, gate, recorder, stop, prefix, run_file, cores, fault_requests, notify } = start;
-        let segments = SegmentRemover::start(prefix)?;
+        let segments = SegmentRemover::start(prefix.clone())?;
         Ok(Self {
             request,
             settings: &request.settings,
@@ -150,6 +151,7 @@ impl<'a> Watch<'a> {
             gate: Some(gate),
             recorder,
             stop,
+            prefix,
             run_file,
             cores,
             primary: Process::Controller.code(),
@@ -202,6 +204,7 @@ impl<'a> Watch<'a> {
         let steal_before_ms = summary::steal_ms();
         let mut completed = false;
         if ready {
+            preflight::reserve_segments(&self.prefix)?;
             if self.clock == Clock::Realtime && !self.has_required_privileges() {
                 return Ok(RunTimes { launch_s, ..RunTimes::default() });
             }
@@ -217,7 +220,7 @@ impl<'a> Watch<'a> {
             let present = started(self.settings).iter().fold(0, |bits, p| bits | bit(*p));
             self.shared.presence.present.store(present, Ordering::Release);
             for slot in &mut self.slots {
-                slot.restart.stage = hapfic_gate::restart::RestartStage::Working;
+                slot.restart.stage = hapfic_gate::restart_policy::RestartStage::Working;
             }
             self.inject()?;
             if self.clock == Clock::Realtime
@@ -237,25 +240,19 @@ impl<'a> Watch<'a> {
             launch_s,
             wall_s: begun.elapsed().as_secs_f64(),
             steal_ms: summary::steal_ms().saturating_sub(steal_before_ms),
-            spare_ticks: self.shared.gate.spare_ticks.load(Ordering::Relaxed),
             completed,
         })
     }
 
     /// Records a fault that the run does not survive.
-    pub fn fault(&mut self, process: &str, what: String, detector: &'static str) {
+    pub fn fault(&mut self, process: &str, what: String, detector: Detector) {
         let tick = self.shared.gate.tick.load(Ordering::Relaxed);
-        let (kind, seen) = match detector {
-            "exit" => (EventKind::Lost, Detector::Exit),
-            "heartbeat" => (EventKind::Lost, Detector::Heartbeat),
-            "tick" => (EventKind::Lost, Detector::Tick),
-            "check" => (EventKind::Lost, Detector::Check),
-            "budget" => (EventKind::Lost, Detector::Budget),
-            "operator" => (EventKind::Ended, Detector::Operator),
-            _ => (EventKind::Ended, Detector::None),
+        let kind = match detector {
+            Detector::Exit | Detector::Heartbeat | Detector::Tick | Detector::Check | Detector::Budget => EventKind::Lost,
+            _ => EventKind::Ended,
         };
         let about = Process::from_name(process).unwrap_or(Process::Supervisor);
-        self.report(tick, about, kind, Severity::Stopped, seen, &format!("{process} {what}"));
+        self.report(tick, about, kind, Severity::Stopped, detector, &format!("{process} {what}"));
         self.faults.push(RunFault { process: process.to_owned(), what, detector, tick });
     }
 
@@ -289,7 +286,7 @@ impl<'a> Watch<'a> {
             }
             if Instant::now() > deadline {
                 for process in missing {
-                    self.fault(process, "did not get ready in time".to_owned(), "start");
+                    self.fault(process, "did not get ready in time".to_owned(), Detector::Start);
                 }
                 return Ok(false);
             }
@@ -305,7 +302,7 @@ impl<'a> Watch<'a> {
                 progress.clear();
                 let stopped = self.shared.gate.severity.load(Ordering::Relaxed) == Severity::Stopped.code();
                 if stopped && !self.stopped_by_budget {
-                    self.fault("supervisor", "was in a latched stop when the run ended".to_owned(), "operator");
+                    self.fault("supervisor", "was in a latched stop when the run ended".to_owned(), Detector::Operator);
                 }
                 return Ok(true);
             }
@@ -314,7 +311,7 @@ impl<'a> Watch<'a> {
                 return Ok(false);
             }
             if let Ok(snapshot) = self.shared.recorder.snapshot.lock() {
-                progress.show(&snapshot);
+                progress.show(&snapshot, self.shared.gate.counts().missed);
             }
             self.notify.watchdog();
             let joining = self.slots.iter().any(ProcessSlot::joining);
@@ -351,15 +348,24 @@ impl<'a> Watch<'a> {
         }
         let missing = privileges::missing(self.settings, self.cores, &self.shared);
         for (process, what) in &missing {
-            self.fault(process, format!("did not get {what}, which --realtime require demands"), "start");
+            self.fault(process, format!("did not get {what}, which --realtime require demands"), Detector::Start);
         }
         missing.is_empty()
+    }
+
+    /// Largest delay of the main thread so far.
+    #[must_use]
+    pub fn largest_delay(&self) -> Duration {
+        self.evidence.largest_delay()
     }
 
     /// Losses and injected faults of the run.
     #[must_use]
     pub fn losses(&self) -> Losses {
-        Losses::new(self.slots.iter().map(|s| (s.process, s.losses, s.longest)), self.injections.done)
+        let present = self.shared.presence.present.load(Ordering::Acquire);
+        let recovered = |process: Process| present & bit(process) != 0;
+        let slots = self.slots.iter().map(|s| (s.process, s.losses, s.longest, recovered(s.process)));
+        Losses::new(slots, self.injections.done)
     }
 
     /// Ends gate and processes, then lets the recorder drain the remaining messages.
@@ -381,8 +387,8 @@ impl<'a> Watch<'a> {
         if let Some(gate) = self.gate.take() {
             match gate.join() {
                 Ok(Ok(())) => {}
-                Ok(Err(e)) => self.fault("gate", e.to_string(), "exit"),
-                Err(_) => self.fault("gate", "panicked".to_owned(), "exit"),
+                Ok(Err(e)) => self.fault("gate", e.to_string(), Detector::Exit),
+                Err(_) => self.fault("gate", "panicked".to_owned(), Detector::Exit),
             }
         }
         if completed {
@@ -396,7 +402,7 @@ impl<'a> Watch<'a> {
         let children: Vec<Child> = self.slots.iter_mut().filter_map(|s| s.child.take()).collect();
         let killed = children::end(children)?;
         for process in killed.processes {
-            self.fault(process.name(), "did not end on request, and was killed".to_owned(), "exit");
+            self.fault(process.name(), "did not end on request, and was killed".to_owned(), Detector::Exit);
         }
         self.abandoned.extend(killed.abandoned);
         for child in std::mem::take(&mut self.abandoned).iter_mut() {
@@ -404,7 +410,7 @@ impl<'a> Watch<'a> {
                 self.fault(
                     child.process.name(),
                     format!("is left behind: it does not end after SIGKILL ({})", child.remains()),
-                    "exit",
+                    Detector::Exit,
                 );
             }
         }

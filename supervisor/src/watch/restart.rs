@@ -7,7 +7,7 @@ use crate::children::{self, Child};
 use anyhow::Result;
 use hapfic_config::OnLoss;
 use hapfic_gate::protocol::ControllerSlot;
-use hapfic_gate::restart::{RestartAction, RestartPolicy, RestartSignal};
+use hapfic_gate::restart_policy::{RestartAction, RestartPolicy, RestartSignal};
 use hapfic_ipc::realtime::{self, SchedGrants};
 use hapfic_ipc::{ProcessStart, topic};
 use hapfic_messages::{Clock, Detector, EventKind, Process};
@@ -59,7 +59,7 @@ impl Watch<'_> {
         let rearms = self.shared.orders.rearms.load(Ordering::Acquire);
         if rearms != std::mem::replace(&mut self.rearms, rearms) {
             self.stopped_by_budget = false;
-            self.faults.retain(|fault| fault.detector != "budget");
+            self.faults.retain(|fault| fault.detector != Detector::Budget);
             for index in 0..self.slots.len() {
                 self.advance(index, RestartSignal::Rearmed)?;
             }
@@ -177,7 +177,7 @@ impl Watch<'_> {
             _ => false,
         };
         if fatal {
-            self.fault(process.name(), what.to_owned(), detector.name());
+            self.fault(process.name(), what.to_owned(), detector);
             return Ok(false);
         }
         self.shared.presence.missing.fetch_or(bit(process), Ordering::AcqRel);
@@ -314,7 +314,7 @@ impl Watch<'_> {
         self.stopped_by_budget = true;
         self.shared.orders.stop_latched(Detector::Budget);
         let what = format!("was lost once more after {budget} restarts within {window_s} s: it does not restart");
-        self.fault(process.name(), what.clone(), "budget");
+        self.fault(process.name(), what.clone(), Detector::Budget);
         if self.clock == Clock::Realtime && process != Process::Plant {
             crate::log_line(&format!(
                 "hapfic: LATCHED STOP: {process} {what}. The drive brakes. Hint: `hapfic rearm` tries again, \

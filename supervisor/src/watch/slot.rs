@@ -3,7 +3,7 @@
 use super::evidence::{Evidence, Suspicion};
 use crate::children::{Child, describe};
 use anyhow::Result;
-use hapfic_gate::restart::{RestartStage, RestartState};
+use hapfic_gate::restart_policy::{RestartStage, RestartState};
 use hapfic_gate_process::status::SharedStatus;
 use hapfic_messages::{Detector, Phase, Process};
 use std::time::{Duration, Instant};

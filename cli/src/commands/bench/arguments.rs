@@ -25,6 +25,9 @@ pub struct LatencyArgs {
     /// File for the latency histograms as PNG.
     #[arg(long, value_name = "FILE")]
     pub plot: Option<PathBuf>,
+    /// Replace output files of another kind.
+    #[arg(long)]
+    pub force: bool,
     /// Program with chains of its own, see the crate hapfic-diagnostics; may be given repeatedly.
     #[arg(long, value_name = "PROGRAM")]
     pub peers: Vec<PathBuf>,

@@ -9,12 +9,14 @@ use super::stack::{RunTiming, StackRun};
 use super::steal::StealMonitor;
 use super::ticks::Ticks;
 use super::{figure, table};
+use crate::output::{OutputKind, check_output};
 use crate::{CommandOutcome, log_line, print};
 use anyhow::{Context, Result};
 use hapfic_config::Settings;
 use hapfic_diagnostics::cause::Span;
 use hapfic_ipc::clock;
 use hapfic_messages::{Command, PERIOD_NS, Request, State};
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -62,6 +64,12 @@ fn prepare(args: &LatencyArgs) -> Result<(Settings, Vec<ChainKind>)> {
     }
     if let Some(path) = &args.plot {
         check("--plot", path, Some("png"))?;
+    }
+    let input = [Path::new(&args.scenario)];
+    for (option, path, kind) in [("--json", &args.json, OutputKind::Json("about")), ("--plot", &args.plot, OutputKind::Picture)] {
+        if let Some(path) = path {
+            check_output(option, path, kind, &input, args.force)?;
+        }
     }
     Ok((settings, chain_kinds(&args.peers)?))
 }
