@@ -238,6 +238,13 @@ fn keep_all_alive(bus: &Bus) -> Result<Vec<Box<dyn std::any::Any>>> {
         bus.keep_alive(&topic::TIMING)?,
         bus.keep_alive(&topic::CREDIT)?,
         bus.keep_alive(&topic::INJECTION)?,
+        bus.keep_alive(&topic::view::STATE)?,
+        bus.keep_alive(&topic::view::REFERENCE)?,
+        bus.keep_alive(&topic::view::REQUEST)?,
+        bus.keep_alive(&topic::view::COMMAND)?,
+        bus.keep_alive(&topic::view::OPERATOR)?,
+        bus.keep_alive(&topic::view::EVENT)?,
+        bus.keep_alive(&topic::view::TIMING)?,
         hapfic_ipc::service::keep_alive(bus)?,
     ])
 }

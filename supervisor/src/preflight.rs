@@ -7,8 +7,8 @@ use std::path::Path;
 
 /// Folder of POSIX shared memory.
 const SHM: &str = "/dev/shm";
-/// Shared memory of a run, with room for restarts [bytes]; `du /dev/shm` shows 12 MB in a run with all processes.
-const SHM_BYTES: u64 = 32 << 20;
+/// Shared memory of a run, with room for a restart [bytes]: the segments of all processes have 45 MB, all reserved.
+const SHM_BYTES: u64 = 56 << 20;
 /// Open files of a supervisor with all processes connected, and room for restarts.
 const OPEN_FILES: u64 = 512;
 /// Size of a log per simulated second [bytes]: twice that of the scenario `floor`.

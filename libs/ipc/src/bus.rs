@@ -139,7 +139,7 @@ impl Bus {
             .max_publishers(topic.publishers)
             .max_subscribers(MAX_SUBSCRIBERS)
             .max_nodes(MAX_NODES)
-            .subscriber_max_buffer_size(RECORDER_DEPTH)
+            .subscriber_max_buffer_size(topic.depth)
             .subscriber_max_borrowed_samples(2)
             .history_size(topic.history)
             .enable_safe_overflow(true)
@@ -224,6 +224,15 @@ impl Bus {
     #[must_use]
     pub fn listener(&self, id: DoorbellId) -> Listener {
         Listener::new(&self.page, id)
+    }
+
+    /// Opens a receiver for an observer, of a topic in [`view`](crate::topic::view); of the buffered messages the oldest
+    /// are lost first.
+    ///
+    /// # Errors
+    /// [`IpcError::Messaging`] with the cause from iceoryx2.
+    pub fn view_input<T: Message>(&self, topic: &Topic<T>) -> Result<Input<T>, IpcError> {
+        self.input_of(topic, Wait::No, topic.depth)
     }
 
     /// Opens a receiver for the recorder: a deep buffer that must not overflow.

@@ -12,6 +12,9 @@ const HISTORY_DEPTH: usize = 4;
 /// Samples that a recorder's input keeps: longest absence of the recorder [ticks].
 pub const RECORDER_DEPTH: usize = 512;
 
+/// Samples that an observer's input keeps: the recorder republishes every 10 ms.
+pub const VIEW_DEPTH: usize = 64;
+
 /// A topic: its name, its type, and its capacities.
 #[derive(Debug)]
 pub struct Topic<T> {
@@ -22,6 +25,8 @@ pub struct Topic<T> {
     pub publishers: usize,
     /// Samples kept for late joiners.
     pub history: usize,
+    /// Samples that an input of the topic keeps at most.
+    pub depth: usize,
     /// Doorbell that sending notifies, if any thread waits for the topic.
     pub doorbell: Option<DoorbellId>,
     pub(crate) kind: PhantomData<fn() -> T>,
@@ -29,7 +34,11 @@ pub struct Topic<T> {
 
 impl<T> Topic<T> {
     const fn new(name: &'static str, publishers: usize, history: usize, doorbell: Option<DoorbellId>) -> Self {
-        Self { name, publishers, history, doorbell, kind: PhantomData }
+        Self { name, publishers, history, depth: RECORDER_DEPTH, doorbell, kind: PhantomData }
+    }
+
+    const fn view(name: &'static str, history: usize) -> Self {
+        Self { name, publishers: 2, history, depth: VIEW_DEPTH, doorbell: None, kind: PhantomData }
     }
 }
 
@@ -69,3 +78,26 @@ pub const OPERATOR_REQUEST: DoorbellId = DoorbellId(6);
 pub const SPARE_GATE: DoorbellId = DoorbellId(7);
 /// supervisor -> processes: faults to inject.
 pub const INJECTION: Topic<Injection> = Topic::new("injection", 2, 0, None);
+
+/// Topics for observers, which the recorder republishes from what it has received.
+///
+/// A subscriber that joins or leaves a control topic makes its senders allocate memory at their next message. So whatever
+/// looks at a run from outside joins these, and the control topics never notice it.
+pub mod view {
+    use super::{Command, Event, Operator, Reference, Request, State, Timing, Topic};
+
+    /// Measurements of the plant.
+    pub const STATE: Topic<State> = Topic::view("view/state", 1);
+    /// References of the planner.
+    pub const REFERENCE: Topic<Reference> = Topic::view("view/reference", 1);
+    /// Requests of both controllers.
+    pub const REQUEST: Topic<Request> = Topic::view("view/request", 1);
+    /// Commands of the gate.
+    pub const COMMAND: Topic<Command> = Topic::view("view/command", 1);
+    /// Parameters in force and to come.
+    pub const OPERATOR: Topic<Operator> = Topic::view("view/operator", 1);
+    /// Events.
+    pub const EVENT: Topic<Event> = Topic::view("view/event", 16);
+    /// Timing of all processes.
+    pub const TIMING: Topic<Timing> = Topic::view("view/timing", 0);
+}

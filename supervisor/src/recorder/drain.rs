@@ -1,6 +1,7 @@
 //! The drain thread: receives all messages, sorts them by tick, and passes them to the writer.
 
 use super::RecordedMessage;
+use super::views::Views;
 use hapfic_gate_process::status::SharedStatus;
 use hapfic_ipc::{Bus, Domain, Input, IpcError, Output, topic};
 use hapfic_messages::{Check, Clock, Command, Credit, Event, Operator, Process, Reference, Request, State, Timing};
@@ -41,6 +42,7 @@ pub(super) struct DrainThread {
     operator: Input<Operator>,
     event: Input<Event>,
     timing: Input<Timing>,
+    views: Views,
     credit: Output<Credit>,
     granted: i64,
     /// Newest tick of states, references and both controllers' requests.
@@ -73,6 +75,7 @@ impl DrainThread {
             operator: bus.recorder_input(&topic::OPERATOR)?,
             event: bus.recorder_input(&topic::EVENT)?,
             timing: bus.recorder_input(&topic::TIMING)?,
+            views: Views::open(&bus)?,
             credit: bus.output(&topic::CREDIT)?,
             granted: -1,
             last: [-1; 4],
@@ -86,6 +89,7 @@ impl DrainThread {
             let end = self.shared.orders.drain.load(Ordering::Acquire);
             let batch = self.receive_all()?;
             for record in &batch {
+                self.views.publish(record);
                 match record {
                     RecordedMessage::Timing(timing) if timing.process == Process::Supervisor.code() && timing.latency_ns > 0 => {
                         self.shared.recorder.latencies.push(timing.latency_ns);

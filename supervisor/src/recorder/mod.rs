@@ -7,6 +7,7 @@
 mod drain;
 mod incident;
 mod viewer_frames;
+mod views;
 mod write;
 
 use anyhow::{Context, Result};

@@ -3,7 +3,7 @@
 use super::arguments::LatencyArgs;
 use super::output_paths::TemporaryFolder;
 use anyhow::{Context, Result, bail, ensure};
-use hapfic_ipc::{Bus, IpcError, RunFile, Wait, topic};
+use hapfic_ipc::{Bus, IpcError, RunFile, topic};
 use hapfic_messages::{OperatorKind, PERIOD_NS, ReplyCode};
 use hapfic_supervisor::children::this_program;
 use hapfic_supervisor::operator::client::Connection;
@@ -179,7 +179,7 @@ fn read_timing(run: &Registration) -> Result<RunTiming> {
     let RunFile { core, gate_core, .. } = RunFile::read(&Path::new(&root).join("run.json"))?;
     let read_phase = || -> Result<Option<u64>, IpcError> {
         let bus = Bus::open(&domain, "bench")?;
-        let mut input = bus.input(&topic::STATE, Wait::No)?;
+        let mut input = bus.view_input(&topic::view::STATE)?;
         let (mut list, begun) = (Vec::new(), Instant::now());
         while list.len() < STATES && begun.elapsed() < Duration::from_secs(1) {
             while let Some(state) = input.next()? {
