@@ -1,16 +1,18 @@
-//! Cause of a missed tick, by three rules; the first that holds decides.
+//! Cause of a missed tick, by four rules; the first that holds decides.
 //!
-//! 1. `host`: a reference timer was late while the tick was due, or there was steal time then. A reference timer is a
-//!    process that only waits for a timer on the stack's core.
-//! 2. `ours`: the reference timers were on time, and a process of the stack took long from wake-up to publication, by
+//! 1. `steal`: the hypervisor reported steal time while the tick was due.
+//! 2. `machine`: no steal time, but a reference timer was late while the tick was due. A reference timer is a process
+//!    that only waits for a timer on the stack's core, at a higher priority. Other load of this machine, its kernel or a
+//!    host that reports no steal time may be the reason: the load average tells more.
+//! 3. `stack`: the reference timers were on time, and a process of the stack took long from wake-up to publication, by
 //!    its own stamps.
-//! 3. `unexplained`: neither.
+//! 4. `unknown`: none of these.
 
 use crate::hops::TickStamps;
 use serde::Serialize;
 use std::fmt;
 
-/// Lateness of a reference timer above which the host is the cause [ns].
+/// Lateness of a reference timer above which the machine is the cause [ns].
 pub const REFERENCE_LATE_NS: u64 = 200_000;
 /// Time from wake-up to publication above which the process is the cause [ns].
 pub const TOOK_LONG_NS: u64 = 300_000;
@@ -19,25 +21,28 @@ pub const TOOK_LONG_NS: u64 = 300_000;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Cause {
-    /// The machine, or its host.
-    Host,
+    /// Steal time by the hypervisor.
+    Steal,
+    /// This machine: other load, its kernel, or its host.
+    Machine,
     /// The stack's own code.
-    Ours,
+    Stack,
     /// No observation explains it.
-    Unexplained,
+    Unknown,
 }
 
 impl Cause {
     /// All causes in the order of the rules.
-    pub const ALL: [Self; 3] = [Self::Host, Self::Ours, Self::Unexplained];
+    pub const ALL: [Self; 4] = [Self::Steal, Self::Machine, Self::Stack, Self::Unknown];
 
     /// Name in tables and JSON.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
-            Self::Host => "host",
-            Self::Ours => "ours",
-            Self::Unexplained => "unexplained",
+            Self::Steal => "steal",
+            Self::Machine => "machine",
+            Self::Stack => "stack",
+            Self::Unknown => "not known",
         }
     }
 }
@@ -130,12 +135,14 @@ pub fn diagnose(tick: i64, missed: MissKind, window: Span, stamps: &TickStamps, 
         slowest,
         plant_late_ns: stamps.plant.wake_ns.saturating_sub(stamps.plant.due_ns),
     };
-    let cause = if evidence.reference_late_ns > REFERENCE_LATE_NS || stolen_ms > 0 {
-        Cause::Host
+    let cause = if stolen_ms > 0 {
+        Cause::Steal
+    } else if evidence.reference_late_ns > REFERENCE_LATE_NS {
+        Cause::Machine
     } else if slowest.is_some_and(|slowest| slowest.took_ns > TOOK_LONG_NS) {
-        Cause::Ours
+        Cause::Stack
     } else {
-        Cause::Unexplained
+        Cause::Unknown
     };
     Diagnosis { tick, missed, cause, evidence }
 }
@@ -187,35 +194,35 @@ mod tests {
     }
 
     #[test]
-    fn diagnose_late_reference_timer_within_tick_names_host() {
-        assert_eq!(cause(10, &late(10_250, 201)), Cause::Host);
-        assert_eq!(cause(900, &late(9_500, 800)), Cause::Host, "began before the tick");
-        assert_eq!(cause(10, &late(10_250, 200)), Cause::Unexplained, "at the limit");
-        assert_eq!(cause(10, &late(9_000, 900)), Cause::Unexplained, "ended before the tick");
-        assert_eq!(cause(10, &late(11_001, 900)), Cause::Unexplained, "after the tick");
+    fn diagnose_late_reference_timer_within_tick_names_machine() {
+        assert_eq!(cause(10, &late(10_250, 201)), Cause::Machine);
+        assert_eq!(cause(900, &late(9_500, 800)), Cause::Machine, "began before the tick");
+        assert_eq!(cause(10, &late(10_250, 200)), Cause::Unknown, "at the limit");
+        assert_eq!(cause(10, &late(9_000, 900)), Cause::Unknown, "ended before the tick");
+        assert_eq!(cause(10, &late(11_001, 900)), Cause::Unknown, "after the tick");
     }
 
     #[test]
-    fn diagnose_steal_time_around_tick_names_host() {
+    fn diagnose_steal_time_around_tick_names_steal() {
         let steal = |from_ms: u64| HostObservations {
             steals: vec![(Span { from_ns: from_ms * 1_000_000, to_ns: (from_ms + 10) * 1_000_000 }, 10)],
             ..HostObservations::default()
         };
-        assert_eq!(cause(900, &steal(5)), Cause::Host);
-        assert_eq!(cause(900, &steal(12)), Cause::Ours);
+        assert_eq!(cause(900, &steal(5)), Cause::Steal);
+        assert_eq!(cause(900, &steal(12)), Cause::Stack);
     }
 
     #[test]
-    fn diagnose_reference_timers_on_time_is_ours_or_unexplained() {
-        assert_eq!(cause(301, &late(10_250, 20)), Cause::Ours);
-        assert_eq!(cause(300, &late(10_250, 20)), Cause::Unexplained);
+    fn diagnose_reference_timers_on_time_is_stack_or_unknown() {
+        assert_eq!(cause(301, &late(10_250, 20)), Cause::Stack);
+        assert_eq!(cause(300, &late(10_250, 20)), Cause::Unknown);
         let diagnosis = diagnose(7, MissKind::TimebaseSlip { ticks: 2 }, WINDOW, &stamps(301), &HostObservations::default());
         assert_eq!(
             diagnosis.to_string(),
-            "tick 7 slipped by 2: ours (reference timer 0 us late, 0 ms steal time, plant's timer 50 us late, \
+            "tick 7 slipped by 2: stack (reference timer 0 us late, 0 ms steal time, plant's timer 50 us late, \
              the controller took 301 us)"
         );
         let unknown = diagnose(7, MissKind::Unanswered, WINDOW, &TickStamps::default(), &HostObservations::default());
-        assert_eq!((unknown.cause, unknown.evidence.slowest), (Cause::Unexplained, None));
+        assert_eq!((unknown.cause, unknown.evidence.slowest), (Cause::Unknown, None));
     }
 }

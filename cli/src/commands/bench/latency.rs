@@ -86,6 +86,7 @@ fn duration_s(args: &LatencyArgs) -> u64 {
 fn measure(args: &LatencyArgs, settings: &Settings, kinds: &[ChainKind], stop: &AtomicBool) -> Result<Option<BenchResults>> {
     let folder = TemporaryFolder::make()?;
     let longest = Duration::from_secs(2 * duration_s(args) + 60);
+    let load_average = load_average();
     let load = if args.load { Load::start(longest)? } else { Load::NONE };
     let mut stack = StackRun::start(args, duration_s(args), &folder)?;
     let Some(found) = stack.find(stop)? else { return Ok(None) };
@@ -117,7 +118,7 @@ fn measure(args: &LatencyArgs, settings: &Settings, kinds: &[ChainKind], stop: &
     let ticks = Ticks::read(stack.log())?;
     let stack_results = ticks.evaluate(span, &host_observations(&measured, steals));
     let names: Vec<_> = kinds.iter().map(|c| c.kind.clone()).collect();
-    let results = BenchResults::new(setup(args, &placement, busy), span, stack_results, &measured, &names);
+    let results = BenchResults::new(setup(args, &placement, busy, load_average), span, stack_results, &measured, &names);
     let completed = summary["completed"].as_bool().unwrap_or(false);
     Ok(Some(BenchResults { completed, stolen_ms, not_granted, ..results }))
 }
@@ -140,7 +141,13 @@ fn all_missing_privileges(results: &ChainResults, kinds: &[ChainKind], placement
         .collect()
 }
 
-fn setup(args: &LatencyArgs, placement: &ThreadPlacement, load: usize) -> MeasurementSetup {
+/// Load average of the last minute; zero if the system does not report it.
+fn load_average() -> f64 {
+    let text = std::fs::read_to_string("/proc/loadavg").unwrap_or_default();
+    text.split_whitespace().next().and_then(|word| word.parse().ok()).unwrap_or(0.0)
+}
+
+fn setup(args: &LatencyArgs, placement: &ThreadPlacement, load: usize, load_average: f64) -> MeasurementSetup {
     let name = |file: &str| std::fs::read_to_string(format!("/proc/sys/kernel/{file}")).unwrap_or_default();
     MeasurementSetup {
         scenario: args.scenario.clone(),
@@ -151,6 +158,7 @@ fn setup(args: &LatencyArgs, placement: &ThreadPlacement, load: usize) -> Measur
         chains_on_cores: placement.cores,
         priorities: placement.priorities,
         load,
+        load_average,
         message_bytes: [size_of::<State>(), size_of::<Request>(), size_of::<Command>()],
         unix_s: clock::unix_ns() / NS_PER_S,
     }

@@ -25,6 +25,8 @@ pub(super) struct MeasurementSetup {
     pub(super) priorities: [u32; 3],
     /// Number of busy processes.
     pub(super) load: usize,
+    /// Load average of the machine over the last minute, before the measurement: other programs than the stack.
+    pub(super) load_average: f64,
     /// Lengths of state, request and command [bytes].
     pub(super) message_bytes: [usize; 3],
     /// Time of the evaluation since the Unix epoch [s].
@@ -238,6 +240,7 @@ pub(super) mod tests {
             chains_on_cores: [Some(1); 3],
             priorities: [80, 76, 78],
             load: 0,
+            load_average: 0.25,
             message_bytes: [8, 16, 24],
             unix_s: 0,
         };
@@ -253,6 +256,6 @@ pub(super) mod tests {
         assert_eq!((chain.round_us.count, chain.unanswered, chain.skipped), (998, 1, 1));
         assert_eq!((results.timer_us.count, results.timer_us.max), (1, Some(4.0)));
         assert_eq!((results.missed.count, results.missed.per_100_000), (1, 100.0));
-        assert_eq!(results.missed.causes, [(Cause::Host, 1), (Cause::Ours, 0), (Cause::Unexplained, 0)]);
+        assert_eq!(results.missed.causes, [(Cause::Steal, 0), (Cause::Machine, 1), (Cause::Stack, 0), (Cause::Unknown, 0)]);
     }
 }

@@ -38,7 +38,7 @@ fn write_all(out: &mut String, r: &BenchResults) -> fmt::Result {
         a.message_bytes[0],
         a.message_bytes[1],
         a.message_bytes[2],
-        if a.load == 0 { "no load".to_owned() } else { format!("{} busy processes", a.load) }
+        if a.load == 0 { format!("load average {:.2} before", a.load_average) } else { format!("{} busy processes", a.load) }
     )?;
     if !r.completed {
         writeln!(out, "THE RUN DID NOT COMPLETE; the results are incomplete")?;
@@ -119,8 +119,8 @@ mod tests {
         for line in [
             "floor: 1 s measured after a warm-up, 1000 ticks; Linux 6.1, 2 cores",
             "  THE STACK, with its work                1000      60.0      60.0      60.0         -      60.0",
-            "missed deadlines: 1 in 1000 ticks, 100.0 in 100 000; cause: host 1, ours 0, unexplained 0",
-            "  tick 0 unanswered: host (reference timer 900 us late, 0 ms steal time, plant's timer 0 us late, \
+            "missed deadlines: 1 in 1000 ticks, 100.0 in 100 000; cause: steal 0, machine 1, stack 0, not known 0",
+            "  tick 0 unanswered: machine (reference timer 900 us late, 0 ms steal time, plant's timer 0 us late, \
              no process published)",
             "futex: 1 messages without an answer in 5 ms, 1 not sent after a long round trip",
             "  futex, process 1: not FIFO",

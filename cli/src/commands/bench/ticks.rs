@@ -182,7 +182,7 @@ mod tests {
         assert_eq!(works.max, Some(20.0), "the standby, at the tick that it answered");
         let missed: Vec<_> = results.missed.iter().map(|d| (d.tick, d.missed, d.cause)).collect();
         let slip = MissKind::TimebaseSlip { ticks: 2 };
-        assert_eq!(missed, [(6, MissKind::Unanswered, Cause::Ours), (8, slip, Cause::Unexplained)]);
+        assert_eq!(missed, [(6, MissKind::Unanswered, Cause::Stack), (8, slip, Cause::Unknown)]);
     }
 
     #[test]
