@@ -17,35 +17,35 @@ const LOCKSTEP_TIMEOUT_FACTOR: u64 = 5;
 impl Watch<'_> {
     /// Checks all processes and threads, and restarts what is lost; `false` if the run must end.
     pub(super) fn healthy(&mut self) -> Result<bool> {
-        if self.shared.operator.end_requested.load(Ordering::Relaxed) {
+        if self.run.shared.operator.end_requested.load(Ordering::Relaxed) {
             self.fault("supervisor", "was asked to end by the operator".to_owned(), Detector::Operator);
             return Ok(false);
         }
-        if self.stop.load(Ordering::Relaxed) {
+        if self.run.stop.load(Ordering::Relaxed) {
             self.fault("supervisor", "was asked to end by a signal".to_owned(), Detector::Signal);
             return Ok(false);
         }
-        self.evidence.observe(&self.shared.heartbeats, hapfic_ipc::clock::now_ns());
+        self.evidence.observe(&self.run.shared.heartbeats, hapfic_ipc::clock::now_ns());
         let healthy = self.check_processes()?;
         if let Some(age) = self.evidence.silence_ns(recorder::GATE)
             && age > self.silence_limit_ns()
-            && self.shared.heartbeats.read(recorder::GATE).phase != Some(Phase::Finished)
+            && self.run.shared.heartbeats.read(recorder::GATE).phase != Some(Phase::Finished)
         {
             self.fault("gate", format!("has sent no heartbeat for {} ms", age / 1_000_000), Detector::Heartbeat);
             return Ok(false);
         }
-        if healthy && self.shared.orders.start.load(Ordering::Relaxed) {
+        if healthy && self.run.shared.orders.start.load(Ordering::Relaxed) {
             self.inject()?;
             if self.stalled()? {
                 return Ok(false);
             }
         }
-        if self.shared.recorder.log_failed.load(Ordering::Acquire) || self.recorder.failed() {
+        if self.run.shared.recorder.log_failed.load(Ordering::Acquire) || self.run.recorder.failed() {
             self.fault("recorder", "cannot write the log any further".to_owned(), Detector::Recorder);
             return Ok(false);
         }
         if healthy && self.gate.as_ref().is_some_and(JoinHandle::is_finished) {
-            let done = self.shared.gate.tick.load(Ordering::Acquire) + 1 >= self.settings.duration_ticks as i64;
+            let done = self.run.shared.gate.tick.load(Ordering::Acquire) + 1 >= self.run.settings.duration_ticks as i64;
             if !done {
                 self.fault("gate", "ended too early".to_owned(), Detector::Exit);
                 return Ok(false);
@@ -56,49 +56,49 @@ impl Watch<'_> {
 
     /// Heartbeat age at which a process counts as lost [ns].
     pub(super) fn silence_limit_ns(&self) -> u64 {
-        let factor = if self.clock == Clock::Lockstep { LOCKSTEP_TIMEOUT_FACTOR } else { 1 };
-        u64::from(self.settings.supervisor.heartbeat_timeout_ms) * factor * 1_000_000
+        let factor = if self.run.clock == Clock::Lockstep { LOCKSTEP_TIMEOUT_FACTOR } else { 1 };
+        u64::from(self.run.settings.supervisor.heartbeat_timeout_ms) * factor * 1_000_000
     }
 
     /// Detects that all processes together do no tick although each is alive; returns whether the run must end.
     fn stalled(&mut self) -> Result<bool> {
-        let gated = self.shared.gate.tick.load(Ordering::Acquire);
+        let gated = self.run.shared.gate.tick.load(Ordering::Acquire);
         let joining = self.slots.iter().any(ProcessSlot::joining);
-        if gated != self.advanced.0 {
-            (self.plant_restart_left, self.all_restarted) = (true, false);
+        if gated != self.stall.advanced.0 {
+            (self.stall.plant_restart_left, self.stall.all_restarted) = (true, false);
         }
-        if gated != self.advanced.0 || gated + 1 >= self.settings.duration_ticks as i64 {
-            self.advanced = (gated, self.evidence.observed_ns());
+        if gated != self.stall.advanced.0 || gated + 1 >= self.run.settings.duration_ticks as i64 {
+            self.stall.advanced = (gated, self.evidence.observed_ns());
             return Ok(false);
         }
-        let limit_ms = u64::from(self.settings.supervisor.stall_timeout_ms);
+        let limit_ms = u64::from(self.run.settings.supervisor.stall_timeout_ms);
         let limit_ns = limit_ms * 1_000_000;
-        let silent_ns = self.evidence.observed_ns() - self.advanced.1;
+        let silent_ns = self.evidence.observed_ns() - self.stall.advanced.1;
         if silent_ns <= limit_ns / 2 {
-            self.stall_suspicions.clear();
-        } else if self.stall_suspicions.is_empty() {
+            self.stall.suspicions.clear();
+        } else if self.stall.suspicions.is_empty() {
             let children = self.slots.iter().filter_map(|slot| slot.child.as_ref());
-            self.stall_suspicions = children.map(|child| (child.pid(), Suspicion::begin(child.pid(), &self.evidence))).collect();
+            self.stall.suspicions = children.map(|child| (child.pid(), Suspicion::begin(child.pid(), &self.evidence))).collect();
         }
         // A starting process needs time, but it may also wait for a message that never comes.
         if silent_ns <= if joining { 2 * limit_ns } else { limit_ns } {
             return Ok(false);
         }
-        let starved = self.stall_suspicions.iter().any(|(pid, suspicion)| suspicion.is_starved(*pid, &self.evidence));
+        let starved = self.stall.suspicions.iter().any(|(pid, suspicion)| suspicion.is_starved(*pid, &self.evidence));
         if starved {
             // The others wait for a process that waits for a processor.
-            self.advanced.1 = self.evidence.observed_ns();
+            self.stall.advanced.1 = self.evidence.observed_ns();
             return Ok(false);
         }
-        self.advanced = (gated, self.evidence.observed_ns());
-        let rejected: Vec<_> = started(self.settings)
+        self.stall.advanced = (gated, self.evidence.observed_ns());
+        let rejected: Vec<_> = started(self.run.settings)
             .iter()
             .chain([&recorder::GATE])
-            .filter(|p| self.shared.heartbeats.read(**p).rejected > 0)
-            .map(|p| format!("{p} {}", self.shared.heartbeats.read(*p).rejected))
+            .filter(|p| self.run.shared.heartbeats.read(**p).rejected > 0)
+            .map(|p| format!("{p} {}", self.run.shared.heartbeats.read(*p).rejected))
             .collect();
         let rejected = if rejected.is_empty() { "none".to_owned() } else { rejected.join(", ") };
-        if self.clock == Clock::Lockstep && !std::mem::replace(&mut self.all_restarted, true) {
+        if self.run.clock == Clock::Lockstep && !std::mem::replace(&mut self.stall.all_restarted, true) {
             // A process waits for a message that another has not sent. The clock waits, so all may restart.
             let what =
                 format!("is restarted with the others: no tick was done for {} ms; messages rejected: {rejected}", limit_ms);
@@ -109,7 +109,7 @@ impl Watch<'_> {
             }
             return Ok(false);
         }
-        if self.settings.plant.on_loss == OnLoss::Restart && std::mem::take(&mut self.plant_restart_left) {
+        if self.run.settings.plant.on_loss == OnLoss::Restart && std::mem::take(&mut self.stall.plant_restart_left) {
             // The plant is next, since all others wait for it.
             let what = format!("has done no tick for {} ms; messages rejected: {rejected}", limit_ms);
             return Ok(!self.on_lost(Process::Plant, Detector::Tick, &what)?);

@@ -26,26 +26,26 @@ const CROWDED_TIMEOUT: Duration = Duration::from_millis(200);
 impl Watch<'_> {
     /// Checks every process and performs its restart actions; `false` if the run must end.
     pub(super) fn check_processes(&mut self) -> Result<bool> {
-        let supervisor = &self.settings.supervisor;
+        let supervisor = &self.run.settings.supervisor;
         let limits = DetectorLimits {
             ready_ns: u64::from(supervisor.ready_timeout_ms) * 1_000_000,
             silence_ns: self.silence_limit_ns(),
-            behind: (self.clock == Clock::Realtime).then_some(i64::from(supervisor.tick_timeout_ms)),
+            behind: (self.run.clock == Clock::Realtime).then_some(i64::from(supervisor.tick_timeout_ms)),
         };
         for index in 0..self.slots.len() {
             let slot = &mut self.slots[index];
             let process = slot.process;
-            if let Some((detector, what)) = slot.check(&self.shared, &self.evidence, &limits)?
+            if let Some((detector, what)) = slot.check(&self.run.shared, &self.evidence, &limits)?
                 && !self.on_lost(process, detector, &what)?
             {
                 return Ok(false);
             }
         }
-        if !self.shared.orders.start.load(Ordering::Relaxed) {
+        if !self.run.shared.orders.start.load(Ordering::Relaxed) {
             return Ok(true);
         }
         for slot in ControllerSlot::BOTH {
-            let rejected = &self.shared.gate.rejected_requests[slot as usize];
+            let rejected = &self.run.shared.gate.rejected_requests[slot as usize];
             if rejected.load(Ordering::Relaxed) >= REJECTED_LIMIT {
                 rejected.store(0, Ordering::Relaxed);
                 let what = format!("has sent rejected requests {REJECTED_LIMIT} ticks in a row");
@@ -55,8 +55,8 @@ impl Watch<'_> {
             }
         }
         self.update_primary();
-        self.cache.receive(&self.shared.gate.tick)?;
-        let rearms = self.shared.orders.rearms.load(Ordering::Acquire);
+        self.cache.receive(&self.run.shared.gate.tick)?;
+        let rearms = self.run.shared.orders.rearms.load(Ordering::Acquire);
         if rearms != std::mem::replace(&mut self.rearms, rearms) {
             self.stopped_by_budget = false;
             self.faults.retain(|fault| fault.detector != Detector::Budget);
@@ -65,18 +65,18 @@ impl Watch<'_> {
             }
         }
         for index in 0..self.slots.len() {
-            let signal = if self.slots[index].ticks(&self.shared) { RestartSignal::Ticked } else { RestartSignal::Time };
+            let signal = if self.slots[index].ticks(&self.run.shared) { RestartSignal::Ticked } else { RestartSignal::Time };
             self.advance(index, signal)?;
             self.report_rejected(index);
         }
         self.reconnect_all()?;
-        if self.shared.operator.cleanup_requested.swap(false, Ordering::AcqRel) {
+        if self.run.shared.operator.cleanup_requested.swap(false, Ordering::AcqRel) {
             self.clean_up()?;
         }
         self.poll_clean_up()?;
         // Clean-up takes milliseconds and delays starting processes, so it waits for them; topics hold some dead nodes.
         let joining = self.slots.iter().any(ProcessSlot::joining);
-        if self.not_cleaned_up > MAX_DEAD_NODES || (self.not_cleaned_up > 0 && !joining) {
+        if self.dead_nodes.count > MAX_DEAD_NODES || (self.dead_nodes.count > 0 && !joining) {
             self.clean_up()?;
         }
         Ok(true)
@@ -89,22 +89,22 @@ impl Watch<'_> {
         let mut more = false;
         for slot in &mut self.slots {
             // A restarted process counts from zero.
-            let failed_connections = self.shared.heartbeats.read(slot.process).failed_connections;
+            let failed_connections = self.run.shared.heartbeats.read(slot.process).failed_connections;
             more |= failed_connections > std::mem::replace(&mut slot.failed_connections, failed_connections);
         }
-        let own = self.shared.heartbeats.read(crate::recorder::GATE).failed_connections
-            + self.shared.recorder.failed_connections.load(Ordering::Relaxed);
-        more |= own > std::mem::replace(&mut self.failed_connections, own);
+        let own = self.run.shared.heartbeats.read(crate::recorder::GATE).failed_connections
+            + self.run.shared.recorder.failed_connections.load(Ordering::Relaxed);
+        more |= own > std::mem::replace(&mut self.dead_nodes.failed_connections, own);
         if !more {
             return Ok(());
         }
-        self.reconnect_due = true;
+        self.dead_nodes.reconnect_due = true;
         self.clean_up()
     }
 
     /// Follows the helper process of the clean-up, and reconnects all ports after it if that is due.
     fn poll_clean_up(&mut self) -> Result<()> {
-        match self.clean_up.poll(self.run_file, self.helper_priority())? {
+        match self.dead_nodes.helper.poll(self.run.run_file, self.helper_priority())? {
             CleanUpState::Running => return Ok(()),
             CleanUpState::Idle => {}
             CleanUpState::TimedOut => {
@@ -112,33 +112,33 @@ impl Watch<'_> {
                 self.note(Process::Supervisor, EventKind::Note, Detector::None, text);
             }
         }
-        if !std::mem::take(&mut self.reconnect_due) {
+        if !std::mem::take(&mut self.dead_nodes.reconnect_due) {
             return Ok(());
         }
-        self.bus.force_reconnect(&topic::STATE)?;
-        self.bus.force_reconnect(&topic::REFERENCE)?;
-        self.bus.force_reconnect(&topic::REQUEST)?;
-        self.bus.force_reconnect(&topic::COMMAND)?;
-        self.bus.force_reconnect(&topic::OPERATOR)?;
-        self.bus.force_reconnect(&topic::EVENT)?;
-        self.bus.force_reconnect(&topic::TIMING)?;
-        self.bus.force_reconnect(&topic::CREDIT)?;
-        self.bus.force_reconnect(&topic::INJECTION)?;
+        self.run.bus.force_reconnect(&topic::STATE)?;
+        self.run.bus.force_reconnect(&topic::REFERENCE)?;
+        self.run.bus.force_reconnect(&topic::REQUEST)?;
+        self.run.bus.force_reconnect(&topic::COMMAND)?;
+        self.run.bus.force_reconnect(&topic::OPERATOR)?;
+        self.run.bus.force_reconnect(&topic::EVENT)?;
+        self.run.bus.force_reconnect(&topic::TIMING)?;
+        self.run.bus.force_reconnect(&topic::CREDIT)?;
+        self.run.bus.force_reconnect(&topic::INJECTION)?;
         self.note(Process::Supervisor, EventKind::Note, Detector::None, "a connection failed: all ports reconnect");
         Ok(())
     }
 
     /// Starts the removal of dead nodes, after the hand-over cache has received their last messages.
     fn clean_up(&mut self) -> Result<()> {
-        let crowded = self.not_cleaned_up > MAX_DEAD_NODES;
-        self.not_cleaned_up = 0;
-        self.cache.receive(&self.shared.gate.tick)?;
-        self.clean_up.start(self.run_file, self.helper_priority())?;
+        let crowded = self.dead_nodes.count > MAX_DEAD_NODES;
+        self.dead_nodes.count = 0;
+        self.cache.receive(&self.run.shared.gate.tick)?;
+        self.dead_nodes.helper.start(self.run.run_file, self.helper_priority())?;
         let begun = Instant::now();
         // Without room for another node the next process could not start.
         while crowded
             && begun.elapsed() < CROWDED_TIMEOUT
-            && self.clean_up.poll(self.run_file, self.helper_priority())? == CleanUpState::Running
+            && self.dead_nodes.helper.poll(self.run.run_file, self.helper_priority())? == CleanUpState::Running
         {
             std::thread::sleep(FAST_POLL_INTERVAL);
         }
@@ -147,12 +147,12 @@ impl Watch<'_> {
 
     /// Returns the priority of helper processes: that of the main thread, if the gate has real-time privileges.
     fn helper_priority(&self) -> Option<u32> {
-        let granted = SchedGrants(self.shared.heartbeats.read(crate::recorder::GATE).realtime);
-        (self.clock == Clock::Realtime && granted.has(SchedGrants::FIFO)).then_some(WATCH_PRIORITY)
+        let granted = SchedGrants(self.run.shared.heartbeats.read(crate::recorder::GATE).realtime);
+        (self.run.clock == Clock::Realtime && granted.has(SchedGrants::FIFO)).then_some(WATCH_PRIORITY)
     }
 
     fn policy(&self) -> RestartPolicy {
-        let supervisor = &self.settings.supervisor;
+        let supervisor = &self.run.settings.supervisor;
         RestartPolicy {
             budget: supervisor.restart_budget,
             window_ms: supervisor.restart_window_ms.into(),
@@ -168,19 +168,19 @@ impl Watch<'_> {
     /// Handles the loss of a process; `false` if the run must end.
     pub(super) fn on_lost(&mut self, process: Process, detector: Detector, what: &str) -> Result<bool> {
         let Some(index) = self.slots.iter().position(|s| s.process == process) else { return Ok(true) };
-        self.segments.process_lost();
+        self.dead_nodes.segments.process_lost();
         // Precedes the other steps, so that the gate stops waiting for the process.
-        self.shared.presence.present.fetch_and(!bit(process), Ordering::AcqRel);
+        self.run.shared.presence.present.fetch_and(!bit(process), Ordering::AcqRel);
         let fatal = match process {
-            _ if !self.shared.orders.start.load(Ordering::Relaxed) => true,
-            Process::Plant => self.settings.plant.on_loss == OnLoss::Fail,
+            _ if !self.run.shared.orders.start.load(Ordering::Relaxed) => true,
+            Process::Plant => self.run.settings.plant.on_loss == OnLoss::Fail,
             _ => false,
         };
         if fatal {
             self.fault(process.name(), what.to_owned(), detector);
             return Ok(false);
         }
-        self.shared.presence.missing.fetch_or(bit(process), Ordering::AcqRel);
+        self.run.shared.presence.missing.fetch_or(bit(process), Ordering::AcqRel);
         for doorbell in &self.doorbells {
             doorbell.notify();
         }
@@ -198,7 +198,7 @@ impl Watch<'_> {
         }
         self.advance(index, RestartSignal::Lost)?;
         // In lockstep the clock would wait forever; without a plant no tick is left in which the gate could stop.
-        if self.stopped_by_budget && (self.clock == Clock::Lockstep || process == Process::Plant) {
+        if self.stopped_by_budget && (self.run.clock == Clock::Lockstep || process == Process::Plant) {
             return Ok(false);
         }
         self.advance(index, RestartSignal::Time)?;
@@ -224,16 +224,16 @@ impl Watch<'_> {
 
     fn restart(&mut self, index: usize) -> Result<()> {
         let process = self.slots[index].process;
-        let resume = self.cache.hand_over(process, &self.shared.gate.tick)?;
+        let resume = self.cache.hand_over(process, &self.run.shared.gate.tick)?;
         let slot = &mut self.slots[index];
         slot.generation += 1;
         slot.started_observed_ns = self.evidence.observed_ns();
         slot.suspicion = None;
         slot.rejected = 0;
         slot.kill_pending = false;
-        self.shared.heartbeats.expect(process, slot.generation);
+        self.run.shared.heartbeats.expect(process, slot.generation);
         let start = ProcessStart { generation: slot.generation, resume };
-        let child = match Child::start(process, self.settings, self.run_file, start) {
+        let child = match Child::start(process, self.run.settings, self.run.run_file, start) {
             Ok(child) => child,
             // Out of memory or processes: handled like a process that ends immediately.
             Err(e) => {
@@ -241,17 +241,17 @@ impl Watch<'_> {
                 return self.advance(index, RestartSignal::Lost);
             }
         };
-        if self.clock == Clock::Realtime
-            && SchedGrants(self.shared.heartbeats.read(crate::recorder::GATE).realtime).has(SchedGrants::FIFO)
+        if self.run.clock == Clock::Realtime
+            && SchedGrants(self.run.shared.heartbeats.read(crate::recorder::GATE).realtime).has(SchedGrants::FIFO)
         {
-            prioritise_joining(&child, self.cores.reserve);
+            prioritise_joining(&child, self.run.cores.reserve);
         }
         slot.child = Some(child);
         let from = resume.map_or(String::new(), |tick| format!(", continues from tick {tick}"));
         let (number, waited) = (slot.restart.restarts(), slot.lost.map_or(0, |lost| lost.elapsed().as_millis()));
         let text = format!("{process} restarts {waited} ms after the detected loss (number {number} of its budget){from}");
         self.note(process, EventKind::Restarted, Detector::None, &text);
-        self.not_cleaned_up += 1;
+        self.dead_nodes.count += 1;
         Ok(())
     }
 
@@ -260,20 +260,20 @@ impl Watch<'_> {
         let (process, generation) = (slot.process, slot.generation);
         let out = slot.lost.take().map_or(Duration::ZERO, |lost| lost.elapsed());
         slot.longest = slot.longest.max(out);
-        self.shared.presence.present.fetch_or(bit(process), Ordering::AcqRel);
-        self.shared.presence.missing.fetch_and(!bit(process), Ordering::AcqRel);
+        self.run.shared.presence.present.fetch_or(bit(process), Ordering::AcqRel);
+        self.run.shared.presence.missing.fetch_and(!bit(process), Ordering::AcqRel);
         if generation > 0 {
             self.swap_roles();
             let text = format!("{process} does ticks again, {:.1} ms after the detected loss", out.as_secs_f64() * 1e3);
             self.note(process, EventKind::Joined, Detector::None, &text);
-            self.injections.republish(process, self.shared.gate.tick.load(Ordering::Acquire))?;
+            self.injections.republish(process, self.run.shared.gate.tick.load(Ordering::Acquire))?;
         }
         Ok(())
     }
 
     /// Swaps priorities and cores of the controllers after the gate has changed the primary.
     pub(super) fn update_primary(&mut self) {
-        let primary = self.shared.gate.primary.load(Ordering::Relaxed);
+        let primary = self.run.shared.gate.primary.load(Ordering::Relaxed);
         if std::mem::replace(&mut self.primary, primary) != primary {
             self.swap_roles();
         }
@@ -283,20 +283,23 @@ impl Watch<'_> {
     ///
     /// A starting controller keeps its priority and core until it does ticks.
     fn swap_roles(&mut self) {
-        if self.clock == Clock::Lockstep {
+        if self.run.clock == Clock::Lockstep {
             return;
         }
-        let primary = self.shared.gate.primary.load(Ordering::Relaxed);
-        let present = self.shared.presence.present.load(Ordering::Acquire);
+        let primary = self.run.shared.gate.primary.load(Ordering::Relaxed);
+        let present = self.run.shared.presence.present.load(Ordering::Acquire);
         let controllers = self.slots.iter().filter(|s| matches!(s.process, Process::Controller | Process::Standby));
         for slot in controllers.filter(|s| present & bit(s.process) != 0) {
             let first = slot.process.code() == primary;
-            let realtime = &self.settings.realtime;
+            let realtime = &self.run.settings.realtime;
             let priority = realtime.priority_controller - u32::from(!first);
-            let core =
-                if first { realtime.core_controller.or(self.cores.shared) } else { realtime.core_standby.or(self.cores.reserve) };
+            let core = if first {
+                realtime.core_controller.or(self.run.cores.shared)
+            } else {
+                realtime.core_standby.or(self.run.cores.reserve)
+            };
             let Some(child) = &slot.child else { continue };
-            let granted = SchedGrants(self.shared.heartbeats.read(slot.process).realtime);
+            let granted = SchedGrants(self.run.shared.heartbeats.read(slot.process).realtime);
             // Both calls fail only if the controller has just ended.
             if granted.has(SchedGrants::FIFO) {
                 let _ = realtime::set_priority_of(child.pid(), priority);
@@ -309,13 +312,13 @@ impl Watch<'_> {
 
     fn trip_latched_stop(&mut self, index: usize) {
         let process = self.slots[index].process;
-        let budget = self.settings.supervisor.restart_budget;
-        let window_s = f64::from(self.settings.supervisor.restart_window_ms) * 1e-3;
+        let budget = self.run.settings.supervisor.restart_budget;
+        let window_s = f64::from(self.run.settings.supervisor.restart_window_ms) * 1e-3;
         self.stopped_by_budget = true;
-        self.shared.orders.stop_latched(Detector::Budget);
+        self.run.shared.orders.stop_latched(Detector::Budget);
         let what = format!("was lost once more after {budget} restarts within {window_s} s: it does not restart");
         self.fault(process.name(), what.clone(), Detector::Budget);
-        if self.clock == Clock::Realtime && process != Process::Plant {
+        if self.run.clock == Clock::Realtime && process != Process::Plant {
             crate::log_line(&format!(
                 "hapfic: LATCHED STOP: {process} {what}. The drive brakes. Hint: `hapfic rearm` tries again, \
                  `hapfic stop` ends the run"
@@ -327,7 +330,7 @@ impl Watch<'_> {
     fn report_rejected(&mut self, index: usize) {
         let slot: &mut ProcessSlot = &mut self.slots[index];
         let process = slot.process;
-        let now = self.shared.heartbeats.read(process).rejected;
+        let now = self.run.shared.heartbeats.read(process).rejected;
         let before = std::mem::replace(&mut slot.rejected, now);
         if now > before {
             let text = format!("{process} has rejected {} messages", now - before);

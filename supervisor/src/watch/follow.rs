@@ -1,0 +1,211 @@
+//! Course of a run in the main thread: start, ticks, end.
+
+use super::slot::ProcessSlot;
+use super::{FAST_POLL_INTERVAL, POLL_INTERVAL, RunTimes, WATCH_PRIORITY, Watch, bit};
+use crate::children::{self, Child, started};
+use crate::progress::Progress;
+use crate::{preflight, privileges, recorder, summary};
+use anyhow::Result;
+use hapfic_config::PERIOD_S;
+use hapfic_ipc::ProcessStart;
+use hapfic_ipc::realtime::{self, SchedGrants};
+use hapfic_messages::{Clock, Detector, EventKind, Phase, Process, RealtimeMode, Severity};
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+
+/// Ticks before an injected fault in which the supervisor polls fast.
+const NEAR_TICKS: i64 = 200;
+/// Time that processes may take for their last tick after the gate's.
+const LAST_TICK_TIMEOUT: Duration = Duration::from_secs(1);
+
+impl Watch<'_> {
+    /// Starts all processes, waits until they are ready, and watches the run to its end.
+    ///
+    /// # Errors
+    /// If a process cannot be started or polled.
+    pub fn start_and_follow(&mut self) -> Result<RunTimes> {
+        for process in started(self.run.settings) {
+            let child = Child::start(*process, self.run.settings, self.run.run_file, ProcessStart::default())?;
+            self.slots.push(ProcessSlot::new(*process, child));
+        }
+        let ready = self.wait_until_ready()?;
+        let begun = Instant::now();
+        let launch_s = self.run.request.since.elapsed().as_secs_f64();
+        let steal_before_ms = summary::steal_ms();
+        let mut completed = false;
+        if ready {
+            preflight::reserve_segments(&self.run.prefix)?;
+            if self.run.clock == Clock::Realtime && !self.has_required_privileges() {
+                return Ok(RunTimes { launch_s, ..RunTimes::default() });
+            }
+            if self.run.clock == Clock::Realtime {
+                privileges::report(self.run.settings, self.run.request.realtime, self.run.cores, &self.run.shared);
+            }
+            let what = format!("{} ({}) starts", self.run.request.scenario, self.run.clock.name());
+            self.report(-1, Process::Supervisor, EventKind::Started, Severity::Nominal, Detector::None, &what);
+            self.run.notify.ready();
+            self.run.notify.status(&what);
+            self.begun = Instant::now();
+            self.stall.advanced = (-1, self.evidence.observed_ns());
+            let present = started(self.run.settings).iter().fold(0, |bits, p| bits | bit(*p));
+            self.run.shared.presence.present.store(present, Ordering::Release);
+            for slot in &mut self.slots {
+                slot.restart.stage = hapfic_gate::restart_policy::RestartStage::Working;
+            }
+            self.inject()?;
+            if self.run.clock == Clock::Realtime
+                && SchedGrants(self.run.shared.heartbeats.read(recorder::GATE).realtime).has(SchedGrants::FIFO)
+            {
+                // Restarts must not wait for other processes of the machine; without the privilege they do.
+                let _ = realtime::set_fifo(WATCH_PRIORITY);
+            }
+            self.run.shared.orders.start.store(true, Ordering::Release);
+            completed = self.follow()?;
+            if completed {
+                let last = self.run.shared.gate.tick.load(Ordering::Relaxed);
+                self.report(last, Process::Supervisor, EventKind::Ended, Severity::Nominal, Detector::None, "all ticks are done");
+            }
+        }
+        Ok(RunTimes {
+            launch_s,
+            wall_s: begun.elapsed().as_secs_f64(),
+            steal_ms: summary::steal_ms().saturating_sub(steal_before_ms),
+            completed,
+        })
+    }
+
+    /// Waits until all processes report that they are ready; `false` if one does not.
+    fn wait_until_ready(&mut self) -> Result<bool> {
+        let deadline = Instant::now() + Duration::from_millis(self.run.settings.supervisor.ready_timeout_ms.into());
+        loop {
+            if !self.healthy()? {
+                return Ok(false);
+            }
+            let missing: Vec<_> = started(self.run.settings)
+                .iter()
+                .chain([&recorder::GATE])
+                .filter(|p| self.run.shared.heartbeats.read(**p).phase.is_none())
+                .map(|p| p.name())
+                .collect();
+            if missing.is_empty() {
+                return Ok(true);
+            }
+            if Instant::now() > deadline {
+                for process in missing {
+                    self.fault(process, "did not get ready in time".to_owned(), Detector::Start);
+                }
+                return Ok(false);
+            }
+            self.pause(FAST_POLL_INTERVAL);
+        }
+    }
+
+    /// Watches the run; returns whether it completed.
+    fn follow(&mut self) -> Result<bool> {
+        let mut progress = Progress::new(self.run.settings.duration_ticks as f64 * PERIOD_S);
+        loop {
+            if self.run.shared.gate.tick.load(Ordering::Acquire) + 1 >= self.run.settings.duration_ticks as i64 {
+                progress.clear();
+                let stopped = self.run.shared.gate.severity.load(Ordering::Relaxed) == Severity::Stopped.code();
+                if stopped && !self.stopped_by_budget {
+                    self.fault("supervisor", "was in a latched stop when the run ended".to_owned(), Detector::Operator);
+                }
+                return Ok(true);
+            }
+            if !self.healthy()? {
+                progress.clear();
+                return Ok(false);
+            }
+            if let Ok(snapshot) = self.run.shared.recorder.snapshot.lock() {
+                progress.show(&snapshot, self.run.shared.gate.counts().missed);
+            }
+            self.run.notify.watchdog();
+            let joining = self.slots.iter().any(ProcessSlot::joining);
+            if joining {
+                self.cache.preloan();
+                for doorbell in &self.doorbells {
+                    doorbell.notify();
+                }
+            }
+            let near = joining || self.injections.near(self.run.shared.gate.tick.load(Ordering::Relaxed), NEAR_TICKS);
+            self.pause(if near { FAST_POLL_INTERVAL } else { POLL_INTERVAL });
+        }
+    }
+
+    /// Waits until a process ends, or for `time`.
+    fn pause(&self, time: Duration) {
+        children::watch(self.slots.iter().filter_map(|s| s.child.as_ref()), time);
+    }
+
+    /// Injects the faults that are due.
+    pub(super) fn inject(&mut self) -> Result<()> {
+        let gated = self.run.shared.gate.tick.load(Ordering::Acquire);
+        for (fault, what) in self.injections.act(&mut self.slots, &self.run.shared, gated)? {
+            let about = Process::from_name(fault.target.name()).unwrap_or(Process::Supervisor);
+            self.note(about, EventKind::Injected, Detector::None, &format!("injected fault: {what}"));
+        }
+        Ok(())
+    }
+
+    /// With `--realtime require`: whether every thread has all privileges that it requested.
+    fn has_required_privileges(&mut self) -> bool {
+        if self.run.request.realtime != RealtimeMode::Require {
+            return true;
+        }
+        let missing = privileges::missing(self.run.settings, self.run.cores, &self.run.shared);
+        for (process, what) in &missing {
+            self.fault(process, format!("did not get {what}, which --realtime require demands"), Detector::Start);
+        }
+        missing.is_empty()
+    }
+
+    /// Ends gate and processes, then lets the recorder drain the remaining messages.
+    ///
+    /// # Errors
+    /// If the system does not report how a process ended.
+    pub fn end(&mut self, completed: bool) -> Result<()> {
+        self.run.notify.stopping();
+        if completed {
+            // A controller whose request the last tick did not need still sends it.
+            let begun = Instant::now();
+            let done =
+                |s: &ProcessSlot| s.child.is_none() || self.run.shared.heartbeats.read(s.process).phase == Some(Phase::Finished);
+            while !self.slots.iter().all(done) && begun.elapsed() < LAST_TICK_TIMEOUT {
+                self.pause(FAST_POLL_INTERVAL);
+            }
+        }
+        self.run.shared.orders.stop.store(true, Ordering::Release);
+        if let Some(gate) = self.gate.take() {
+            match gate.join() {
+                Ok(Ok(())) => {}
+                Ok(Err(e)) => self.fault("gate", e.to_string(), Detector::Exit),
+                Err(_) => self.fault("gate", "panicked".to_owned(), Detector::Exit),
+            }
+        }
+        if completed {
+            // Their last messages lie in their own memory: the recorder drains them before the processes end.
+            let begun = Instant::now();
+            let seen = self.run.shared.recorder.rounds.load(Ordering::Acquire);
+            while self.run.shared.recorder.rounds.load(Ordering::Acquire) < seen + 2 && begun.elapsed() < LAST_TICK_TIMEOUT {
+                self.pause(FAST_POLL_INTERVAL);
+            }
+        }
+        let children: Vec<Child> = self.slots.iter_mut().filter_map(|s| s.child.take()).collect();
+        let killed = children::end(children)?;
+        for process in killed.processes {
+            self.fault(process.name(), "did not end on request, and was killed".to_owned(), Detector::Exit);
+        }
+        self.abandoned.extend(killed.abandoned);
+        for child in std::mem::take(&mut self.abandoned).iter_mut() {
+            if child.ended()?.is_none() {
+                self.fault(
+                    child.process.name(),
+                    format!("is left behind: it does not end after SIGKILL ({})", child.remains()),
+                    Detector::Exit,
+                );
+            }
+        }
+        self.run.shared.orders.drain.store(true, Ordering::Release);
+        Ok(())
+    }
+}
