@@ -5,12 +5,13 @@ mod states;
 pub use states::Gaps;
 
 use crate::arrival_predictor::ArrivalPredictor;
-use crate::bus::{Bus, Domain, Input, Output};
+use crate::bus::{Bus, Domain};
 use crate::child::{Ending, supervisor_gone, tie_to_supervisor};
 use crate::deadline_timer::DeadlineTimer;
 use crate::doorbell::{Doorbell, Wakes, wait};
 use crate::error::IpcError;
 use crate::heartbeat::HeartbeatPage;
+use crate::ports::{Input, Output};
 use crate::realtime::{self, Prefault, SchedGrants, SchedRequest};
 use crate::run::RunFile;
 use crate::{allocations, topic};

@@ -1,8 +1,9 @@
 //! Fault injection into the messages that a process sends.
 
-use crate::bus::{Input, Output, Wait};
+use crate::bus::Wait;
 use crate::context::Context;
 use crate::error::IpcError;
+use crate::ports::{Input, Output};
 use crate::{clock, topic};
 use hapfic_messages::{Injection, MAX_JOINTS, Message, MessageFault, Process, Reference, Request, State};
 

@@ -78,6 +78,6 @@ fn ports_rest_on_the_iceoryx2_that_was_read() {
     assert!(
         version.contains("version = \"0.10.0\""),
         "iceoryx2 has changed: check in its sources that ports of `ipc::Service` are kept on one thread by \
-         `arc_sync_policy::SingleThreaded` alone (see the SAFETY comments in bus.rs), then change this test:{version}"
+         `arc_sync_policy::SingleThreaded` alone (see the SAFETY comments in ports.rs), then change this test:{version}"
     );
 }

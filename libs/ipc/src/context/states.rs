@@ -2,10 +2,10 @@
 
 use super::Context;
 use crate::arrival_predictor::ArrivalPredictor;
-use crate::bus::Input;
 use crate::clock;
 use crate::doorbell::Wakes;
 use crate::error::IpcError;
+use crate::ports::Input;
 use crate::realtime::SchedGrants;
 use hapfic_messages::{Check, Clock, PERIOD_NS, State};
 
