@@ -208,3 +208,50 @@ fn interrupted_run_is_no_fault_and_deleted_log_is_reported() {
     );
     assert!(end.out.contains("was deleted during the run"), "{}", end.out);
 }
+
+/// Kills in [`replacements_killed_while_starting_never_hang`]; `HAPFIC_KILLS` sets another number.
+const KILLS: u32 = 60;
+
+/// Kills every replacement 0 to 30 ms after it has appeared: while it maps, creates and connects its segments.
+#[test]
+fn replacements_killed_while_starting_never_hang() {
+    let kills: u32 = std::env::var("HAPFIC_KILLS").map_or(KILLS, |number| number.parse().unwrap());
+    let _lock = realtime_lock();
+    let stack = StackSandbox::new();
+    std::fs::write(stack.path("steady.toml"), running::unscripted(&stack)).unwrap();
+    let budget = ["--set", "supervisor.restart_budget=1000000", "--set", "supervisor.restart_backoff_ms=1"];
+    let mut run = stack.start(&[&["run", "steady.toml", "--duration", "36000", "--log", "run.mcap"], &budget[..]].concat());
+    let _ = running::status_at(&stack, 200);
+    let mut killed = std::collections::HashSet::new();
+    // SplitMix64 of the number of the kill: the delays are the same in every run.
+    let delay_us = |number: u64| {
+        let mut z = number.wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        (z ^ (z >> 27)) % 30_000
+    };
+    for number in 0..kills {
+        let begun = Instant::now();
+        let (name, pid) = loop {
+            let children = hapfic_tests::children_of(run.pid());
+            let new = children.into_iter().find(|(name, pid)| name != "plant" && name != "clean-up" && !killed.contains(pid));
+            if let Some(found) = new {
+                break found;
+            }
+            assert!(begun.elapsed() < running::TIMEOUT, "after {number} kills no process is replaced any more");
+        };
+        killed.insert(pid);
+        std::thread::sleep(Duration::from_micros(delay_us(number.into())));
+        // A process may have ended by itself.
+        let _ = kill_process(Pid::from_raw(pid as i32).unwrap(), Signal::KILL);
+        if number % 50 == 49 {
+            let tick = running::status_at(&stack, 0)["tick"].as_i64().unwrap();
+            let _ = running::status_at(&stack, tick + 20);
+            eprintln!("{} kills, the last of {name}", number + 1);
+        }
+    }
+    let tick = running::status_at(&stack, 0)["tick"].as_i64().unwrap();
+    let _ = running::status_at(&stack, tick + 1000);
+    let _ = run.children(&["plant", "planner", "controller", "standby"]);
+    run.signal(Signal::INT);
+    run.finish().expect_nothing_left();
+}
