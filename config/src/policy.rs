@@ -18,12 +18,13 @@ pub enum Search {
 #[derive(Clone, Copy, Debug, Default, Deserialize, Eq, JsonSchema, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ResetPolicy {
-    /// dx returns to zero when F_d is zero, and is kept while the force is matched.
+    /// dx returns to zero when F_d is zero, and is kept while the force is matched. A lost contact resets it under every
+    /// policy.
     #[default]
     ContactLoss,
     /// dx returns to zero whenever the search is at rest (`Reset = true`): the force collapses when it is matched.
     AsPrinted,
-    /// dx is always kept (`Reset = false`).
+    /// dx is kept also when F_d is zero (`Reset = false`).
     Never,
 }
 

@@ -5,6 +5,8 @@
 //! new target is valid at any tick: position and velocity stay continuous, and the acceleration never exceeds its
 //! limit.
 //!
+//! Read `harmonic_arc.rs` first: the formula of one axis. `planner.rs` has three of them, `plan.rs` the tick.
+//!
 //! The law is pure: [`step`] takes a state and returns the next one. The state is plain data
 //! ([`hapfic_messages::PlannerState`]) and complete: a planner that restarts from a copy continues bit for bit.
 //!
@@ -23,7 +25,7 @@
 //! assert_eq!(reference, target);
 //! ```
 
-mod axis;
+mod harmonic_arc;
 mod plan;
 mod planner;
 

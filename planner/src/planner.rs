@@ -1,6 +1,6 @@
 //! Planner of the three axes: state in, state and setpoint out.
 
-use crate::axis::{self, Acceptance};
+use crate::harmonic_arc::{self as arc, Acceptance};
 use hapfic_messages::PlannerState;
 
 /// Peak speed of a harmonic trajectory over its desired mean speed (the paper's ratio).
@@ -31,7 +31,7 @@ pub struct Setpoint {
 /// Returns the state of a reference at rest on `position` [m], finite.
 #[must_use]
 pub fn hold(position: [f64; 3]) -> PlannerState {
-    PlannerState { ticks: 0, axes: position.map(axis::rest) }
+    PlannerState { ticks: 0, axes: position.map(arc::rest) }
 }
 
 /// Returns the setpoint of a state; `period_s` is the control tick [s], finite and > 0.
@@ -40,7 +40,7 @@ pub fn hold(position: [f64; 3]) -> PlannerState {
 #[must_use]
 pub fn setpoint(state: &PlannerState, period_s: f64) -> Setpoint {
     let t = if is_positive(period_s) { state.ticks as f64 * period_s } else { 0.0 };
-    let at = state.axes.map(|plan| axis::evaluate(&plan, t));
+    let at = state.axes.map(|plan| arc::evaluate(&plan, t));
     Setpoint { position_m: at.map(|(position, _)| position), velocity_m_per_s: at.map(|(_, velocity)| velocity) }
 }
 
@@ -77,7 +77,7 @@ fn accept(target: [f64; 3], now: &Setpoint, p: &PlannerParameters) -> Option<Pla
     }
     let [x, y, z] = [0_usize, 1, 2].map(|i| target[i] - now.position_m[i]);
     let acceptance = Acceptance { peak_speed, max_acceleration: p.max_acceleration_m_per_s2, distance: x.hypot(y).hypot(z) };
-    let plan = |i: usize| axis::accept(target[i], now.position_m[i], now.velocity_m_per_s[i], &acceptance);
+    let plan = |i: usize| arc::accept(target[i], now.position_m[i], now.velocity_m_per_s[i], &acceptance);
     Some(PlannerState { ticks: 0, axes: [plan(0)?, plan(1)?, plan(2)?] })
 }
 

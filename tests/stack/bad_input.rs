@@ -80,9 +80,9 @@ fn run_unwritable_output_rejected() {
     rejected(&stack, &["run", "--log", "/dev/full"], &["/dev/full"]);
     rejected(&stack, &["run", "--summary-json", "nowhere/summary.json"], &["nowhere/summary.json"]);
     // An existing file stays as it is.
-    std::fs::write(stack.path("old.json"), "old").unwrap();
+    std::fs::write(stack.path("old.json"), "{\"launch_s\": 1}").unwrap();
     rejected(&stack, &["run", "--summary-json", "old.json", "--log", "/dev/full"], &["/dev/full"]);
-    assert_eq!(std::fs::read_to_string(stack.path("old.json")).unwrap(), "old");
+    assert_eq!(std::fs::read_to_string(stack.path("old.json")).unwrap(), "{\"launch_s\": 1}");
 }
 
 #[test]
