@@ -2,7 +2,7 @@
 //!
 //! Tests run in parallel, each in a namespace of its own. Realtime tests run one at a time (a lock file). No test
 //! asserts a time.
-#![allow(clippy::unwrap_used, clippy::expect_used, missing_docs)]
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stderr, missing_docs)]
 
 mod bad_input;
 mod command_line;

@@ -10,7 +10,6 @@ use crate::atomic::{AtomicU32, Ordering};
 /// each notification then makes its system call.
 #[derive(Debug)]
 #[repr(C, align(64))]
-#[repr(C)]
 pub struct DoorbellWord {
     sequence: AtomicU32,
     waiters: AtomicU32,
