@@ -27,9 +27,9 @@ pub struct MomentsSummary {
 pub struct ObjectSummary {
     /// Name in the scenario.
     pub name: Label,
-    /// Largest angle of rotation from the first to a later orientation, 0 to 180 [degrees].
+    /// Largest angle of rotation from the first to a later orientation, 0 to 180 [deg].
     pub max_turn_deg: f64,
-    /// Angle of rotation from the first to the last orientation [degrees].
+    /// Angle of rotation from the first to the last orientation [deg].
     pub final_turn_deg: f64,
     /// Whether it ever rested on another face: its z axis at least 80 degrees from the first direction, for 0.2 s
     /// slower than 1 mm/s and 0.01 rad/s.
