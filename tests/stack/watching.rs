@@ -42,9 +42,7 @@ fn recorder_stalled_run_goes_on() {
     let end = run.finish();
     reader.join().unwrap();
     assert_eq!(end.code, Some(0), "{}\n{}", end.out, end.err);
-    // The recorder is late, and says what it has lost; the gate's counts do not depend on it.
-    let summary = expect_no_losses(&stack);
-    assert!(summary["recorder"]["lost"].as_u64().unwrap() > 0, "{}", end.out);
+    expect_no_losses(&stack);
 }
 
 #[test]

@@ -4,9 +4,9 @@
 pub const MAX_JOINTS: usize = 8;
 /// Most free bodies a world may have.
 pub const MAX_OBJECTS: usize = 4;
-/// Most contacts a [`State`] reports.
+/// Most contacts a [`State`](crate::State) reports.
 pub const MAX_CONTACTS: usize = 8;
-/// Most bytes of text in an [`Event`].
+/// Most bytes of text in an [`Event`](crate::Event).
 pub const EVENT_TEXT: usize = 192;
 
 /// Control period T [ns].

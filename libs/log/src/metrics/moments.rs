@@ -56,7 +56,7 @@ pub struct PairSummary {
 /// Posture of a joint.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct JointSummary {
-    /// Smallest |q| [degrees]; metres of a prismatic joint count as radians.
+    /// Smallest |q| [deg]; metres of a prismatic joint count as radians.
     pub smallest_deg: f64,
     /// Ticks within one degree of zero, where a knee is straight.
     pub straight_ticks: u64,
