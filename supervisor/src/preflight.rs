@@ -3,6 +3,7 @@
 use anyhow::{Result, ensure};
 use hapfic_config::{PERIOD_S, Settings};
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
+use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::Path;
 
 /// Folder of POSIX shared memory.
@@ -19,7 +20,8 @@ const LOG_BYTES_PER_S: f64 = 1.5e6;
 /// # Errors
 /// The first that does not suffice: what was found, and what the run needs.
 pub fn check(settings: &Settings, log: &Path) -> Result<()> {
-    if let Ok(fs) = rustix::fs::statvfs(SHM) {
+    // A file system without a limit reports no blocks.
+    if let Some(fs) = rustix::fs::statvfs(SHM).ok().filter(|fs| fs.f_blocks > 0) {
         let free = fs.f_bavail * fs.f_frsize;
         ensure!(
             free >= SHM_BYTES,
@@ -69,9 +71,13 @@ pub fn reserve_segments(prefix: &str) -> Result<()> {
             continue;
         }
         // A segment may vanish, or be read-only: then its maker has reserved it, or no process writes to it.
-        let Ok(file) = std::fs::File::options().read(true).write(true).open(entry.path()) else { continue };
+        let no_link = rustix::fs::OFlags::NOFOLLOW.bits() as i32;
+        let opened = std::fs::File::options().read(true).write(true).custom_flags(no_link).open(entry.path());
+        let Ok(file) = opened else { continue };
         let Ok(metadata) = file.metadata() else { continue };
-        if metadata.len() > 0 {
+        // Other users may put files of any name beside the run's.
+        let own = metadata.is_file() && metadata.uid() == rustix::process::geteuid().as_raw();
+        if own && metadata.len() > 0 {
             let reserved = rustix::fs::fallocate(&file, rustix::fs::FallocateFlags::KEEP_SIZE, 0, metadata.len());
             ensure!(
                 reserved != Err(rustix::io::Errno::NOSPC),

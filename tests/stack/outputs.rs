@@ -27,8 +27,12 @@ fn output_of_other_kind_is_kept() {
         assert!(!stack.path("a.mcap").exists(), "{case:?}");
     }
     stack.run(&[&SHORT[..], &["--log", "precious", "--force"]].concat()).expect(0);
-    // A log may replace a log.
-    stack.run(&[&SHORT[..], &["--log", "own.mcap"]].concat()).expect(0);
+    // Every output may replace one of its own kind.
+    for _ in 0..2 {
+        stack.run(&[&SHORT[..], &["--log", "own.mcap", "--summary-json", "own.json"]].concat()).expect(0);
+        stack.run(&["simulate", "floor", "--duration", "0.05", "--csv", "own.csv", "--log", "simulated.mcap"]).expect(0);
+        stack.run(&["report", "own.mcap", "--html", "own.html", "--json", "report.json", "--png", "pictures"]).expect(0);
+    }
 }
 
 #[test]

@@ -207,6 +207,31 @@ fn interrupted_run_is_no_fault_and_deleted_log_is_reported() {
     assert!(end.out.contains("was deleted during the run"), "{}", end.out);
 }
 
+#[test]
+fn rearm_before_requested_stop_is_rejected() {
+    let stack = StackSandbox::new();
+    let patient = ["--set", "supervisor.heartbeat_timeout_ms=10000", "--set", "supervisor.stall_timeout_ms=60000"];
+    let run = ["run", "floor", "--clock", "lockstep", "--duration", "3600", "--log", "run.mcap"];
+    let mut run = stack.start(&[&run[..], &patient[..]].concat());
+    let _ = running::status_at(&stack, 200);
+    let plant = Pid::from_raw(pid_of(&mut run, "plant") as i32).unwrap();
+    // Without a plant no tick is done, so the stop stays pending.
+    kill_process(plant, Signal::STOP).unwrap();
+    let stop = stack.run(&["estop"]);
+    assert!(stop.out.contains("latched stop requested: no tick has been done since"), "{}\n{}", stop.out, stop.err);
+    let rearm = stack.run(&["rearm"]);
+    rearm.expect(2);
+    assert!(rearm.err.contains("the latched stop takes effect with the next tick"), "{}", rearm.err);
+    kill_process(plant, Signal::CONT).unwrap();
+    let begun = Instant::now();
+    while running::status_at(&stack, 0)["stopped_by"] != "operator" {
+        assert!(begun.elapsed() < running::TIMEOUT);
+    }
+    stack.run(&["rearm"]).expect(0);
+    run.signal(Signal::INT);
+    run.finish().expect_nothing_left();
+}
+
 /// Kills in [`replacements_killed_while_starting_never_hang`]; `HAPFIC_KILLS` sets another number.
 const KILLS: u32 = 60;
 

@@ -29,7 +29,7 @@ pub struct ReportArgs {
 /// Reads the log, and writes the requested outputs; by default the page, and a summary to standard output.
 pub fn report(args: &ReportArgs) -> Result<CommandOutcome> {
     let page = args.html.clone().or_else(|| no_output_given(args).then(|| args.log.with_extension("html")));
-    for (option, path, kind) in [("--html", &page, OutputKind::Page), ("--json", &args.json, OutputKind::Json("run"))] {
+    for (option, path, kind) in [("--html", &page, OutputKind::Page), ("--json", &args.json, OutputKind::Json("events"))] {
         if let Some(path) = path
             && let Err(e) = check_output(option, path, kind, &[&args.log], args.force)
         {

@@ -61,8 +61,9 @@ pub struct GateNode {
     pub(super) received: Received,
     pub(super) rejections: Rejections,
     pub(super) reported: Reported,
-    /// Time at which the wait for the tick that is due began [ns]; 0: not yet.
+    /// Time of the last look at the inputs in lockstep [ns], and waiting time of the tick that is due [ns].
     pub(super) waiting_ns: u64,
+    pub(super) waited_ns: u64,
     /// Stops and re-armings that the gate has processed.
     stops: u64,
     rearms: u64,
@@ -88,7 +89,8 @@ impl GateNode {
             received: Received::default(),
             rejections: Rejections::default(),
             reported: Reported::default(),
-            waiting_ns: 0,
+            waiting_ns: clock::now_ns(),
+            waited_ns: 0,
             stops: 0,
             rearms: 0,
             was_active: false,
@@ -131,7 +133,7 @@ impl GateNode {
             _ => self.gate.miss(&seen, &inputs),
         };
         self.reported.promoted = (self.gate.primary() != primary).then_some(self.gate.primary());
-        self.waiting_ns = 0;
+        self.waited_ns = 0;
         Some(command)
     }
 

@@ -91,10 +91,9 @@ impl GateNode {
         loop {
             self.receive()?;
             let now = clock::now_ns();
-            if self.waiting_ns == 0 {
-                self.waiting_ns = now;
-            }
-            let overdue = now - self.waiting_ns > LOCKSTEP_TIMEOUT_NS;
+            // A halted gate has not waited: a gap counts as one time-out.
+            self.waited_ns += now.saturating_sub(std::mem::replace(&mut self.waiting_ns, now)).min(TIMEOUT.as_nanos() as u64);
+            let overdue = self.waited_ns > LOCKSTEP_TIMEOUT_NS;
             if let Some(command) = self.decide(overdue, WaitPolicy::Lockstep) {
                 return self.publish(&command, now, now, account);
             }

@@ -50,9 +50,9 @@ pub const REQUEST_DOORBELL: DoorbellId = DoorbellId(2);
 pub const COMMAND_DOORBELL: DoorbellId = DoorbellId(3);
 
 /// plant -> all. The supervisor republishes the last ones when the plant restarts.
-pub const STATE: Topic<State> = Topic::new("state", 4, HISTORY_DEPTH, Some(STATE_DOORBELL));
+pub const STATE: Topic<State> = Topic::new("state", 7, HISTORY_DEPTH, Some(STATE_DOORBELL));
 /// planner -> controllers. The supervisor republishes the last ones when the planner restarts.
-pub const REFERENCE: Topic<Reference> = Topic::new("reference", 4, HISTORY_DEPTH, Some(DoorbellId(1)));
+pub const REFERENCE: Topic<Reference> = Topic::new("reference", 7, HISTORY_DEPTH, Some(DoorbellId(1)));
 /// controllers -> gate.
 pub const REQUEST: Topic<Request> = Topic::new("request", 6, 1, Some(REQUEST_DOORBELL));
 /// gate -> plant, and controllers, as their memory.

@@ -5,7 +5,7 @@
 //! the recorder when they connect. So a thread of its own removes such segments, which lets their waiters continue, and
 //! the clean-up runs in a process that can be killed. docs/decisions/0015-watching.md has the cause and a reproduction.
 
-use crate::children::this_program;
+use crate::children::{describe, this_program};
 use anyhow::{Context, Result};
 use hapfic_ipc::{RunFile, realtime};
 use rustix::process::Pid;
@@ -20,6 +20,10 @@ use std::time::{Duration, Instant};
 const SHM: &str = "/dev/shm";
 /// Time a clean-up may take; it usually takes 10 ms.
 const CLEAN_UP_TIMEOUT: Duration = Duration::from_secs(2);
+/// Time after a failed clean-up before the next one.
+const RETRY_INTERVAL: Duration = Duration::from_millis(500);
+/// Time that killed helpers may take to end at the end of a run.
+const END_TIMEOUT: Duration = Duration::from_millis(200);
 /// Time after a loss in which unfinished segments are looked for, and interval of the looks.
 const LOOK_TIME: Duration = Duration::from_secs(2);
 const LOOK_INTERVAL: Duration = Duration::from_millis(2);
@@ -28,91 +32,118 @@ const IDLE_INTERVAL: Duration = Duration::from_millis(500);
 /// SIGKILL in the masks of pending signals in `/proc/PID/status`.
 const SIGKILL_BIT: u64 = 1 << 8;
 
-/// Helper process that removes dead nodes.
+/// Helper process that removes dead nodes, and the request for it.
 #[derive(Debug, Default)]
 pub struct CleanUp {
     running: Option<(Spawned, Instant)>,
-    /// Whether nodes have died since the helper started.
-    again: bool,
+    /// Whether a clean-up is requested after the running one.
+    requested: bool,
+    /// Time before which no helper starts: the last one has failed.
+    retry: Option<Instant>,
+    /// Killed helpers that have not ended yet.
+    killed: Vec<Spawned>,
 }
 
-/// State of the clean-up.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// Result of a look at the clean-up.
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub enum CleanUpState {
     /// No clean-up is running.
     Idle,
-    /// A clean-up is running.
+    /// A clean-up is running or requested.
     Running,
-    /// A clean-up did not end in time and was killed.
-    TimedOut,
+    /// A clean-up has ended, and no other is requested.
+    Done,
+    /// A clean-up has failed, and is repeated later.
+    Failed(String),
 }
 
 impl CleanUp {
-    /// Starts a clean-up, or another after the running one.
-    ///
-    /// # Errors
-    /// If the helper cannot be started.
-    pub fn start(&mut self, run_file: &Path, priority: Option<u32>) -> Result<()> {
-        self.again = self.running.is_some();
-        if self.again {
-            return Ok(());
-        }
-        let mut command = this_program()?;
-        command.args(["process", "clean-up"]).env(RunFile::VARIABLE, run_file).stdin(Stdio::null()).stdout(Stdio::null());
-        let spawned = command.spawn().context("cannot start the clean-up of dead nodes")?;
-        if let Some(priority) = priority {
-            // Fails only if the helper has already ended.
-            let _ = realtime::set_priority_of(Pid::from_child(&spawned), priority);
-        }
-        self.running = Some((spawned, Instant::now()));
-        Ok(())
+    /// Requests a clean-up, or another after the running one.
+    pub fn request(&mut self) {
+        self.requested = true;
     }
 
-    /// Returns the state, and starts a clean-up that is due.
-    ///
-    /// # Errors
-    /// If the helper cannot be started or waited for.
-    pub fn poll(&mut self, run_file: &Path, priority: Option<u32>) -> Result<CleanUpState> {
-        let Some((helper, since)) = &mut self.running else { return Ok(CleanUpState::Idle) };
-        let ended = helper.try_wait().context("cannot wait for the clean-up of dead nodes")?.is_some();
-        if !ended && since.elapsed() < CLEAN_UP_TIMEOUT {
-            return Ok(CleanUpState::Running);
+    /// Starts a requested clean-up, and returns what has become of the running one.
+    pub fn poll(&mut self, run_file: &Path, priority: Option<u32>) -> CleanUpState {
+        self.killed.retain_mut(|helper| matches!(helper.try_wait(), Ok(None)));
+        if let Some((helper, since)) = &mut self.running {
+            let ended = match helper.try_wait() {
+                Ok(None) if since.elapsed() < CLEAN_UP_TIMEOUT => return CleanUpState::Running,
+                Ok(None) => {
+                    let _ = helper.kill();
+                    Err("did not end in time and was killed".to_owned())
+                }
+                Ok(Some(status)) if status.success() => Ok(()),
+                Ok(Some(status)) => Err(describe(status)),
+                Err(e) => Err(format!("cannot be waited for: {e}")),
+            };
+            self.killed.extend(self.running.take().map(|(helper, _)| helper));
+            match ended {
+                Ok(()) if !self.requested => return CleanUpState::Done,
+                Ok(()) => {}
+                Err(what) => return self.failed(&what),
+            }
         }
-        if !ended {
-            let _ = helper.kill();
+        if !self.requested {
+            return CleanUpState::Idle;
         }
-        self.running = None;
-        if self.again {
-            self.start(run_file, priority)?;
+        if self.retry.is_some_and(|retry| Instant::now() < retry) {
+            return CleanUpState::Running;
         }
-        Ok(match (ended, &self.running) {
-            (false, _) => CleanUpState::TimedOut,
-            (true, Some(_)) => CleanUpState::Running,
-            (true, None) => CleanUpState::Idle,
-        })
+        match Self::start(run_file, priority) {
+            Ok(helper) => {
+                (self.running, self.requested, self.retry) = (Some((helper, Instant::now())), false, None);
+                CleanUpState::Running
+            }
+            Err(e) => self.failed(&format!("cannot start: {e:#}")),
+        }
+    }
+
+    fn failed(&mut self, what: &str) -> CleanUpState {
+        (self.requested, self.retry) = (true, Some(Instant::now() + RETRY_INTERVAL));
+        CleanUpState::Failed(format!("the clean-up of dead nodes {what}; it is repeated"))
+    }
+
+    fn start(run_file: &Path, priority: Option<u32>) -> Result<Spawned> {
+        let mut command = this_program()?;
+        command.args(["process", "clean-up"]).env(RunFile::VARIABLE, run_file).stdin(Stdio::null()).stdout(Stdio::null());
+        let helper = command.spawn()?;
+        if let Some(priority) = priority {
+            // Fails only if the helper has already ended.
+            let _ = realtime::set_priority_of(Pid::from_child(&helper), priority);
+        }
+        Ok(helper)
     }
 }
 
 impl Drop for CleanUp {
     fn drop(&mut self) {
         if let Some((helper, _)) = &mut self.running {
-            // A killed helper ends at once, or cannot be waited for.
             let _ = helper.kill();
-            let _ = helper.try_wait();
+        }
+        self.killed.extend(self.running.take().map(|(helper, _)| helper));
+        let begun = Instant::now();
+        while !self.killed.is_empty() && begun.elapsed() < END_TIMEOUT {
+            self.killed.retain_mut(|helper| matches!(helper.try_wait(), Ok(None)));
+            std::thread::sleep(LOOK_INTERVAL);
         }
     }
 }
 
 /// Thread that removes unfinished segments of killed processes.
 #[derive(Debug)]
-pub struct SegmentRemover(Sender<()>);
+pub struct SegmentRemover(Option<Sender<()>>);
 
 impl SegmentRemover {
-    /// Starts the thread, which ends when this is dropped. `prefix` begins the names of the run's segments.
+    /// Starts the thread for the superuser, whom alone such segments block; it ends when this is dropped. `prefix` begins the names of the run's segments.
     ///
     /// # Errors
     /// If the thread cannot be started.
     pub fn start(prefix: String) -> Result<Self> {
+        // For other users a segment without a size is not readable, and its waiters have a time limit.
+        if !rustix::process::geteuid().is_root() {
+            return Ok(Self(None));
+        }
         let (sender, receiver) = channel();
         let look = move || {
             let mut until = Instant::now();
@@ -129,13 +160,15 @@ impl SegmentRemover {
             .name("hapfic-segments".to_owned())
             .spawn(look)
             .context("cannot start the thread that removes unfinished segments")?;
-        Ok(Self(sender))
+        Ok(Self(Some(sender)))
     }
 
     /// Looks more often for a while: a process was lost.
     pub fn process_lost(&self) {
-        // Fails only if the thread has panicked.
-        let _ = self.0.send(());
+        if let Some(sender) = &self.0 {
+            // Fails only if the thread has panicked.
+            let _ = sender.send(());
+        }
     }
 }
 

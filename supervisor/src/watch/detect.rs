@@ -13,6 +13,8 @@ use std::thread::JoinHandle;
 
 /// Factor of the time-outs in lockstep, where a late process costs nothing and the machine may be busy.
 const LOCKSTEP_TIMEOUT_FACTOR: u64 = 5;
+/// Name of the gate's thread.
+const GATE_THREAD: &str = "hapfic-gate";
 
 impl Watch<'_> {
     /// Checks all processes and threads, and restarts what is lost; `false` if the run must end.
@@ -26,12 +28,15 @@ impl Watch<'_> {
             return Ok(false);
         }
         self.evidence.observe(&self.run.shared.heartbeats, hapfic_ipc::clock::now_ns());
+        let losses = self.losses_so_far();
         let healthy = self.check_processes()?;
-        if let Some(age) = self.evidence.silence_ns(recorder::GATE)
-            && age > self.silence_limit_ns()
-            && self.run.shared.heartbeats.read(recorder::GATE).phase != Some(Phase::Finished)
-        {
-            self.fault("gate", format!("has sent no heartbeat for {} ms", age / 1_000_000), Detector::Heartbeat);
+        if self.losses_so_far() > losses {
+            // A lost process may have kept the gate from its processor.
+            self.evidence.renew(recorder::GATE);
+        }
+        if self.is_gate_silent() {
+            let age_ms = self.run.shared.heartbeats.read(recorder::GATE).age_ns().unwrap_or(0) / 1_000_000;
+            self.fault("gate", format!("has sent no heartbeat for {age_ms} ms"), Detector::Heartbeat);
             return Ok(false);
         }
         if healthy && self.run.shared.orders.start.load(Ordering::Relaxed) {
@@ -54,6 +59,29 @@ impl Watch<'_> {
         Ok(healthy)
     }
 
+    fn losses_so_far(&self) -> u32 {
+        self.slots.iter().map(|slot| slot.losses).sum()
+    }
+
+    /// Detects a gate without heartbeats, unless it waits for a processor.
+    fn is_gate_silent(&mut self) -> bool {
+        let limit_ns = self.silence_limit_ns();
+        let silence_ns = self.evidence.silence_ns(recorder::GATE).unwrap_or(0);
+        let finished = self.run.shared.heartbeats.read(recorder::GATE).phase == Some(Phase::Finished);
+        if finished || silence_ns <= limit_ns / 2 {
+            self.gate_suspicion = None;
+            return false;
+        }
+        if self.gate_suspicion.is_none() {
+            self.gate_suspicion = Suspicion::begin_own(GATE_THREAD, &self.evidence);
+        }
+        let excused = self
+            .gate_suspicion
+            .as_mut()
+            .is_some_and(|suspicion| suspicion.observed_ns(&self.evidence) < limit_ns / 4 || suspicion.excuse(&self.evidence));
+        silence_ns > limit_ns && !excused
+    }
+
     /// Heartbeat age at which a process counts as lost [ns].
     pub(super) fn silence_limit_ns(&self) -> u64 {
         let factor = if self.run.clock == Clock::Lockstep { LOCKSTEP_TIMEOUT_FACTOR } else { 1 };
@@ -74,20 +102,20 @@ impl Watch<'_> {
         let limit_ms = u64::from(self.run.settings.supervisor.stall_timeout_ms);
         let limit_ns = limit_ms * 1_000_000;
         let silent_ns = self.evidence.observed_ns() - self.stall.advanced.1;
-        if silent_ns <= limit_ns / 2 {
+        if silent_ns < limit_ns / 2 {
             self.stall.suspicions.clear();
         } else if self.stall.suspicions.is_empty() {
             let children = self.slots.iter().filter_map(|slot| slot.child.as_ref());
-            self.stall.suspicions = children.map(|child| (child.pid(), Suspicion::begin(child.pid(), &self.evidence))).collect();
+            self.stall.suspicions = children.map(|child| Suspicion::begin(child.pid(), &self.evidence)).collect();
         }
         // A starting process needs time, but it may also wait for a message that never comes.
         if silent_ns <= if joining { 2 * limit_ns } else { limit_ns } {
             return Ok(false);
         }
-        let starved = self.stall.suspicions.iter().any(|(pid, suspicion)| suspicion.is_starved(*pid, &self.evidence));
-        if starved {
+        let excused = self.stall.suspicions.iter_mut().any(|suspicion| suspicion.excuse(&self.evidence));
+        if excused {
             // The others wait for a process that waits for a processor.
-            self.stall.advanced.1 = self.evidence.observed_ns();
+            self.stall.advanced.1 = self.evidence.observed_ns().saturating_sub(limit_ns / 2);
             return Ok(false);
         }
         self.stall.advanced = (gated, self.evidence.observed_ns());

@@ -7,12 +7,13 @@
 use hapfic_ipc::HeartbeatPage;
 use hapfic_messages::Process;
 use rustix::process::Pid;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// Longest gap between two observations that counts in full [ns]; an observation is due every 20 ms.
 const MAX_GAP_NS: u64 = 40_000_000;
-/// Shortest time under observation that tells a starved process from a hanging one [ns].
-const MIN_SUSPICION_NS: u64 = 20_000_000;
+/// Time on a processor in which a process that does not hang sends a heartbeat [ns].
+const MAX_RUN_NS: u64 = 100_000_000;
 
 /// Observations of all heartbeats by one thread.
 #[derive(Debug, Default)]
@@ -57,6 +58,11 @@ impl Evidence {
         Duration::from_nanos(self.largest_gap_ns)
     }
 
+    /// Begins the observation of a process anew, as if its heartbeat were new.
+    pub fn renew(&mut self, process: Process) {
+        self.heartbeats[process as usize].observed_ns = self.observed_ns;
+    }
+
     /// Time under observation since the last heartbeat of a process [ns]; `None` before the first.
     pub fn silence_ns(&self, process: Process) -> Option<u64> {
         let last = &self.heartbeats[process as usize];
@@ -65,30 +71,55 @@ impl Evidence {
     }
 }
 
-/// Suspicion of a process between half of a detector's limit and the whole.
-#[derive(Clone, Copy, Debug)]
+/// Suspicion of a thread between half of a detector's limit and the whole.
+#[derive(Clone, Debug)]
 pub struct Suspicion {
+    /// Folder of the thread in `/proc`.
+    folder: PathBuf,
+    since_ns: u64,
     since_observed_ns: u64,
     times: Option<ProcessorTimes>,
+    /// Times at the first suspicion, which an excuse does not renew.
+    first: Option<ProcessorTimes>,
 }
 
 impl Suspicion {
-    /// Begins to suspect a process.
+    /// Begins to suspect the main thread of a process.
     pub fn begin(pid: Pid, evidence: &Evidence) -> Self {
-        Self { since_observed_ns: evidence.observed_ns, times: ProcessorTimes::read(pid) }
+        Self::of(PathBuf::from(format!("/proc/{pid}")), evidence)
     }
 
-    /// Whether there is less than one period of observation since.
-    pub fn is_new(&self, evidence: &Evidence) -> bool {
-        evidence.observed_ns - self.since_observed_ns < MIN_SUSPICION_NS
+    /// Begins to suspect a thread of this process, by its name; `None` without such a thread.
+    pub fn begin_own(name: &str, evidence: &Evidence) -> Option<Self> {
+        let tasks = std::fs::read_dir("/proc/self/task").ok()?.flatten();
+        let named = |folder: &PathBuf| std::fs::read_to_string(folder.join("comm")).is_ok_and(|found| found.trim_end() == name);
+        Some(Self::of(tasks.map(|task| task.path()).find(named)?, evidence))
     }
 
-    /// Whether the process has waited for a processor during most of the time since: the machine is busy then. `false` if
-    /// the kernel does not report it.
-    pub fn is_starved(&self, pid: Pid, evidence: &Evidence) -> bool {
-        let elapsed_ns = evidence.observed_ns - self.since_observed_ns;
-        let (Some(before), Some(now)) = (self.times, ProcessorTimes::read(pid)) else { return false };
-        now.starved_since(&before, elapsed_ns)
+    fn of(folder: PathBuf, evidence: &Evidence) -> Self {
+        let times = ProcessorTimes::read(&folder);
+        Self { folder, since_ns: evidence.last_ns.unwrap_or(0), since_observed_ns: evidence.observed_ns, times, first: times }
+    }
+
+    /// Time under observation since the suspicion, or its last excuse [ns].
+    pub fn observed_ns(&self, evidence: &Evidence) -> u64 {
+        evidence.observed_ns - self.since_observed_ns
+    }
+
+    /// Excuses the thread and begins again, if it has waited for a processor during most of the time since: the machine is
+    /// busy then. A thread that has run for [`MAX_RUN_NS`] since the first suspicion is not excused: it loops. `false` also if
+    /// the kernel does not report the times.
+    pub fn excuse(&mut self, evidence: &Evidence) -> bool {
+        let now_ns = evidence.last_ns.unwrap_or(0);
+        let (Some(first), Some(before), Some(now)) = (self.first, self.times, ProcessorTimes::read(&self.folder)) else {
+            return false;
+        };
+        let elapsed_ns = now_ns.saturating_sub(self.since_ns);
+        let excused = now.ran_ns.saturating_sub(first.ran_ns) < MAX_RUN_NS && now.starved_since(&before, elapsed_ns);
+        if excused {
+            (self.since_ns, self.since_observed_ns, self.times) = (now_ns, evidence.observed_ns, Some(now));
+        }
+        excused
     }
 }
 
@@ -105,8 +136,8 @@ struct ProcessorTimes {
 
 impl ProcessorTimes {
     /// Reads the times; `None` if the kernel does not report them.
-    fn read(pid: Pid) -> Option<Self> {
-        let read = |file: &str| std::fs::read_to_string(format!("/proc/{pid}/{file}")).ok();
+    fn read(folder: &Path) -> Option<Self> {
+        let read = |file: &str| std::fs::read_to_string(folder.join(file)).ok();
         Self::parse(&read("schedstat")?, &read("stat")?)
     }
 
@@ -195,14 +226,34 @@ mod tests {
         while !std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap().rsplit_once(") ").unwrap().1.starts_with('T') {
             std::thread::yield_now();
         }
-        let suspicion = Suspicion::begin(pid, &evidence);
         evidence.observe(&page, 0);
+        let mut suspicion = Suspicion::begin(pid, &evidence);
         for i in 1..=500 {
             evidence.observe(&page, i * 20 * MS);
         }
-        let starved = suspicion.is_starved(pid, &evidence);
+        let starved = suspicion.excuse(&evidence);
         child.kill().unwrap();
         child.wait().unwrap();
         assert!(!starved);
+    }
+
+    #[test]
+    fn suspicion_looping_thread_is_not_excused_for_ever() {
+        let (page, mut evidence) = (HeartbeatPage::private().unwrap(), Evidence::default());
+        evidence.observe(&page, 0);
+        let waited =
+            |ran_ms: u64, waited_ms: u64| Some(ProcessorTimes { ran_ns: ran_ms * MS, waited_ns: waited_ms * MS, runnable: true });
+        // A thread of this test that has run for long since the first suspicion, and waited for longer since the last.
+        let mut suspicion = Suspicion::begin_own("no such thread", &evidence);
+        assert!(suspicion.is_none());
+        suspicion = Some(Suspicion::begin(Pid::from_raw(std::process::id() as i32).unwrap(), &evidence));
+        let mut suspicion = suspicion.unwrap();
+        let now = ProcessorTimes::read(&suspicion.folder).unwrap();
+        evidence.observe(&page, 20 * MS);
+        suspicion.times = Some(ProcessorTimes { waited_ns: now.waited_ns.saturating_sub(20 * MS), ..now });
+        suspicion.first = Some(ProcessorTimes { ran_ns: now.ran_ns.saturating_sub(MAX_RUN_NS), ..now });
+        let long_ran = suspicion.first.unwrap().ran_ns + MAX_RUN_NS <= now.ran_ns;
+        assert!(!long_ran || !suspicion.excuse(&evidence), "it loops");
+        assert!(waited(10, 200).unwrap().starved_since(&waited(5, 50).unwrap(), 200 * MS));
     }
 }

@@ -175,13 +175,7 @@ impl Watch<'_> {
             }
         }
         self.run.shared.orders.stop.store(true, Ordering::Release);
-        if let Some(gate) = self.gate.take() {
-            match gate.join() {
-                Ok(Ok(())) => {}
-                Ok(Err(e)) => self.fault("gate", e.to_string(), Detector::Exit),
-                Err(_) => self.fault("gate", "panicked".to_owned(), Detector::Exit),
-            }
-        }
+        let gate_ended = self.wait_for_gate();
         if completed {
             // Their last messages lie in their own memory: the recorder drains them before the processes end.
             let begun = Instant::now();
@@ -195,6 +189,18 @@ impl Watch<'_> {
         for process in killed.processes {
             self.fault(process.name(), "did not end on request, and was killed".to_owned(), Detector::Exit);
         }
+        // A gate that waits for a process ends with it.
+        if (gate_ended || self.wait_for_gate())
+            && let Some(gate) = self.gate.take()
+        {
+            match gate.join() {
+                Ok(Ok(())) => {}
+                Ok(Err(e)) => self.fault("gate", e.to_string(), Detector::Exit),
+                Err(_) => self.fault("gate", "panicked".to_owned(), Detector::Exit),
+            }
+        } else if self.gate.take().is_some() {
+            self.fault("gate", "did not end on request".to_owned(), Detector::Exit);
+        }
         self.abandoned.extend(killed.abandoned);
         for child in std::mem::take(&mut self.abandoned).iter_mut() {
             if child.ended()?.is_none() {
@@ -207,5 +213,15 @@ impl Watch<'_> {
         }
         self.run.shared.orders.drain.store(true, Ordering::Release);
         Ok(())
+    }
+
+    /// Waits for the end of the gate's thread, for at most [`LAST_TICK_TIMEOUT`]; returns whether it has ended.
+    fn wait_for_gate(&self) -> bool {
+        let begun = Instant::now();
+        let ended = || self.gate.as_ref().is_none_or(std::thread::JoinHandle::is_finished);
+        while !ended() && begun.elapsed() < LAST_TICK_TIMEOUT {
+            std::thread::sleep(FAST_POLL_INTERVAL);
+        }
+        ended()
     }
 }

@@ -27,7 +27,6 @@ use hapfic_gate_process::status::SharedStatus;
 use hapfic_ipc::{Bus, Doorbell, IpcError, Output, topic};
 use hapfic_messages::{Clock, Detector, Event, EventKind, Process, Severity};
 use inject::Injections;
-use rustix::process::Pid;
 use slot::ProcessSlot;
 use std::path::Path;
 use std::sync::Arc;
@@ -103,7 +102,7 @@ struct StallDetector {
     /// Last gated tick, and the observed time at which it was new [ns].
     advanced: (i64, u64),
     /// Suspicions of all processes, if no tick was done for half of the time-out.
-    suspicions: Vec<(Pid, Suspicion)>,
+    suspicions: Vec<Suspicion>,
     /// Whether the plant may still be restarted since the last tick.
     plant_restart_left: bool,
     /// Whether all others have been restarted since the last tick.
@@ -139,6 +138,8 @@ pub struct Watch<'a> {
     /// Re-armings handled so far.
     rearms: u64,
     evidence: Evidence,
+    /// Suspicion of the gate's thread.
+    gate_suspicion: Option<Suspicion>,
     stall: StallDetector,
     dead_nodes: DeadNodes,
     /// Whether a spent budget requested a latched stop, and no re-arming followed.
@@ -174,6 +175,7 @@ impl<'a> Watch<'a> {
             begun: Instant::now(),
             rearms: 0,
             evidence: Evidence::default(),
+            gate_suspicion: None,
             stall: StallDetector { advanced: (-1, 0), plant_restart_left: true, ..StallDetector::default() },
             dead_nodes: DeadNodes { helper: CleanUp::default(), segments, count: 0, reconnect_due: false, failed_connections: 0 },
             stopped_by_budget: false,

@@ -4,12 +4,13 @@ use super::clean_up::CleanUpState;
 use super::slot::{DetectorLimits, ProcessSlot};
 use super::{FAST_POLL_INTERVAL, WATCH_PRIORITY, Watch, bit};
 use crate::children::{self, Child};
+use crate::preflight;
 use anyhow::Result;
 use hapfic_config::OnLoss;
 use hapfic_gate::protocol::ControllerSlot;
 use hapfic_gate::restart_policy::{RestartAction, RestartPolicy, RestartSignal};
 use hapfic_ipc::realtime::{self, SchedGrants};
-use hapfic_ipc::{ProcessStart, topic};
+use hapfic_ipc::{IpcError, ProcessStart, topic};
 use hapfic_messages::{Clock, Detector, EventKind, Process};
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
@@ -73,7 +74,8 @@ impl Watch<'_> {
         if self.run.shared.operator.cleanup_requested.swap(false, Ordering::AcqRel) {
             self.clean_up()?;
         }
-        self.poll_clean_up()?;
+        self.poll_clean_up();
+        self.reap_abandoned()?;
         // Clean-up takes milliseconds and delays starting processes, so it waits for them; topics hold some dead nodes.
         let joining = self.slots.iter().any(ProcessSlot::joining);
         if self.dead_nodes.count > MAX_DEAD_NODES || (self.dead_nodes.count > 0 && !joining) {
@@ -103,18 +105,23 @@ impl Watch<'_> {
     }
 
     /// Follows the helper process of the clean-up, and reconnects all ports after it if that is due.
-    fn poll_clean_up(&mut self) -> Result<()> {
-        match self.dead_nodes.helper.poll(self.run.run_file, self.helper_priority())? {
-            CleanUpState::Running => return Ok(()),
-            CleanUpState::Idle => {}
-            CleanUpState::TimedOut => {
-                let text = "the clean-up of dead nodes did not end in time and was killed";
-                self.note(Process::Supervisor, EventKind::Note, Detector::None, text);
-            }
+    fn poll_clean_up(&mut self) -> CleanUpState {
+        let state = self.dead_nodes.helper.poll(self.run.run_file, self.helper_priority());
+        if let CleanUpState::Failed(text) = &state {
+            self.note(Process::Supervisor, EventKind::Note, Detector::None, text);
         }
-        if !std::mem::take(&mut self.dead_nodes.reconnect_due) {
-            return Ok(());
+        if state != CleanUpState::Running && std::mem::take(&mut self.dead_nodes.reconnect_due) {
+            let text = match self.force_reconnect_all() {
+                Ok(()) => "a connection failed: all ports reconnect".to_owned(),
+                // The ports that have failed count again at their next attempt.
+                Err(e) => format!("a connection failed, and a topic cannot be joined to repair it: {e}"),
+            };
+            self.note(Process::Supervisor, EventKind::Note, Detector::None, &text);
         }
+        state
+    }
+
+    fn force_reconnect_all(&self) -> Result<(), IpcError> {
         self.run.bus.force_reconnect(&topic::STATE)?;
         self.run.bus.force_reconnect(&topic::REFERENCE)?;
         self.run.bus.force_reconnect(&topic::REQUEST)?;
@@ -123,23 +130,18 @@ impl Watch<'_> {
         self.run.bus.force_reconnect(&topic::EVENT)?;
         self.run.bus.force_reconnect(&topic::TIMING)?;
         self.run.bus.force_reconnect(&topic::CREDIT)?;
-        self.run.bus.force_reconnect(&topic::INJECTION)?;
-        self.note(Process::Supervisor, EventKind::Note, Detector::None, "a connection failed: all ports reconnect");
-        Ok(())
+        self.run.bus.force_reconnect(&topic::INJECTION)
     }
 
-    /// Starts the removal of dead nodes, after the hand-over cache has received their last messages.
+    /// Requests the removal of dead nodes, after the hand-over cache has received their last messages.
     fn clean_up(&mut self) -> Result<()> {
         let crowded = self.dead_nodes.count > MAX_DEAD_NODES;
         self.dead_nodes.count = 0;
         self.cache.receive(&self.run.shared.gate.tick)?;
-        self.dead_nodes.helper.start(self.run.run_file, self.helper_priority())?;
+        self.dead_nodes.helper.request();
         let begun = Instant::now();
         // Without room for another node the next process could not start.
-        while crowded
-            && begun.elapsed() < CROWDED_TIMEOUT
-            && self.dead_nodes.helper.poll(self.run.run_file, self.helper_priority())? == CleanUpState::Running
-        {
+        while self.poll_clean_up() == CleanUpState::Running && crowded && begun.elapsed() < CROWDED_TIMEOUT {
             std::thread::sleep(FAST_POLL_INTERVAL);
         }
         Ok(())
@@ -149,6 +151,18 @@ impl Watch<'_> {
     fn helper_priority(&self) -> Option<u32> {
         let granted = SchedGrants(self.run.shared.heartbeats.read(crate::recorder::GATE).realtime);
         (self.run.clock == Clock::Realtime && granted.has(SchedGrants::FIFO)).then_some(WATCH_PRIORITY)
+    }
+
+    /// Forgets abandoned processes that have ended after all.
+    fn reap_abandoned(&mut self) -> Result<()> {
+        for index in (0..self.abandoned.len()).rev() {
+            if self.abandoned[index].ended()?.is_some() {
+                self.abandoned.swap_remove(index);
+                // Their nodes have died now.
+                self.dead_nodes.count += 1;
+            }
+        }
+        Ok(())
     }
 
     fn policy(&self) -> RestartPolicy {
@@ -263,6 +277,9 @@ impl Watch<'_> {
         self.run.shared.presence.present.fetch_or(bit(process), Ordering::AcqRel);
         self.run.shared.presence.missing.fetch_and(!bit(process), Ordering::AcqRel);
         if generation > 0 {
+            if let Err(e) = preflight::reserve_segments(&self.run.prefix) {
+                self.note(process, EventKind::Note, Detector::None, &format!("{e:#}"));
+            }
             self.swap_roles();
             let text = format!("{process} does ticks again, {:.1} ms after the detected loss", out.as_secs_f64() * 1e3);
             self.note(process, EventKind::Joined, Detector::None, &text);

@@ -5,7 +5,7 @@ use crate::children::{Child, describe};
 use anyhow::Result;
 use hapfic_gate::restart_policy::{RestartStage, RestartState};
 use hapfic_gate_process::status::SharedStatus;
-use hapfic_messages::{Detector, Phase, Process};
+use hapfic_messages::{Detector, PERIOD_NS, Phase, Process};
 use std::time::{Duration, Instant};
 
 /// Limits of the detectors.
@@ -105,41 +105,35 @@ impl ProcessSlot {
         let pid = child.pid();
         let gated = shared.gate.tick.load(std::sync::atomic::Ordering::Acquire);
         let silence_ns = evidence.silence_ns(self.process).unwrap_or(0);
-        let starting_ns = evidence.observed_ns() - self.started_observed_ns;
-        let behind = if self.restart.stage == RestartStage::Working && self.process != Process::Plant {
-            gated - heartbeat.tick
-        } else {
-            0
-        };
-        let found = if silence_ns > limits.silence_ns {
-            let age_ms = heartbeat.age_ns().unwrap_or(0) / 1_000_000;
-            Some((Detector::Heartbeat, format!("has sent no heartbeat for {age_ms} ms")))
-        } else if self.restart.stage == RestartStage::Starting && self.generation > 0 && starting_ns > limits.ready_ns {
-            let what = if heartbeat.phase.is_none() { "did not get ready in time" } else { "got ready and did no tick in time" };
-            Some((Detector::Tick, what.to_owned()))
-        } else if limits.behind.is_some_and(|limit| behind > limit) {
-            Some((Detector::Tick, format!("is alive and has done no tick since tick {}", heartbeat.tick)))
-        } else {
-            if silence_ns <= limits.silence_ns / 2 && limits.behind.is_none_or(|limit| behind <= limit / 2) {
-                self.suspicion = None;
-            } else if self.suspicion.is_none() {
-                self.suspicion = Some(Suspicion::begin(pid, evidence));
-            }
-            None
-        };
-        let Some((detector, what)) = found else { return Ok(None) };
-        // The first look may already be beyond the limit: then the evidence begins now.
-        let suspicion = *self.suspicion.get_or_insert_with(|| Suspicion::begin(pid, evidence));
-        if suspicion.is_new(evidence) || suspicion.is_starved(pid, evidence) {
-            if !suspicion.is_new(evidence) {
-                self.suspicion = Some(Suspicion::begin(pid, evidence));
-            }
+        let starting = self.restart.stage == RestartStage::Starting && self.generation > 0;
+        let starting_ns = if starting { evidence.observed_ns() - self.started_observed_ns } else { 0 };
+        let ticking = self.restart.stage == RestartStage::Working && self.process != Process::Plant;
+        let behind = if ticking { gated.saturating_sub(heartbeat.tick) } else { 0 };
+        let behind_limit = limits.behind.unwrap_or(i64::MAX);
+        if silence_ns <= limits.silence_ns / 2 && behind <= behind_limit / 2 && starting_ns <= limits.ready_ns / 2 {
+            self.suspicion = None;
             return Ok(None);
         }
+        let suspicion = self.suspicion.get_or_insert_with(|| Suspicion::begin(pid, evidence));
+        let (detector, what, limit_ns) = if silence_ns > limits.silence_ns {
+            let age_ms = heartbeat.age_ns().unwrap_or(0) / 1_000_000;
+            (Detector::Heartbeat, format!("has sent no heartbeat for {age_ms} ms"), limits.silence_ns)
+        } else if starting_ns > limits.ready_ns {
+            let what = if heartbeat.phase.is_none() { "did not get ready in time" } else { "got ready and did no tick in time" };
+            (Detector::Tick, what.to_owned(), limits.ready_ns)
+        } else if behind > behind_limit {
+            let what = format!("is alive, but has completed no tick since tick {}", heartbeat.tick);
+            (Detector::Tick, what, behind_limit as u64 * PERIOD_NS)
+        } else {
+            return Ok(None);
+        };
+        // Also after an excuse, and if the first look is already beyond the limit, the evidence takes its time.
+        if suspicion.observed_ns(evidence) < limit_ns / 4 || suspicion.excuse(evidence) {
+            return Ok(None);
+        }
+        let observed_ms = suspicion.observed_ns(evidence) / 1_000_000;
         let delay_ms = evidence.largest_delay().as_secs_f64() * 1e3;
-        Ok(Some((
-            detector,
-            format!("{what} (observed for {} ms; largest delay of the supervisor {delay_ms:.0} ms)", silence_ns / 1_000_000),
-        )))
+        let what = format!("{what} (under suspicion for {observed_ms} ms; largest delay of the supervisor {delay_ms:.0} ms)");
+        Ok(Some((detector, what)))
     }
 }
