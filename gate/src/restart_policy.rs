@@ -149,6 +149,22 @@ mod tests {
     }
 
     #[test]
+    fn restart_rearm_of_working_process_restores_budget() {
+        let mut restart = RestartState { stage: RestartStage::Working, ..RestartState::default() };
+        assert_eq!(restart.restarts(), 0);
+        for number in 1..=3 {
+            (restart, _) = restart.after(RestartSignal::Lost, 1000, &POLICY);
+            (restart, _) = restart.after(RestartSignal::Time, 2000, &POLICY);
+            assert_eq!(restart.restarts(), number);
+        }
+        (restart, _) = restart.after(RestartSignal::Ticked, 2000, &POLICY);
+        let (rearmed, action) = restart.clone().after(RestartSignal::Rearmed, 2000, &POLICY);
+        assert_eq!((rearmed.stage, action, rearmed.restarts()), (RestartStage::Working, None, 0));
+        assert_eq!(rearmed.after(RestartSignal::Lost, 2000, &POLICY).0.stage, RestartStage::BackOff(2000));
+        assert_eq!(restart.after(RestartSignal::Lost, 2000, &POLICY).0.stage, RestartStage::BudgetSpent);
+    }
+
+    #[test]
     fn restart_outside_window_not_counted() {
         let mut restart = RestartState { stage: RestartStage::Working, ..RestartState::default() };
         for n in 0..50 {
