@@ -79,3 +79,20 @@ fn torque_check_other_robot_rejected() {
         Err(ValidationError::Count { field: "joints", found: 4, expected: 3 })
     );
 }
+
+#[test]
+fn torque_check_gravity_compensation_adds_gravity_torque() {
+    let case = case();
+    let gravity = Vector3::from(Settings::load("floor", &[]).unwrap().world.gravity_m_per_s2);
+    let hold = case.chain.gravity_torque(&case.chain.kinematics(&case.state.joint_position[..3]), &gravity);
+    assert!(hold[1].abs() > 0.1, "{hold:?}");
+    let compensated = Parameters { gravity_compensation: 1, ..Parameters::default() };
+    for (times, accepted_with, accepted_without) in [(1.0, true, false), (0.0, false, true), (-1.0, false, false)] {
+        let mut request = case.request([10.0, 0.0, 50.0]);
+        for (torque, hold) in request.torque.iter_mut().zip(hold) {
+            *torque += times * hold;
+        }
+        assert_eq!(case.check.check(&case.state, &request, &compensated).is_ok(), accepted_with, "{times} g(q)");
+        assert_eq!(case.check.check(&case.state, &request, &Parameters::default()).is_ok(), accepted_without, "{times} g(q)");
+    }
+}

@@ -354,7 +354,6 @@ impl Context {
 
     fn send(&mut self, timing: &Timing) -> Result<(), IpcError> {
         self.heartbeat_ns = crate::clock::now_ns();
-        self.timing.preloan();
         let timing = Timing {
             process: self.process.code(),
             rejected: self.rejected,
@@ -366,6 +365,7 @@ impl Context {
         };
         // First: the supervisor must see it, whatever becomes of the message.
         self.heartbeats.write(&timing, self.heartbeat_ns);
+        self.timing.preloan();
         self.timing.send(&timing)?;
         Ok(())
     }

@@ -115,7 +115,7 @@ impl Suspicion {
             return false;
         };
         let elapsed_ns = now_ns.saturating_sub(self.since_ns);
-        let excused = now.ran_ns.saturating_sub(first.ran_ns) < MAX_RUN_NS && now.starved_since(&before, elapsed_ns);
+        let excused = !now.loops_since(&first) && now.starved_since(&before, elapsed_ns);
         if excused {
             (self.since_ns, self.since_observed_ns, self.times) = (now_ns, evidence.observed_ns, Some(now));
         }
@@ -147,6 +147,11 @@ impl ProcessorTimes {
         // The name in parentheses may contain anything.
         let runnable = stat.rsplit_once(") ")?.1.starts_with('R');
         Some(Self { ran_ns, waited_ns, runnable })
+    }
+
+    /// Whether the thread has run for so long since `first` that it would have sent a heartbeat, did it not loop.
+    fn loops_since(&self, first: &Self) -> bool {
+        self.ran_ns.saturating_sub(first.ran_ns) >= MAX_RUN_NS
     }
 
     /// Whether the thread has waited for a processor during most of the `elapsed_ns` since `before`.
@@ -238,22 +243,23 @@ mod tests {
     }
 
     #[test]
-    fn suspicion_looping_thread_is_not_excused_for_ever() {
-        let (page, mut evidence) = (HeartbeatPage::private().unwrap(), Evidence::default());
-        evidence.observe(&page, 0);
-        let waited =
-            |ran_ms: u64, waited_ms: u64| Some(ProcessorTimes { ran_ns: ran_ms * MS, waited_ns: waited_ms * MS, runnable: true });
-        // A thread of this test that has run for long since the first suspicion, and waited for longer since the last.
-        let mut suspicion = Suspicion::begin_own("no such thread", &evidence);
-        assert!(suspicion.is_none());
-        suspicion = Some(Suspicion::begin(Pid::from_raw(std::process::id() as i32).unwrap(), &evidence));
-        let mut suspicion = suspicion.unwrap();
-        let now = ProcessorTimes::read(&suspicion.folder).unwrap();
-        evidence.observe(&page, 20 * MS);
-        suspicion.times = Some(ProcessorTimes { waited_ns: now.waited_ns.saturating_sub(20 * MS), ..now });
-        suspicion.first = Some(ProcessorTimes { ran_ns: now.ran_ns.saturating_sub(MAX_RUN_NS), ..now });
-        let long_ran = suspicion.first.unwrap().ran_ns + MAX_RUN_NS <= now.ran_ns;
-        assert!(!long_ran || !suspicion.excuse(&evidence), "it loops");
-        assert!(waited(10, 200).unwrap().starved_since(&waited(5, 50).unwrap(), 200 * MS));
+    fn processor_times_loop_shows_beside_waits() {
+        let times =
+            |ran_ms: u64, waited_ms: u64| ProcessorTimes { ran_ns: ran_ms * MS, waited_ns: waited_ms * MS, runnable: true };
+        // A loop with a fifth of a processor: it waits most of the time, and yet it has run.
+        let (first, before, now) = (times(0, 0), times(80, 320), times(100, 400));
+        assert!(now.starved_since(&before, 100 * MS) && now.loops_since(&first));
+        // A process that hardly ever gets the processor.
+        let (before, now) = (times(20, 1980), times(21, 2079));
+        assert!(now.starved_since(&before, 100 * MS) && !now.loops_since(&first));
+    }
+
+    #[test]
+    fn suspicion_of_own_thread_is_found_by_name() {
+        let evidence = Evidence::default();
+        assert!(Suspicion::begin_own("no such thread", &evidence).is_none());
+        let named = std::thread::Builder::new().name("hapfic-named".to_owned());
+        let found = named.spawn(move || Suspicion::begin_own("hapfic-named", &evidence).is_some()).unwrap();
+        assert!(found.join().unwrap());
     }
 }
