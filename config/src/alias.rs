@@ -9,6 +9,8 @@ const CONTROLLER: &[(&str, &str)] = &[
     ("max_force", "max_force_n"),
     ("position_bound", "position_bound_m"),
     ("force_resolution", "force_resolution_n"),
+    ("damping", "damping_sqrt_kg"),
+    ("posture_lead", "posture_lead_s"),
 ];
 
 const PLANNER: &[(&str, &str)] = &[("mean_speed", "mean_speed_m_per_s"), ("max_acceleration", "max_acceleration_m_per_s2")];
@@ -21,6 +23,8 @@ const OPERATOR: &[(&str, &str)] = &[
     ("max_force", "max_force_n"),
     ("position_bound", "position_bound_m"),
     ("force_resolution", "force_resolution_n"),
+    ("damping", "damping_sqrt_kg"),
+    ("posture_lead", "posture_lead_s"),
     ("mean_speed", "mean_speed_m_per_s"),
     ("max_acceleration", "max_acceleration_m_per_s2"),
 ];

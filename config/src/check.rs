@@ -15,6 +15,10 @@ use crate::tree::{Node, describe_number};
 
 /// Rate of the control loop [1/s].
 const TICKS_PER_S: f64 = 1000.0;
+/// Default of `controller.damping_sqrt_kg`: a damping ratio of 0.35 at an effective mass of 0.5 kg.
+const DAMPING_SQRT_KG: f64 = 0.5;
+/// Default of `controller.posture_lead_s`: the dead time of one tick and half of the tick in which the torque acts.
+const POSTURE_LEAD_S: f64 = 1.5e-3;
 /// Longest target vector [m].
 const TARGET_MAX_M: f64 = 100.0;
 /// Longest desired force [N].
@@ -41,6 +45,10 @@ pub(crate) fn settings(mut raw: RawScenario, tree: &Node, urdf: Urdf) -> Result<
         gravity_compensation: raw.controller.gravity_compensation,
         offset_anti_windup: policies.offset_anti_windup,
         stall_release: policies.stall_release,
+        force_hold: policies.force_hold,
+        continuous_reentry: policies.continuous_reentry,
+        damping: policies.damping,
+        posture_lead: policies.posture_lead,
         mean_speed: raw.planner.mean_speed_m_per_s,
         max_acceleration: raw.planner.max_acceleration_m_per_s2,
     };
@@ -71,6 +79,7 @@ pub(crate) fn settings(mut raw: RawScenario, tree: &Node, urdf: Urdf) -> Result<
             contact_substep_us: raw.plant.contact_substep_us,
             flight_substep_us: raw.plant.flight_substep_us,
             command_timeout_ticks: raw.plant.command_timeout_ticks,
+            force_noise: raw.plant.force_noise_n,
             brake_damping_n_m_s_per_rad: raw.plant.brake_damping_n_m_s_per_rad,
             on_loss: raw.plant.on_loss,
         },
@@ -131,6 +140,10 @@ struct SelectedPolicies {
     saturation: Saturation,
     offset_anti_windup: bool,
     stall_release: bool,
+    force_hold: bool,
+    continuous_reentry: bool,
+    damping: f64,
+    posture_lead: f64,
 }
 
 /// The checks, with the tree that knows the place of each value.
@@ -163,6 +176,10 @@ impl ScenarioCheck<'_> {
                 saturation: *raw.saturation.get_or_insert_default(),
                 offset_anti_windup: *raw.offset_anti_windup.get_or_insert(true),
                 stall_release: *raw.stall_release.get_or_insert(true),
+                force_hold: *raw.force_hold.get_or_insert(true),
+                continuous_reentry: *raw.continuous_reentry.get_or_insert(true),
+                damping: *raw.damping_sqrt_kg.get_or_insert(DAMPING_SQRT_KG),
+                posture_lead: *raw.posture_lead_s.get_or_insert(POSTURE_LEAD_S),
             });
         }
         let given = [
@@ -171,6 +188,10 @@ impl ScenarioCheck<'_> {
             ("controller.saturation", raw.saturation.is_some()),
             ("controller.offset_anti_windup", raw.offset_anti_windup.is_some()),
             ("controller.stall_release", raw.stall_release.is_some()),
+            ("controller.force_hold", raw.force_hold.is_some()),
+            ("controller.continuous_reentry", raw.continuous_reentry.is_some()),
+            ("controller.damping_sqrt_kg", raw.damping_sqrt_kg.is_some()),
+            ("controller.posture_lead_s", raw.posture_lead_s.is_some()),
         ];
         if let Some((key, _)) = given.into_iter().find(|(_, given)| *given) {
             let found = format!(
@@ -187,6 +208,10 @@ impl ScenarioCheck<'_> {
             saturation: Saturation::AsPrinted,
             offset_anti_windup: false,
             stall_release: false,
+            force_hold: false,
+            continuous_reentry: false,
+            damping: 0.0,
+            posture_lead: 0.0,
         })
     }
 
@@ -338,6 +363,10 @@ fn change(raw: &RawOperator) -> OperatorChange {
         gravity_compensation: raw.gravity_compensation,
         offset_anti_windup: raw.offset_anti_windup,
         stall_release: raw.stall_release,
+        force_hold: raw.force_hold,
+        continuous_reentry: raw.continuous_reentry,
+        damping: raw.damping_sqrt_kg,
+        posture_lead: raw.posture_lead_s,
         mean_speed: raw.mean_speed_m_per_s,
         max_acceleration: raw.max_acceleration_m_per_s2,
     }

@@ -7,8 +7,11 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, Default, Deserialize, Eq, JsonSchema, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Search {
-    /// Steps shrink with the force error: the search settles.
+    /// Steps shrink with the force error, and the taper of each axis adapts: it falls while the force oscillates about F_d
+    /// and grows otherwise. Settles on stiff, lightly damped walls and on soft ones.
     #[default]
+    Adaptive,
+    /// Steps shrink with the force error by a fixed taper: the search settles on well damped walls.
     Tapered,
     /// A full step every tick, as in the paper: a limit cycle of about one step remains.
     Sign,
@@ -32,8 +35,10 @@ pub enum ResetPolicy {
 #[derive(Clone, Copy, Debug, Default, Deserialize, Eq, JsonSchema, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Saturation {
-    /// S = 0.05 / (2 pi): within the last 5 % of x_b, as the paper's text states.
+    /// Within the last 5 % of min(F_max, K0 x_b): F_c(e) / e never grows, so no error gives more than K0 x_b.
     #[default]
+    Softening,
+    /// S = 0.05 / (2 pi): within the last 5 % of x_b, as the paper's text states. Hardens if F_max exceeds K0 x_b.
     Continuous,
     /// S = 0.1353, the printed value: the force steps at 0.95 x_b.
     AsPrinted,

@@ -167,6 +167,8 @@ pub struct PlantSettings {
     pub command_timeout_ticks: u32,
     /// Damping while braking [N m s/rad].
     pub brake_damping_n_m_s_per_rad: f64,
+    /// Standard deviation of the force sensor's noise on each axis [N].
+    pub force_noise: f64,
     /// Reaction of the run to the loss of the plant.
     pub on_loss: OnLoss,
 }
@@ -203,6 +205,14 @@ pub struct ParameterSettings {
     pub offset_anti_windup: bool,
     /// Whether a convergence that came to rest restarts from there.
     pub stall_release: bool,
+    /// Whether in contact dx follows the reference, and a change of gains leaves the force between its value and F_d.
+    pub force_hold: bool,
+    /// Whether the force is continuous where the attractor enters divergence again.
+    pub continuous_reentry: bool,
+    /// Damping over the square root of K0 [kg^1/2].
+    pub damping: f64,
+    /// Time by which the posture of J^T is predicted [s].
+    pub posture_lead: f64,
     /// Desired mean speed [m/s].
     pub mean_speed: f64,
     /// Largest acceleration a_max [m/s^2].
@@ -242,6 +252,14 @@ pub struct OperatorChange {
     pub offset_anti_windup: Option<bool>,
     /// Whether a convergence that came to rest restarts from there.
     pub stall_release: Option<bool>,
+    /// Whether in contact dx follows the reference, and a change of gains leaves the force between its value and F_d.
+    pub force_hold: Option<bool>,
+    /// Whether the force is continuous where the attractor enters divergence again.
+    pub continuous_reentry: Option<bool>,
+    /// Damping over the square root of K0 [kg^1/2].
+    pub damping: Option<f64>,
+    /// Time by which the posture of J^T is predicted [s].
+    pub posture_lead: Option<f64>,
     /// Desired mean speed [m/s].
     pub mean_speed: Option<f64>,
     /// Largest acceleration a_max [m/s^2].
@@ -267,6 +285,10 @@ impl ParameterSettings {
             gravity_compensation: change.gravity_compensation.unwrap_or(self.gravity_compensation),
             offset_anti_windup: change.offset_anti_windup.unwrap_or(self.offset_anti_windup),
             stall_release: change.stall_release.unwrap_or(self.stall_release),
+            force_hold: change.force_hold.unwrap_or(self.force_hold),
+            continuous_reentry: change.continuous_reentry.unwrap_or(self.continuous_reentry),
+            damping: change.damping.unwrap_or(self.damping),
+            posture_lead: change.posture_lead.unwrap_or(self.posture_lead),
             mean_speed: change.mean_speed.unwrap_or(self.mean_speed),
             max_acceleration: change.max_acceleration.unwrap_or(self.max_acceleration),
         }

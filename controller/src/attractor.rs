@@ -52,3 +52,78 @@ impl Attractor {
         (Self { x_max_m, converging }, force.clamp(-largest, largest))
     }
 }
+
+/// Slope of the force where divergence is entered again, over `F_c(e) / e`.
+///
+/// No convergence falls faster than 2 `F_c(e) / e`. Rising at least as fast, a small cycle takes energy from the robot.
+const REENTRY_SLOPE: f64 = 2.5;
+
+/// Fractal attractor of one axis (eq. 1) whose force is continuous where divergence is entered again in free motion.
+///
+/// The printed law jumps from the force of the convergence to the profile at the tick at which the robot turns back. With
+/// a target out of reach the robot turns back under a force near F_max, is thrown back, and cycles. Here the force rises
+/// from where it is, by 2.5 `F_c(e) / e` per metre, up to the profile; and the next convergence starts from the force
+/// that is there. In contact the jump stays: it is small there, and takes energy out of oscillations on a wall.
+///
+/// The force towards the reference never exceeds the profile's. With a softening profile it lies, on the way out, on or
+/// above its way back, so the net work on the robot over a cycle of the error is not positive.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ContinuousAttractor {
+    /// Error at the last change of phase [m]. Starts at 0.
+    pub x_max_m: f64,
+    /// Force there [N], with the sign of the error where it pulls to the reference. Starts at 0.
+    pub x_max_force: f64,
+    /// Whether the phase is convergence. Starts in divergence.
+    pub converging: bool,
+}
+
+impl ContinuousAttractor {
+    /// Runs one control tick: returns the next state and the force [N], as [`Attractor::step`]. `free`: no contact force.
+    #[must_use]
+    pub fn step(self, error: f64, error_rate: f64, free: bool, profile: &ForceProfile) -> (Self, f64) {
+        if !error.is_finite() || !error_rate.is_finite() || !self.x_max_m.is_finite() || !self.x_max_force.is_finite() {
+            return (Self { converging: self.converging, ..Self::default() }, 0.0);
+        }
+        let growth = error * error_rate;
+        let converging = growth < 0.0 || (growth == 0.0 && self.converging);
+        // Distances and pulls are along the sign of the error. On the other side of the reference nothing is left of the
+        // past: the profile starts at zero force.
+        let same_side = self.x_max_m != 0.0 && (error < 0.0) == (self.x_max_m < 0.0);
+        let (latched, held) = if same_side { (self.x_max_m.abs(), self.x_max_force * self.x_max_m.signum()) } else { (0.0, 0.0) };
+        let distance = error.abs();
+        let most = profile.force(distance);
+        let rise = || {
+            let slope = REENTRY_SLOPE * (most / distance.max(MIN_LATCHED_ERROR_M));
+            if free && latched > 0.0 { (held + slope * (distance - latched)).clamp(-most, most) } else { most }
+        };
+        // The present profile also counts for a force latched under an older one.
+        let fall = || {
+            let held = held.min(profile.force(latched));
+            if latched < MIN_LATCHED_ERROR_M {
+                most
+            } else if held > 0.0 {
+                held * (2.0 * (distance / latched) - 1.0)
+            } else {
+                held
+            }
+        };
+        let (latched, held, pull) = match (self.converging && same_side, converging) {
+            // Turned back: the rise starts from here.
+            (true, false) => {
+                let now = if free { fall().clamp(-most, most) } else { most };
+                (distance, now, now)
+            }
+            (true, true) if distance <= latched => (latched, held, fall()),
+            // Further out.
+            (false, false) => (latched, held, rise()),
+            // Turned to the reference, or the reference has moved away in convergence.
+            (false | true, true) => {
+                let now = rise();
+                (distance, now, now)
+            }
+        };
+        let largest = profile.largest();
+        let signed = |pull: f64| pull.clamp(-largest, largest) * if error < 0.0 { -1.0 } else { 1.0 };
+        (Self { x_max_m: latched.copysign(error), x_max_force: signed(held), converging }, signed(pull))
+    }
+}

@@ -42,6 +42,10 @@ pub fn control_step(chain: &Chain, gravity: &Vector3<f64>, inputs: &ControlInput
         contact_force: state.foot_force,
     };
     let out = task_space::step(inputs.previous_state, &measured, parameters, PERIOD_S).ok()?;
+    // The torque acts later than its state: J^T of the posture that the robot has then.
+    let ahead = parameters.predicted_posture(state);
+    let kin = chain.kinematics(&ahead[..n]);
+    let jacobian = chain.jacobian(&kin);
     let mut torque = jacobian.linear_transpose_mul(&Vector3::from(out.force));
     if parameters.gravity_compensation == 1 {
         let hold = chain.gravity_torque(&kin, gravity);

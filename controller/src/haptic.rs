@@ -17,7 +17,7 @@ pub struct HapticParameters {
     pub search: Search,
     /// Treatment of the offset while the search is at rest.
     pub reset_policy: ResetPolicy,
-    /// Share of the force error that the tapered search removes in 1 ms, as if against K0; default 0.2. Raising it
+    /// Share of the force error that the search removes in 1 ms, as if against K0: of this tick, if it adapts. Raising it
     /// settles faster; from 0.8 on it limit-cycles.
     pub taper: f64,
     /// Sigma as a scale, dimensionless, 0.01 in the paper: a full step in 1 ms is this share of `F_d / K0`.
@@ -77,9 +77,12 @@ fn search(offset: f64, desired: f64, measured: f64, p: &HapticParameters) -> f64
 fn step_length(desired: f64, force_error: f64, p: &HapticParameters) -> f64 {
     let per_newton = p.period_s / PAPER_PERIOD_S / p.stiffness;
     let full = p.search_scale * desired.abs() * per_newton;
+    let tapered = p.taper * force_error.abs() * per_newton;
     let length = match p.search {
         Search::Sign => full,
-        Search::Tapered => full.min(p.taper * force_error.abs() * per_newton),
+        Search::Tapered => full.min(tapered),
+        // Without the full step: a deep preload is left in proportion to itself, not to a small F_d.
+        Search::Adaptive => tapered,
     };
     // Without a stiffness no offset gives a force, so the search does not move.
     if length.is_finite() { length } else { 0.0 }

@@ -22,9 +22,13 @@
 //! # Ok::<(), hapfic_controller::task_space::TaskSpaceError>(())
 //! ```
 
+mod adaptive_taper;
 mod anti_windup;
 mod attractor;
+mod axis;
 pub mod control_step;
+mod damping;
+mod force_hold;
 mod haptic;
 pub mod parameters;
 mod profile;
@@ -32,8 +36,10 @@ mod stall_release;
 pub mod task_space;
 pub mod torque_filter;
 
+pub use adaptive_taper::AdaptiveTaper;
 pub use anti_windup::{bumpless_offset, conditional_integration};
-pub use attractor::Attractor;
+pub use attractor::{Attractor, ContinuousAttractor};
+pub use damping::damped;
 pub use haptic::{HapticParameters, HapticSearch};
 pub use profile::ForceProfile;
 pub use stall_release::{Stall, StallInput};

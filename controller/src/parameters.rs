@@ -16,10 +16,12 @@ pub fn parameters(settings: &ParameterSettings, version: u64, effective_tick: i6
     let saturation = match settings.saturation {
         Saturation::Continuous => hapfic_messages::Saturation::Continuous,
         Saturation::AsPrinted => hapfic_messages::Saturation::AsPrinted,
+        Saturation::Softening => hapfic_messages::Saturation::Softening,
     };
     let search = match settings.search {
         Search::Tapered => hapfic_messages::Search::Tapered,
         Search::Sign => hapfic_messages::Search::Sign,
+        Search::Adaptive => hapfic_messages::Search::Adaptive,
     };
     Parameters {
         version,
@@ -35,6 +37,10 @@ pub fn parameters(settings: &ParameterSettings, version: u64, effective_tick: i6
         gravity_compensation: u32::from(settings.gravity_compensation),
         offset_anti_windup: u32::from(settings.offset_anti_windup),
         stall_release: u32::from(settings.stall_release),
+        force_hold: u32::from(settings.force_hold),
+        continuous_reentry: u32::from(settings.continuous_reentry),
+        damping: settings.damping,
+        posture_lead: settings.posture_lead,
         taper: settings.taper,
         search_scale: settings.search_scale,
         force_resolution: settings.force_resolution,

@@ -3,7 +3,9 @@
 use core::f64::consts::PI;
 use hapfic_messages::Saturation;
 
-/// Share of x_b up to which the profile is linear.
+/// Share of the last 5 % of a softening profile at which it counts as saturated.
+const SATURATED_SHARE: f64 = 0.999;
+/// Share of x_b, or of the largest force of a softening profile, up to which the profile is linear.
 const KNEE: f64 = 0.95;
 /// S that saturates in the last 5 % of x_b, as in the paper's prose.
 const CONTINUOUS: f64 = 0.05 / (2.0 * PI);
@@ -36,14 +38,22 @@ impl ForceProfile {
             return 0.0;
         }
         let (distance, bound) = (error.abs(), self.position_bound);
+        if self.saturation == Saturation::Softening {
+            let largest = self.largest();
+            let (linear, knee) = (self.stiffness * distance, KNEE * largest);
+            let beyond = (linear - knee).max(0.0);
+            let magnitude = if beyond > 0.0 { knee + (largest - knee) * (beyond / (largest - knee)).tanh() } else { linear };
+            // The fraction is NaN for a force limit of zero.
+            return if magnitude.is_finite() { magnitude.min(largest).copysign(error) } else { 0.0 };
+        }
         // F_0. The limit at F_max changes no result, but keeps an overflowing product out of the sum below.
         let knee = (KNEE * self.stiffness * bound).min(self.max_force);
         let magnitude = if distance <= KNEE * bound {
             self.stiffness * distance
         } else {
             let scale = match self.saturation {
-                Saturation::Continuous => CONTINUOUS,
                 Saturation::AsPrinted => AS_PRINTED,
+                Saturation::Continuous | Saturation::Softening => CONTINUOUS,
             };
             let progress = (distance / bound - 1.0) / scale + PI;
             0.5 * (self.max_force - knee) * (progress.tanh() + 1.0) + knee
@@ -60,6 +70,13 @@ impl ForceProfile {
         if !self.is_valid() || !force.is_finite() || self.stiffness == 0.0 {
             return 0.0;
         }
+        if self.saturation == Saturation::Softening {
+            let largest = self.largest();
+            let knee = KNEE * largest;
+            let share = ((force.abs() - knee) / (largest - knee)).clamp(0.0, SATURATED_SHARE);
+            let linear = if force.abs() > knee { knee + (largest - knee) * share.atanh() } else { force.abs() };
+            return if linear.is_finite() { (linear / self.stiffness).copysign(force) } else { 0.0 };
+        }
         let (linear, knee) = (force.abs().min(self.max_force) / self.stiffness, KNEE * self.position_bound);
         let error = if linear <= knee {
             linear
@@ -71,9 +88,15 @@ impl ForceProfile {
         error.copysign(force)
     }
 
-    /// Returns the largest force of this profile [N]: F_max, or zero if the profile is invalid.
-    pub(crate) fn largest(&self) -> f64 {
-        if self.is_valid() { self.max_force } else { 0.0 }
+    /// Returns the largest force of this profile [N]: F_max, or min(F_max, K0 x_b) if it softens; zero if the profile is
+    /// invalid.
+    #[must_use]
+    pub fn largest(&self) -> f64 {
+        match self.saturation {
+            _ if !self.is_valid() => 0.0,
+            Saturation::Softening => (self.stiffness * self.position_bound).min(self.max_force),
+            Saturation::Continuous | Saturation::AsPrinted => self.max_force,
+        }
     }
 
     fn is_valid(&self) -> bool {

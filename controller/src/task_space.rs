@@ -1,10 +1,6 @@
 //! Task-space FIC: haptic search, error and attractor on the three axes of the world frame (eqs. 1, 4, 5, Algorithm 1).
 
-use crate::anti_windup::{bumpless_offset, conditional_integration};
-use crate::attractor::Attractor;
-use crate::haptic::{HapticParameters, HapticSearch};
-use crate::profile::ForceProfile;
-use crate::stall_release::{Stall, StallInput};
+use crate::axis::{AxisInput, AxisLaw, AxisState};
 use hapfic_messages::{ControllerState, Parameters, ResetPolicy, Saturation, Search};
 
 /// Error of the task-space law: it gives no force.
@@ -54,6 +50,10 @@ pub struct Policies {
     pub offset_anti_windup: bool,
     /// Whether a convergence that came to rest restarts from there.
     pub stall_release: bool,
+    /// Whether in contact dx follows the reference, keeps the force, and returns slowly.
+    pub force_hold: bool,
+    /// Whether the force is continuous where divergence is entered again.
+    pub continuous_reentry: bool,
 }
 
 /// Decodes the policies; `None` if a code is unknown.
@@ -84,7 +84,7 @@ pub struct TaskSpaceOutput {
     pub state: ControllerState,
     /// e = x_d + dx - x [m].
     pub error: [f64; 3],
-    /// e' = x_d' - J q' [m/s], without the motion of the search.
+    /// e' = x_d' - J q' [m/s], without the motion of the search; where dx follows the reference, -J q'.
     pub error_rate: [f64; 3],
     /// F_c, within +-F_max [N].
     pub force: [f64; 3],
@@ -105,88 +105,25 @@ pub fn step(
     let policies = decode(p)?;
     let mut output = TaskSpaceOutput { state, ..TaskSpaceOutput::default() };
     for axis in 0..3 {
-        let haptic = HapticParameters {
-            stiffness: p.stiffness[axis],
-            position_bound: p.position_bound[axis],
-            search: policies.search,
-            reset_policy: policies.reset_policy,
-            taper: p.taper,
-            search_scale: p.search_scale,
-            force_resolution: p.force_resolution,
-            period_s,
+        let law = AxisLaw::new(p, &policies, axis, period_s);
+        let motion = AxisInput {
+            distance: input.reference_position[axis] - input.position[axis],
+            reference: input.reference_position[axis],
+            position: input.position[axis],
+            reference_velocity: input.reference_velocity[axis],
+            velocity: input.velocity[axis],
+            measured: input.contact_force[axis],
         };
-        let profile = ForceProfile {
-            stiffness: p.stiffness[axis],
-            max_force: p.max_force[axis],
-            position_bound: p.position_bound[axis],
-            saturation: policies.saturation,
-        };
-        let error_at = |offset: f64| input.reference_position[axis] + offset - input.position[axis];
-        let error_rate = input.reference_velocity[axis] - input.velocity[axis];
-        let mut attractor = Attractor { x_max_m: state.x_max[axis], converging: state.converging[axis] != 0 };
-        let search =
-            |offset_m| HapticSearch { offset_m }.step(p.desired_force[axis], input.contact_force[axis], &haptic).offset_m;
-        let offset = if policies.offset_anti_windup {
-            let mut before = state.offset[axis];
-            // A stiffness of zero: there was no previous tick.
-            let changed = state.stiffness[axis] > 0.0
-                && [(state.stiffness, p.stiffness), (state.max_force, p.max_force), (state.position_bound, p.position_bound)]
-                    .iter()
-                    .any(|(before, now)| before[axis] != now[axis]);
-            // Only in contact and with a desired force; otherwise the position matters.
-            if changed && p.desired_force[axis] != 0.0 && input.contact_force[axis].abs() > p.force_resolution {
-                // Predicted reaction with an unchanged dx: the wall balances the change of F_c.
-                let (_, force_without_rescale) = attractor.step(error_at(before), error_rate, &profile);
-                let predicted_force = input.contact_force[axis] - (force_without_rescale - state.force[axis]);
-                if force_error_abs(p, axis, input.contact_force[axis]) <= force_error_abs(p, axis, predicted_force) {
-                    before = bumpless_offset(error_at(0.0), state.force[axis], &profile);
-                    // A convergence restarts from here: at its start the force is the profile's.
-                    attractor = Attractor::default();
-                }
-            }
-            let (_, force) = attractor.step(error_at(before), error_rate, &profile);
-            conditional_integration(before, search(before), force, p.max_force[axis])
-        } else {
-            search(state.offset[axis])
-        };
-        let error = error_at(offset);
-        let (mut attractor, mut force) = attractor.step(error, error_rate, &profile);
-        let mut stall = Stall::default();
-        if policies.stall_release {
-            let stall_input = StallInput {
-                error,
-                error_rate,
-                force,
-                contact_force: input.contact_force[axis],
-                force_resolution: p.force_resolution,
-                period_s,
-            };
-            let before = Stall { at_rest_ticks: state.at_rest_ticks[axis] };
-            (stall, attractor, force) = before.step(attractor, &stall_input, &profile);
-        }
-
-        output.state.offset[axis] = offset;
-        output.state.x_max[axis] = attractor.x_max_m;
-        // Stored always, so that the anti-windup never compares with outdated gains after it is switched on.
-        output.state.stiffness[axis] = p.stiffness[axis];
-        output.state.max_force[axis] = p.max_force[axis];
-        output.state.position_bound[axis] = p.position_bound[axis];
-        output.state.force[axis] = force;
-        output.state.converging[axis] = u32::from(attractor.converging);
-        output.state.at_rest_ticks[axis] = stall.at_rest_ticks;
-        output.error[axis] = error;
-        output.error_rate[axis] = error_rate;
-        output.force[axis] = force;
+        let out = law.step(AxisState::read(&state, axis), &motion);
+        out.state.write(&mut output.state, axis);
+        output.error[axis] = out.error;
+        output.error_rate[axis] = out.error_rate;
+        output.force[axis] = out.force;
     }
     // A difference of finite numbers near the largest can overflow.
     check_finite("error", &output.error)?;
     check_finite("error_rate", &output.error_rate)?;
     Ok(output)
-}
-
-/// Returns the absolute force error |F_d - F| [N].
-fn force_error_abs(p: &Parameters, axis: usize, force: f64) -> f64 {
-    (p.desired_force[axis] - force).abs()
 }
 
 fn decode(p: &Parameters) -> Result<Policies, TaskSpaceError> {
@@ -199,6 +136,8 @@ fn decode(p: &Parameters) -> Result<Policies, TaskSpaceError> {
         search: Search::from_code(p.search).ok_or_else(|| unknown("search", p.search, Search::ALL.len()))?,
         offset_anti_windup: switch(p.offset_anti_windup).ok_or_else(|| unknown("offset_anti_windup", p.offset_anti_windup, 2))?,
         stall_release: switch(p.stall_release).ok_or_else(|| unknown("stall_release", p.stall_release, 2))?,
+        force_hold: switch(p.force_hold).ok_or_else(|| unknown("force_hold", p.force_hold, 2))?,
+        continuous_reentry: switch(p.continuous_reentry).ok_or_else(|| unknown("continuous_reentry", p.continuous_reentry, 2))?,
     })
 }
 
@@ -221,6 +160,11 @@ fn check(state: &ControllerState, input: &TaskSpaceInput, p: &Parameters, period
     check_finite("state.max_force", &state.max_force)?;
     check_finite("state.position_bound", &state.position_bound)?;
     check_finite("state.force", &state.force)?;
+    check_finite("state.taper", &state.taper)?;
+    check_finite("state.force_error", &state.force_error)?;
+    check_finite("state.slow_error", &state.slow_error)?;
+    check_finite("state.free_time", &state.free_time)?;
+    check_finite("state.x_max_force", &state.x_max_force)?;
     check_finite("position", &input.position)?;
     check_finite("velocity", &input.velocity)?;
     check_finite("reference_position", &input.reference_position)?;
@@ -231,6 +175,7 @@ fn check(state: &ControllerState, input: &TaskSpaceInput, p: &Parameters, period
     check_finite("max_force", &p.max_force)?;
     check_finite("position_bound", &p.position_bound)?;
     check_finite("taper", &[p.taper])?;
+    check_finite("damping", &[p.damping])?;
     check_finite("search_scale", &[p.search_scale])?;
     check_finite("force_resolution", &[p.force_resolution])
 }

@@ -1,4 +1,5 @@
-//! Check of a request's torque against its own force: tau = J(q)^T F_c, plus g(q) where gravity is compensated.
+//! Check of a request's torque against its own force: tau = J^T F_c, plus g where gravity is compensated, both at
+//! the predicted posture.
 //!
 //! The gate knows state(k), so it can recompute the controller's torque. It rejects a request whose numbers went wrong
 //! after the control law, as it rejects NaN: by a bit flip, another robot's description, or a programming error in an
@@ -35,7 +36,7 @@ impl TorqueCheck {
         if state.joints as usize != n {
             return Err(ValidationError::Count { field: "joints", found: state.joints.into(), expected: n as u64 });
         }
-        let kin = self.chain.kinematics(&state.joint_position[..n]);
+        let kin = self.chain.kinematics(&parameters.predicted_posture(state)[..n]);
         let jacobian = self.chain.jacobian(&kin);
         let mut expected = jacobian.linear_transpose_mul(&Vector3::from(request.force));
         if parameters.gravity_compensation == 1 {

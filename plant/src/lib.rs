@@ -11,6 +11,7 @@ mod contact_point;
 mod contact_step;
 mod drive;
 mod error;
+mod force_noise;
 mod free_step;
 mod newton;
 mod object;

@@ -4,6 +4,7 @@ use crate::account::TickResult;
 use crate::collider::{BodyId, Collider};
 use crate::drive::DriveState;
 use crate::error::PlantError;
+use crate::force_noise::ForceNoise;
 use crate::object::FreeBody;
 use crate::scene::CollisionScene;
 use crate::world::{PhysicsWorld, Substeps};
@@ -28,6 +29,7 @@ pub struct Plant {
     brake_damping: f64,
     tick: i64,
     last: TickResult,
+    noise: ForceNoise,
     /// Elastic energy stored in the contacts at the present tick [J].
     stored: f64,
 }
@@ -59,6 +61,7 @@ impl Plant {
             command_timeout_ticks: settings.plant.command_timeout_ticks,
             brake_damping: settings.plant.brake_damping_n_m_s_per_rad,
             tick: 0,
+            noise: ForceNoise { deviation: settings.plant.force_noise, seed: settings.seed },
             last: TickResult::default(),
         })
     }
@@ -84,7 +87,7 @@ impl Plant {
         self.drive = DriveState::resumed(self.applied != Drive::Held);
         self.tick = state.tick;
         self.last = TickResult {
-            sensed_force: state.foot_force.into(),
+            sensed_force: Vector3::from(state.foot_force) - Vector3::from(self.noise.at(state.tick)),
             torque: state.joint_torque,
             contacts: state.contacts,
             contact_count: state.contact_count as usize,
@@ -136,7 +139,7 @@ impl Plant {
             joint_torque: self.last.torque,
             foot_position: kin.tip_position().into(),
             foot_velocity: jacobian.linear_mul(&world.qd[..n]).into(),
-            foot_force: self.last.sensed_force.into(),
+            foot_force: (self.last.sensed_force + Vector3::from(self.noise.at(self.tick))).into(),
             contact_count: self.last.contact_count as u32,
             contacts: self.last.contacts,
             physics: self.last.physics,

@@ -197,6 +197,9 @@ pub(crate) struct RawPlant {
     /// Damping of the joints while the drive brakes [N m s/rad], in [0, 1e4]. Raising it makes the robot sink more slowly.
     pub(crate) brake_damping_n_m_s_per_rad: f64,
 
+    /// Noise of the force sensor [N]: standard deviation on each axis, in [0, 100], new at every tick and repeatable by `seed`.
+    pub(crate) force_noise_n: f64,
+
     /// Reaction to the loss of the plant: "fail" ends the run, "restart" restarts the plant from its last state.
     pub(crate) on_loss: OnLoss,
 }
@@ -208,6 +211,7 @@ impl Default for RawPlant {
             flight_substep_us: 100,
             command_timeout_ticks: 3,
             brake_damping_n_m_s_per_rad: 2.0,
+            force_noise_n: 0.0,
             on_loss: OnLoss::Fail,
         }
     }

@@ -20,7 +20,7 @@ pub(crate) struct RawController {
 
     /// Step of the haptic search.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schemars(extend("default" = "tapered"))]
+    #[schemars(extend("default" = "adaptive"))]
     pub(crate) search: Option<Search>,
 
     /// Treatment of the searched offset when the force is matched or F_d is zero.
@@ -30,7 +30,7 @@ pub(crate) struct RawController {
 
     /// Saturation of the force profile.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schemars(extend("default" = "continuous"))]
+    #[schemars(extend("default" = "softening"))]
     pub(crate) saturation: Option<Saturation>,
 
     /// Stops the searched offset while F_max limits the force (conditional integration). After a change of K0, F_max or x_b it
@@ -45,12 +45,37 @@ pub(crate) struct RawController {
     #[schemars(extend("default" = true))]
     pub(crate) stall_release: Option<bool>,
 
-    /// Preset: "paper" sets search, reset_policy and saturation as the paper prints them, and switches offset_anti_windup and
-    /// stall_release off. It excludes these keys.
+    /// In contact under a desired force: dx follows the reference, and a change of K0, F_max or x_b leaves the force between
+    /// its value and F_d. After a loss of contact dx returns at 0.1 m/s. Without it such changes step the force.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("default" = true))]
+    pub(crate) force_hold: Option<bool>,
+
+    /// Where the robot turns back before its reference, the force rises from its value to the profile instead of jumping.
+    /// Without it a target out of reach makes the robot cycle.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("default" = true))]
+    pub(crate) continuous_reentry: Option<bool>,
+
+    /// Damping of each axis over the square root of its stiffness [kg^(1/2)], in [0, 100]: the force on the error rate is this
+    /// times sqrt(K0), within F_max. Raising it damps contacts with stiff walls; about sqrt(m) is too much for one tick of dead
+    /// time, with m the smallest effective mass at the tip.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("default" = 0.5))]
+    pub(crate) damping_sqrt_kg: Option<f64>,
+
+    /// Time by which J^T is ahead of the measured posture [s], in [0, 0.02]: q + q' times this. The torque acts from one to two
+    /// ticks after its state, so 1.5 ms is right for this stack. Without it a stretched leg that pulls on swings for ever.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("default" = 0.0015))]
+    pub(crate) posture_lead_s: Option<f64>,
+
+    /// Preset: "paper" sets search, reset_policy and saturation as the paper prints them, and switches offset_anti_windup,
+    /// stall_release, force_hold, continuous_reentry, damping and posture_lead off. It excludes these keys.
     pub(crate) fidelity: Fidelity,
 
-    /// Share of the force error that the tapered search removes in 1 ms, in (0, 1]. Raising it settles faster; 0.8
-    /// limit-cycles on a stiff wall.
+    /// Share of the force error that the search removes in 1 ms, in (0, 1]: with search = "tapered" always, with "adaptive" at
+    /// most. Raising it settles faster; 0.8 limit-cycles on a stiff wall.
     pub(crate) taper: f64,
 
     /// Sigma as the scale of the search step (Algorithm 1): a step is this times |F_d| / K0, in (0, 1]. Raising it searches
@@ -76,8 +101,12 @@ impl Default for RawController {
             saturation: None,
             offset_anti_windup: None,
             stall_release: None,
+            force_hold: None,
+            continuous_reentry: None,
+            damping_sqrt_kg: None,
+            posture_lead_s: None,
             fidelity: Fidelity::Hapfic,
-            taper: 0.2,
+            taper: 0.4,
             search_scale: 0.01,
             force_resolution_n: 0.01,
             gravity_compensation: false,
@@ -166,6 +195,22 @@ pub(crate) struct RawOperator {
     /// As in `controller`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) stall_release: Option<bool>,
+
+    /// As in `controller`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) force_hold: Option<bool>,
+
+    /// As in `controller`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) continuous_reentry: Option<bool>,
+
+    /// Damping over sqrt(K0) [kg^(1/2)], in [0, 100]. As in `controller`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) damping_sqrt_kg: Option<f64>,
+
+    /// Time by which J^T is ahead of the posture [s], in [0, 0.02]. As in `controller`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) posture_lead_s: Option<f64>,
 
     /// Desired mean speed [m/s], in (0, 10]. As in `planner`; applies to the next target.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -67,6 +67,7 @@ pub fn request(request: &Request) -> proto::Request {
         force: request.force.to_vec(),
         torque: first(&request.torque, request.joints),
         at_rest_ticks: request.state.at_rest_ticks.to_vec(),
+        taper: request.state.taper.to_vec(),
     }
 }
 
@@ -94,6 +95,7 @@ pub fn command(command: &Command) -> proto::Command {
         limited: command.limited,
         ramped: command.ramped,
         at_rest_ticks: request.state.at_rest_ticks.to_vec(),
+        taper: request.state.taper.to_vec(),
     }
 }
 
@@ -119,6 +121,10 @@ pub fn operator(parameters: &Parameters) -> proto::Operator {
         gravity_compensation: parameters.gravity_compensation != 0,
         offset_anti_windup: parameters.offset_anti_windup != 0,
         stall_release: parameters.stall_release != 0,
+        force_hold: parameters.force_hold != 0,
+        continuous_reentry: parameters.continuous_reentry != 0,
+        damping: parameters.damping,
+        posture_lead: parameters.posture_lead,
     }
 }
 

@@ -100,6 +100,14 @@ fn at_most(field: &'static str, found: u32, most: usize) -> Result<(), Validatio
     }
 }
 
+fn not_negative(field: &'static str, values: &[f64]) -> Result<(), ValidationError> {
+    finite(field, values)?;
+    match values.iter().find(|v| **v < 0.0) {
+        Some(&found) => Err(ValidationError::Range { field, found, expected: "a number of at least zero" }),
+        None => Ok(()),
+    }
+}
+
 fn positive(field: &'static str, values: &[f64]) -> Result<(), ValidationError> {
     finite(field, values)?;
     match values.iter().find(|v| **v <= 0.0) {
@@ -152,6 +160,11 @@ impl Check for ControllerState {
         finite("max_force", &self.max_force)?;
         finite("position_bound", &self.position_bound)?;
         finite("force", &self.force)?;
+        not_negative("taper", &self.taper)?;
+        finite("force_error", &self.force_error)?;
+        finite("slow_error", &self.slow_error)?;
+        not_negative("free_time", &self.free_time)?;
+        finite("x_max_force", &self.x_max_force)?;
         match self.converging.iter().find(|c| **c > 1) {
             Some(&found) => Err(ValidationError::Code { field: "converging", found }),
             None => Ok(()),
@@ -190,12 +203,16 @@ impl Check for Parameters {
         at_most("gravity_compensation", self.gravity_compensation, 1)?;
         at_most("offset_anti_windup", self.offset_anti_windup, 1)?;
         at_most("stall_release", self.stall_release, 1)?;
+        at_most("force_hold", self.force_hold, 1)?;
+        at_most("continuous_reentry", self.continuous_reentry, 1)?;
         finite("target_position", &self.target_position)?;
         finite("desired_force", &self.desired_force)?;
         positive("stiffness", &self.stiffness)?;
         positive("max_force", &self.max_force)?;
         positive("position_bound", &self.position_bound)?;
         positive("taper", &[self.taper])?;
+        not_negative("damping", &[self.damping])?;
+        not_negative("posture_lead", &[self.posture_lead])?;
         positive("search_scale", &[self.search_scale])?;
         positive("force_resolution", &[self.force_resolution])?;
         positive("mean_speed", &[self.mean_speed])?;

@@ -21,6 +21,8 @@ wire_enum! {
         Continuous = 0, "continuous";
         /// S = 0.1353, the printed value: steps at 0.95 x_b.
         AsPrinted = 1, "as_printed";
+        /// The last 5 % of min(F_max, K0 x_b) bend over smoothly, and F_c(e) / e never grows.
+        Softening = 2, "softening";
     }
 }
 
@@ -31,6 +33,8 @@ wire_enum! {
         Tapered = 0, "tapered";
         /// A full step every tick, as in the paper: leaves a limit cycle of one step.
         Sign = 1, "sign";
+        /// As tapered, with a taper per axis that falls while the force error changes its sign and grows otherwise.
+        Adaptive = 2, "adaptive";
     }
 }
 

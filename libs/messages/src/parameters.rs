@@ -1,6 +1,8 @@
 //! The operator's parameter sets: in force and announced.
 
+use crate::limits::MAX_JOINTS;
 use crate::message::Message;
+use crate::state::State;
 use zerocopy::{FromBytes, Immutable, IntoBytes};
 
 /// Parameter set: everything that the operator may change while the stack runs.
@@ -33,8 +35,17 @@ pub struct Parameters {
     pub offset_anti_windup: u32,
     /// 1: a stalled convergence restarts from its position.
     pub stall_release: u32,
+    /// 1: in contact dx follows the reference and a change of gains keeps the force; after a loss of contact dx returns
+    /// slowly.
+    pub force_hold: u32,
+    /// 1: the force is continuous where the attractor enters divergence again.
+    pub continuous_reentry: u32,
     /// Share of the force error that the tapered search removes in 1 ms, as if against K0.
     pub taper: f64,
+    /// Damping of each axis over the square root of its stiffness [kg^1/2].
+    pub damping: f64,
+    /// Time by which the posture of J^T is predicted [s].
+    pub posture_lead: f64,
     /// sigma as the scale of the search step, Algorithm 1.
     pub search_scale: f64,
     /// sigma as the force threshold, Algorithm 1 [N].
@@ -43,6 +54,17 @@ pub struct Parameters {
     pub mean_speed: f64,
     /// a_max of the planner [m/s^2].
     pub max_acceleration: f64,
+}
+
+impl Parameters {
+    /// Posture at the time at which the torque that answers a state acts: q + q' `posture_lead` [rad].
+    ///
+    /// In the dead time the lever arms change. Near a straight joint this feeds energy into the joint's motion: a force F
+    /// along links of lengths a and b, tau late, acts on that joint as the negative damping F tau a b / (a + b).
+    #[must_use]
+    pub fn predicted_posture(&self, state: &State) -> [f64; MAX_JOINTS] {
+        core::array::from_fn(|i| state.joint_position[i] + self.posture_lead * state.joint_velocity[i])
+    }
 }
 
 /// Parameter sets in force and announced.

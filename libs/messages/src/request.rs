@@ -18,8 +18,18 @@ pub struct ControllerState {
     pub max_force: [f64; 3],
     /// x_b of this tick [m].
     pub position_bound: [f64; 3],
-    /// F_c of this tick [N].
+    /// Force of the attractor in this tick [N], without damping.
     pub force: [f64; 3],
+    /// Taper of the adaptive search, 0 before the first contact.
+    pub taper: [f64; 3],
+    /// F_d - F of this tick [N]; 0 without contact.
+    pub force_error: [f64; 3],
+    /// |F_d - F| smoothed over 20 ms [N]; 0 before the first contact.
+    pub slow_error: [f64; 3],
+    /// Time since the last contact [s], at most 1.
+    pub free_time: [f64; 3],
+    /// Force of the attractor at x_max [N], with continuous re-entry.
+    pub x_max_force: [f64; 3],
     /// 1 in convergence, 0 in divergence.
     pub converging: [u32; 3],
     /// Ticks in a row in which the axis was at rest in convergence, without contact.

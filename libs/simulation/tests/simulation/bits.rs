@@ -26,6 +26,11 @@ pub fn bits(snapshot: &Snapshot) -> Vec<u64> {
         &previous_state.max_force,
         &previous_state.position_bound,
         &previous_state.force,
+        &previous_state.taper,
+        &previous_state.force_error,
+        &previous_state.slow_error,
+        &previous_state.free_time,
+        &previous_state.x_max_force,
     ] {
         add(values);
     }
