@@ -3,7 +3,7 @@
 /// Taper at which the search of a new contact starts.
 const START: f64 = 0.05;
 /// Smallest taper.
-const LEAST: f64 = 0.012;
+const LEAST: f64 = 0.015;
 /// Factor of the taper at each change of sign of the force error.
 const SHRINK: f64 = 0.5;
 /// Time in which the taper grows by e [s].
@@ -24,8 +24,8 @@ const SLOW_DECAY_PER_S: f64 = 20.0;
 ///
 /// with the stiffness k_e of the wall, all damping b_eff, the delay tau and the effective mass m_eff. A soft wall (small
 /// k_e) allows and needs a large k_i, a stiff and lightly damped one allows only a small k_i. Near the limit the force
-/// error changes its sign in every half period; each change halves the taper. It grows only while the error falls, and
-/// falls slower than by e in 50 ms: a search that is fast enough keeps its margin.
+/// error changes its sign in every half period; each change halves the taper. It grows otherwise, but not while the error
+/// falls by e in 50 ms or faster: a search that is fast enough keeps its margin.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AdaptiveTaper {
     /// Share of the force error that the search removes in 1 ms, as if against K0; 0 before the first contact.
@@ -40,7 +40,7 @@ impl AdaptiveTaper {
     /// Runs one control tick in contact, under a desired force.
     ///
     /// A change of sign counts from one force error beyond `resolution` [N] to the next one. The taper stays within
-    /// [0.012, `most`], or at `most` if that is smaller. A force error that is not finite changes nothing.
+    /// [0.015, `most`], or at `most` if that is smaller. A force error that is not finite changes nothing.
     #[must_use]
     pub fn step(self, force_error: f64, resolution: f64, most: f64, period_s: f64) -> Self {
         let least = LEAST.min(most);
@@ -56,13 +56,13 @@ impl AdaptiveTaper {
             return Self { taper: before.clamp(least, most), slow_error, ..self };
         }
         // An exponential decay of rate r keeps |error| at (1 - r SMOOTHING_S) of the smoothed one.
-        let falls_slowly = size < slow_error && size > (1.0 - SLOW_DECAY_PER_S * SMOOTHING_S) * slow_error;
+        let falls_fast = size <= (1.0 - SLOW_DECAY_PER_S * SMOOTHING_S) * slow_error;
         let factor = if self.force_error * force_error < 0.0 {
             SHRINK
-        } else if falls_slowly {
-            (period_s / GROWTH_S).exp()
-        } else {
+        } else if falls_fast {
             1.0
+        } else {
+            (period_s / GROWTH_S).exp()
         };
         Self { taper: (factor * before).clamp(least, most), force_error, slow_error }
     }

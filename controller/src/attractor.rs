@@ -78,9 +78,11 @@ pub struct ContinuousAttractor {
 }
 
 impl ContinuousAttractor {
-    /// Runs one control tick: returns the next state and the force [N], as [`Attractor::step`]. `free`: no contact force.
+    /// Runs one control tick: returns the next state and the force [N], as [`Attractor::step`].
+    ///
+    /// `jump` is the largest jump where divergence is entered again [N]: 0 in free motion, infinity for the printed law.
     #[must_use]
-    pub fn step(self, error: f64, error_rate: f64, free: bool, profile: &ForceProfile) -> (Self, f64) {
+    pub fn step(self, error: f64, error_rate: f64, jump: f64, profile: &ForceProfile) -> (Self, f64) {
         if !error.is_finite() || !error_rate.is_finite() || !self.x_max_m.is_finite() || !self.x_max_force.is_finite() {
             return (Self { converging: self.converging, ..Self::default() }, 0.0);
         }
@@ -92,9 +94,9 @@ impl ContinuousAttractor {
         let (latched, held) = if same_side { (self.x_max_m.abs(), self.x_max_force * self.x_max_m.signum()) } else { (0.0, 0.0) };
         let distance = error.abs();
         let most = profile.force(distance);
-        let rise = || {
+        let rise = |jump: f64| {
             let slope = REENTRY_SLOPE * (most / distance.max(MIN_LATCHED_ERROR_M));
-            if free && latched > 0.0 { (held + slope * (distance - latched)).clamp(-most, most) } else { most }
+            if latched > 0.0 { (held + jump + slope * (distance - latched)).clamp(-most, most) } else { most }
         };
         // The present profile also counts for a force latched under an older one.
         let fall = || {
@@ -110,15 +112,20 @@ impl ContinuousAttractor {
         let (latched, held, pull) = match (self.converging && same_side, converging) {
             // Turned back: the rise starts from here.
             (true, false) => {
-                let now = if free { fall().clamp(-most, most) } else { most };
-                (distance, now, now)
+                let now = fall().clamp(-most, most);
+                (distance, now, (now + jump).min(most))
             }
             (true, true) if distance <= latched => (latched, held, fall()),
             // Further out.
-            (false, false) => (latched, held, rise()),
-            // Turned to the reference, or the reference has moved away in convergence.
-            (false | true, true) => {
-                let now = rise();
+            (false, false) => (latched, held, rise(jump)),
+            // Turned to the reference.
+            (false, true) => {
+                let now = rise(jump);
+                (distance, now, now)
+            }
+            // The reference, or the offset, has moved away in convergence: many small steps, none of which jumps.
+            (true, true) => {
+                let now = if jump.is_finite() { rise(0.0) } else { most };
                 (distance, now, now)
             }
         };

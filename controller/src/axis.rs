@@ -126,11 +126,12 @@ impl AxisLaw {
         // In contact under a desired force the force decides on this axis, otherwise the position.
         let engaged = self.desired != 0.0 && input.measured.abs() > self.haptic.force_resolution;
         let free = input.measured.abs() <= self.haptic.force_resolution;
+        let jump = if free { 0.0 } else { f64::INFINITY };
         let mut attractor = before.attractor;
         let mut error_rate = input.reference_velocity - input.velocity;
         let mut held = before.offset;
         if engaged && self.changed(&before) {
-            let (_, unchanged) = self.attract(attractor, error_at(held), error_rate, false);
+            let (_, unchanged) = self.attract(attractor, error_at(held), error_rate, f64::INFINITY);
             if let Some(offset) = self.refit(input, before.force, unchanged) {
                 held = offset;
                 // A convergence restarts from here: at its start the force is the profile's.
@@ -155,13 +156,14 @@ impl AxisLaw {
             proposed = if bounces { held } else { force_hold::returned(held, haptic.period_s) };
         }
         let offset = if self.policies.offset_anti_windup {
-            let (_, force) = self.attract(attractor, error_at(held), error_rate, free);
+            let (_, force) = self.attract(attractor, error_at(held), error_rate, jump);
             conditional_integration(held, proposed, force, self.profile.largest())
         } else {
             proposed
         };
-        let error = error_at(offset);
-        let (mut attractor, mut force) = self.attract(attractor, error, error_rate, free);
+        let mut offset = offset;
+        let mut error = error_at(offset);
+        let (mut attractor, mut force) = self.attract(attractor, error, error_rate, jump);
         let mut stall = Stall::default();
         if self.policies.stall_release {
             let stall_input = StallInput {
@@ -173,6 +175,17 @@ impl AxisLaw {
                 period_s: haptic.period_s,
             };
             (stall, attractor, force) = self.release(before.stall, attractor, &stall_input);
+        }
+        if self.policies.force_hold && engaged && attractor.converging && Stall::is_at_rest(error_rate) {
+            stall = Stall { at_rest_ticks: before.stall.at_rest_ticks.saturating_add(1) };
+            let latched = self.profile.error_for(force) - input.distance;
+            if stall.is_long(self.haptic.period_s) && latched.abs() <= self.haptic.position_bound {
+                // The search has made up for a convergence that came to rest: the force stays, its past does not.
+                offset = latched;
+                error = error_at(offset);
+                stall = Stall::default();
+                attractor = AttractorState { x_max_m: error, x_max_force: force, converging: true };
+            }
         }
         let state = AxisState {
             offset,
@@ -208,9 +221,9 @@ impl AxisLaw {
         (self.policies.offset_anti_windup && nearer).then(|| bumpless_offset(input.distance, before, &self.profile))
     }
 
-    fn attract(&self, attractor: AttractorState, error: f64, error_rate: f64, free: bool) -> (AttractorState, f64) {
+    fn attract(&self, attractor: AttractorState, error: f64, error_rate: f64, jump: f64) -> (AttractorState, f64) {
         if self.policies.continuous_reentry {
-            return attractor.step(error, error_rate, free, &self.profile);
+            return attractor.step(error, error_rate, jump, &self.profile);
         }
         let printed = Attractor { x_max_m: attractor.x_max_m, converging: attractor.converging };
         let (next, force) = printed.step(error, error_rate, &self.profile);

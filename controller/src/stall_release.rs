@@ -43,6 +43,16 @@ pub struct StallInput {
 }
 
 impl Stall {
+    /// Whether an error rate [m/s] is that of an axis at rest.
+    pub(crate) fn is_at_rest(error_rate: f64) -> bool {
+        error_rate.abs() < AT_REST_M_PER_S
+    }
+
+    /// Whether the axis has been at rest for 20 ms.
+    pub(crate) fn is_long(&self, period_s: f64) -> bool {
+        f64::from(self.at_rest_ticks) >= (AT_REST_S / period_s).round()
+    }
+
     /// Runs one control tick after the attractor's step: returns the next states and the force [N].
     ///
     /// It releases only if the profile's force towards the reference exceeds the attractor's by more than the force
@@ -52,7 +62,7 @@ impl Stall {
     pub fn step(self, attractor: Attractor, input: &StallInput, profile: &ForceProfile) -> (Self, Attractor, f64) {
         // A nan compares as false: moving, or in contact.
         let free = input.contact_force.abs() <= input.force_resolution;
-        let at_rest = attractor.converging && free && input.error_rate.abs() < AT_REST_M_PER_S;
+        let at_rest = attractor.converging && free && Self::is_at_rest(input.error_rate);
         if !at_rest {
             return (Self::default(), attractor, input.force);
         }
@@ -60,8 +70,7 @@ impl Stall {
         let fresh = profile.force(input.error);
         // Positive: towards the reference.
         let gain = (fresh - input.force) * input.error.signum();
-        let long_enough = f64::from(at_rest_ticks) >= (AT_REST_S / input.period_s).round();
-        if long_enough && gain > input.force_resolution {
+        if (Self { at_rest_ticks }).is_long(input.period_s) && gain > input.force_resolution {
             return (Self::default(), Attractor { x_max_m: input.error, ..attractor }, fresh);
         }
         (Self { at_rest_ticks }, attractor, input.force)

@@ -161,6 +161,7 @@ impl Case {
                     "robot.joint_damping_n_m_s_per_rad=11.46",
                     "controller.stiffness_n_per_m=[6000, 6000, 6000]",
                     "controller.max_force_n=[150, 150, 150]",
+                    "controller.taper=0.1",
                 ]
                 .map(ToOwned::to_owned),
             ),

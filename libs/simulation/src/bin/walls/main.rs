@@ -13,6 +13,12 @@ use std::sync::atomic::AtomicBool;
 
 fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
+    if arguments.first().is_some_and(|a| a == "study") {
+        let settings = hapfic_config::Settings::load(&arguments[1], &arguments[2..]).unwrap();
+        let done = hapfic_simulation::study::study(&settings, &AtomicBool::new(false), None).unwrap();
+        println!("{}", serde_json::to_string(&done.metrics).unwrap());
+        return;
+    }
     if arguments.first().is_some_and(|a| a == "scenario") {
         let settings = hapfic_config::Settings::load(&arguments[1], &arguments[2..]).unwrap();
         let mut sim = hapfic_simulation::Simulation::new(&settings).unwrap();
