@@ -1,5 +1,6 @@
 //! Course of a run in the main thread: start, ticks, end.
 
+use super::evidence::Suspicion;
 use super::slot::ProcessSlot;
 use super::{FAST_POLL_INTERVAL, POLL_INTERVAL, RunTimes, WATCH_PRIORITY, Watch, bit};
 use crate::children::{self, Child, started};
@@ -15,6 +16,8 @@ use std::time::{Duration, Instant};
 
 /// Ticks before an injected fault in which the supervisor polls fast.
 const NEAR_TICKS: i64 = 200;
+/// Most extensions of the time to get ready, each of the time-out.
+const READY_EXTENSIONS: u32 = 5;
 /// Time that processes may take for their last tick after the gate's.
 const LAST_TICK_TIMEOUT: Duration = Duration::from_secs(1);
 
@@ -75,8 +78,15 @@ impl Watch<'_> {
     }
 
     /// Waits until all processes report that they are ready; `false` if one does not.
+    ///
+    /// Until then they have no real-time priority, so on a busy machine they may wait long for a processor. They get more
+    /// time then, up to [`READY_EXTENSIONS`] times the time-out.
     fn wait_until_ready(&mut self) -> Result<bool> {
-        let deadline = Instant::now() + Duration::from_millis(self.run.settings.supervisor.ready_timeout_ms.into());
+        let timeout = Duration::from_millis(self.run.settings.supervisor.ready_timeout_ms.into());
+        let mut deadline = Instant::now() + timeout;
+        let mut extensions = 0;
+        let children = self.slots.iter().filter_map(|slot| slot.child.as_ref());
+        let mut suspicions: Vec<_> = children.map(|child| Suspicion::begin(child.pid(), &self.evidence)).collect();
         loop {
             if !self.healthy()? {
                 return Ok(false);
@@ -90,7 +100,16 @@ impl Watch<'_> {
             if missing.is_empty() {
                 return Ok(true);
             }
-            if Instant::now() > deadline {
+            // Every excuse is asked for, so that all begin anew.
+            let late = Instant::now() > deadline;
+            if late
+                && extensions < READY_EXTENSIONS
+                && suspicions.iter_mut().fold(false, |any, s| s.excuse(&self.evidence) || any)
+            {
+                extensions += 1;
+                deadline = Instant::now() + timeout;
+                eprintln!("still waiting for {}: the machine is busy and gives no processor", missing.join(", "));
+            } else if late {
                 for process in missing {
                     self.fault(process, "did not get ready in time".to_owned(), Detector::Start);
                 }
