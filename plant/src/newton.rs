@@ -21,8 +21,6 @@ use hapfic_messages::MAX_OBJECTS;
 use hapfic_robot::MassMatrix;
 use nalgebra::{Matrix3, Vector3};
 
-/// Maximum number of constraint points, joint stops first; with more, the sub-step counts as unconverged.
-pub(crate) const MAX_POINTS: usize = 32;
 /// Maximum number of iterations.
 const MAX_ITERATIONS: u32 = 25;
 /// Largest residual of a converged sub-step [N s].
@@ -71,14 +69,15 @@ pub(crate) struct Newton {
     /// Velocities at the start.
     pub(crate) v0: VelocityVector,
     /// Separation speeds of the points at the start [m/s].
-    before: [f64; MAX_POINTS],
+    before: Vec<f64>,
     residual: VelocityVector,
     matrix: [VelocityVector; MAX_SPEEDS],
     warm_start: WarmStart,
 }
 
 impl Newton {
-    pub(crate) fn new(leg: usize) -> Self {
+    /// Creates the equations of a leg with so many speeds, with room for so many points.
+    pub(crate) fn new(leg: usize, points: usize) -> Self {
         let zero = [0.0; MAX_SPEEDS];
         Self {
             leg,
@@ -87,7 +86,7 @@ impl Newton {
             bodies: [(0.0, Matrix3::zeros()); MAX_OBJECTS],
             impulse: zero,
             v0: zero,
-            before: [0.0; MAX_POINTS],
+            before: vec![0.0; points],
             residual: zero,
             matrix: [zero; MAX_SPEEDS],
             warm_start: WarmStart { size: (0, 0.0), change: zero, factored: false },
@@ -225,7 +224,7 @@ mod tests {
     use crate::contact_law::ContactLaw;
 
     fn block(mass: f64) -> Newton {
-        let mut newton = Newton::new(3);
+        let mut newton = Newton::new(3, 1);
         for i in 0..3 {
             newton.mass[(i, i)] = mass;
         }
