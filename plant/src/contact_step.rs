@@ -11,7 +11,8 @@ use crate::world::PhysicsWorld;
 use hapfic_robot::{JointVector, Kinematics};
 use nalgebra::{Matrix3, Vector3};
 
-/// Energy that the turn of an object may add by mistake, per time [W]: several times what gentle contacts reach.
+/// Energy that the midpoint rule may add to the turn of an object by mistake, per time [W]: four times what the
+/// built-in scenarios reach. Beyond, the object turns by a rule that adds none.
 const MAX_TURN_ERROR_W: f64 = 2e-6;
 
 /// Contact law of the stop at a joint's limit, over the angle [rad], or [m] for a prismatic joint.
@@ -89,22 +90,25 @@ impl VelocityLayout<'_> {
     }
 }
 
-/// Rule by which objects turn in a sub-step.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Turn {
-    /// By the midpoint rule; the sub-step does not hold if that adds too much energy.
-    Plain,
-    /// By a rule that adds no energy. The `last` part of a cut is accepted as it is.
-    KeepsEnergy {
-        /// Whether no further cut is possible.
-        last: bool,
-    },
+/// Force at a contact point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PointForce {
+    /// Index of the body among the names of the scene.
+    pub body: usize,
+    /// Index of the body that feels the opposite force.
+    pub against: usize,
+    /// Unit normal, from the second body to the first.
+    pub normal: Vector3<f64>,
+    /// Force on the first body [N], world frame.
+    pub force: Vector3<f64>,
+    /// Contact law of the pair.
+    pub law: ContactLaw,
 }
 
 impl PhysicsWorld {
-    /// Advances the bodies in `scope` by one implicit sub-step of `h` [s]; returns whether it holds.
+    /// Advances the bodies in `scope` by one implicit sub-step of `h` [s]; returns whether the solver converged.
     ///
-    /// Of a sub-step that does not hold, only positions and velocities have changed.
+    /// If it did not, no body has moved, except in the `last` try, which takes what the solver has.
     pub(crate) fn try_contact_step(
         &mut self,
         scope: StepScope,
@@ -112,7 +116,7 @@ impl PhysicsWorld {
         torque: &JointVector,
         damping: &JointVector,
         h: f64,
-        turn: Turn,
+        last: bool,
     ) -> bool {
         let leg = if scope == StepScope::All { self.n() } else { 0 };
         self.collect_constraints(scope, kin, h);
@@ -125,7 +129,6 @@ impl PhysicsWorld {
         let mut v = [0.0; MAX_SPEEDS];
         let solved = self.newton.solve(h, &self.points, &mut v, &mut self.forces);
         self.tick_sums.physics.newton_iterations += solved.iterations;
-        let last = matches!(turn, Turn::KeepsEnergy { last: true });
         if !solved.converged && !last {
             return false;
         }
@@ -136,17 +139,11 @@ impl PhysicsWorld {
         for (index, body) in self.objects.iter_mut().enumerate() {
             let at = leg + 6 * index;
             let (velocity, angular) = (Vector3::new(v[at], v[at + 1], v[at + 2]), Vector3::new(v[at + 3], v[at + 4], v[at + 5]));
-            match turn {
-                Turn::Plain => {
-                    let error = body.apply_contact_velocities(velocity, angular, h);
-                    if error.abs() > h * MAX_TURN_ERROR_W {
-                        return false;
-                    }
-                }
-                Turn::KeepsEnergy { .. } => {
-                    let turned = body.apply_keeping_energy(velocity, angular, h) / h;
-                    mean[at + 3..at + 6].copy_from_slice(turned.as_slice());
-                }
+            let start = *body;
+            if body.apply_contact_velocities(velocity, angular, h).abs() > h * MAX_TURN_ERROR_W {
+                *body = start;
+                let turn = body.apply_keeping_energy(velocity, angular, h) / h;
+                mean[at + 3..at + 6].copy_from_slice(turn.as_slice());
             }
         }
         for ((q, before), after) in self.q.iter_mut().zip(&self.qd).zip(&v).take(leg) {
@@ -251,6 +248,18 @@ impl PhysicsWorld {
             let force = pair.law.normal(contact.depth, 0.0).force;
             self.tick_sums.add(*index, pair.sensed, contact, contact.normal * force, duration);
         }
+    }
+
+    /// Forces of all contact points in the last implicit sub-step.
+    pub fn point_forces(&self) -> impl Iterator<Item = PointForce> {
+        self.points.iter().zip(&self.forces).zip(&self.sources).filter_map(|((point, force), source)| match source {
+            ConstraintSource::Pair { index, contact, axes } if force.x > 0.0 => {
+                let pair = &self.scene.pairs[*index];
+                let (body, against) = (pair.body.name_index, pair.against.name_index);
+                Some(PointForce { body, against, normal: contact.normal, force: axes * force, law: point.law })
+            }
+            _ => None,
+        })
     }
 
     /// Elastic energy stored in the contacts at the present state [J], whose colliders are up to date.

@@ -16,6 +16,8 @@ pub(crate) struct EnergyAccount {
     joint_work_j: f64,
     /// Energy lost to joint damping.
     joint_loss_j: f64,
+    /// Kinetic and potential energy now.
+    energy_j: f64,
     /// Elastic energy in the contacts now.
     pub(crate) stored_j: f64,
     /// Energy that no work explains.
@@ -37,6 +39,7 @@ impl EnergyAccount {
     /// Continues the account of a published state.
     pub(crate) fn resumed(physics: &Physics) -> Self {
         Self {
+            energy_j: physics.energy_j,
             contact_work_j: physics.contact_work_j,
             stored_j: physics.contact_stored_j,
             joint_work_j: physics.joint_work_j,
@@ -48,6 +51,7 @@ impl EnergyAccount {
 
     /// Writes the account into a message.
     pub(crate) fn write(&self, physics: &mut Physics) {
+        physics.energy_j = self.energy_j;
         physics.contact_work_j = self.contact_work_j;
         physics.contact_stored_j = self.stored_j;
         physics.joint_work_j = self.joint_work_j;
@@ -80,6 +84,7 @@ impl EnergyAccount {
 
     /// Ends a tick that has changed the energy of all bodies from `start_j` to `end_j` [J].
     pub(crate) fn finish(&mut self, start_j: f64, end_j: f64) {
+        self.energy_j = end_j;
         self.error_j += end_j - start_j - self.tick.work_j;
     }
 }

@@ -14,6 +14,7 @@ mod drive;
 mod energy;
 mod error;
 mod free_step;
+mod full_newton;
 mod newton;
 mod object;
 mod pair_cache;
@@ -26,6 +27,7 @@ mod velocities;
 mod world;
 
 pub use account::TickResult;
+pub use contact_step::PointForce;
 pub use contact_law::{ContactLaw, NormalForce, ValueAndSlope};
 pub use drive::DriveState;
 pub use error::PlantError;

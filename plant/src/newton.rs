@@ -27,6 +27,8 @@ const MAX_ITERATIONS: u32 = 25;
 const TOLERANCE: f64 = 1e-10;
 /// The same as a force over the sub-step [N]; tighter than [`TOLERANCE`] below 20 us.
 const TOLERANCE_FORCE: f64 = 5e-6;
+/// Rounding of a residual, per momentum of the sub-step.
+const ROUNDING: f64 = 16.0 * f64::EPSILON;
 /// Ratio of residuals after and before a step, above which the next step factors a new matrix.
 const FACTOR_REUSE_RATIO: f64 = 0.1;
 
@@ -69,9 +71,9 @@ pub(crate) struct Newton {
     /// Velocities at the start.
     pub(crate) v0: VelocityVector,
     /// Separation speeds of the points at the start [m/s].
-    before: Vec<f64>,
-    residual: VelocityVector,
-    matrix: [VelocityVector; MAX_SPEEDS],
+    pub(crate) before: Vec<f64>,
+    pub(crate) residual: VelocityVector,
+    pub(crate) matrix: [VelocityVector; MAX_SPEEDS],
     warm_start: WarmStart,
 }
 
@@ -123,7 +125,9 @@ impl Newton {
         for ((v, before), change) in v.iter_mut().zip(&self.v0).zip(&self.warm_start.change).take(n) {
             *v = before + change;
         }
-        let tolerance = TOLERANCE.min(TOLERANCE_FORCE * h);
+        // Residuals of large momenta end at their rounding.
+        let rounding = self.impulse[..n].iter().fold(0.0, |most: f64, impulse| most.max(impulse.abs())) * ROUNDING;
+        let tolerance = TOLERANCE.min(TOLERANCE_FORCE * h).max(rounding);
         let mut norm = self.evaluate(h, points, v, forces);
         let mut iterations = 0;
         // At least one step: accepted residuals would otherwise add up, always with the same sign.
@@ -156,6 +160,12 @@ impl Newton {
             // If the residual fell too little, the next step factors a new matrix.
             self.warm_start.factored = norm <= tolerance || norm <= FACTOR_REUSE_RATIO * last;
         }
+        if norm > tolerance {
+            let (more, last) = self.solve_exactly(h, tolerance, points, v, forces);
+            iterations += more;
+            norm = last;
+            self.warm_start.factored = false;
+        }
         for ((change, after), before) in self.warm_start.change.iter_mut().zip(&*v).zip(&self.v0).take(n) {
             *change = after - before;
         }
@@ -163,7 +173,7 @@ impl Newton {
     }
 
     /// Fills forces and residual at velocities `v`; returns the largest residual [N s].
-    fn evaluate(&mut self, h: f64, points: &[ConstraintPoint], v: &VelocityVector, forces: &mut [ConstraintForce]) -> f64 {
+    pub(crate) fn evaluate(&mut self, h: f64, points: &[ConstraintPoint], v: &VelocityVector, forces: &mut [ConstraintForce]) -> f64 {
         let n = self.n();
         let (residual, impulse) = (&mut self.residual, &self.impulse);
         for i in 0..self.leg {
@@ -189,8 +199,8 @@ impl Newton {
         residual[..n].iter().fold(0.0, |worst: f64, r| if r.is_nan() { f64::INFINITY } else { worst.max(r.abs()) })
     }
 
-    /// Fills the lower triangle of the matrix at velocities `v`.
-    fn assemble(&mut self, h: f64, points: &[ConstraintPoint], v: &VelocityVector) {
+    /// Fills the lower triangle of the matrix with the masses.
+    pub(crate) fn assemble_masses(&mut self) {
         let n = self.n();
         let matrix = &mut self.matrix;
         for (i, row) in matrix[..n].iter_mut().enumerate() {
@@ -210,6 +220,12 @@ impl Newton {
                 }
             }
         }
+    }
+
+    /// Fills the lower triangle of the matrix at velocities `v`.
+    fn assemble(&mut self, h: f64, points: &[ConstraintPoint], v: &VelocityVector) {
+        self.assemble_masses();
+        let matrix = &mut self.matrix;
         for (point, before) in points.iter().zip(&self.before) {
             if let Some(slope) = point.slope(h, *before, &point.speeds(v)) {
                 point.add_stiffness(&(slope * h), matrix);

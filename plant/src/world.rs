@@ -177,7 +177,7 @@ impl PhysicsWorld {
             self.account.joint_loss(self.damping[i] * damped);
         }
         self.finish_account(start_j);
-        let mut advance = self.tick_sums.finish(&self.scene.pairs, seconds(duration_us));
+        let mut advance = self.result(duration_us);
         for i in 0..n {
             // The damping torque integrates to the damping times the joint's travel.
             advance.torque[i] = torque[i] - extra * (self.q[i] - before[i]) / seconds(duration_us);
@@ -197,7 +197,13 @@ impl PhysicsWorld {
         self.update_colliders(&kin);
         self.read_held_contact(seconds(duration_us));
         self.finish_account(start_j);
-        self.tick_sums.finish(&self.scene.pairs, seconds(duration_us))
+        self.result(duration_us)
+    }
+
+    fn result(&self, duration_us: u32) -> TickResult {
+        let mut result = self.tick_sums.finish(&self.scene.pairs, seconds(duration_us));
+        self.account.write(&mut result.physics);
+        result
     }
 
     /// Moves the objects; the leg stays out of the equations.
