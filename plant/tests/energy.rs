@@ -48,9 +48,9 @@ const SCENES: [Scene; 14] = [
         start: at_rest,
     },
     Scene {
-        name: "ball falls on a sheet of 1 mm",
+        name: "ball falls on a sheet of 4 mm",
         robot: AWAY,
-        objects: &["box | 0.3, 0.3, 0.001 | 0.2 | 0, 0, 0.0005 |", "ball | 0.05 | 2 | 0.02, 0.01, 3 |"],
+        objects: &["box | 0.3, 0.3, 0.004 | 0.2 | 0, 0, 0.002 |", "ball | 0.03 | 0.5 | 0.02, 0.01, 0.5 |"],
         ticks: 1200,
         action: FREE,
         start: at_rest,
