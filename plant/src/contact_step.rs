@@ -2,6 +2,7 @@
 
 use crate::collider::{BodyId, Collider};
 use crate::contact_law::ContactLaw;
+use crate::newton::SolveResult;
 use crate::object::FreeBody;
 use crate::point::ConstraintPoint;
 use crate::scene::ContactPair;
@@ -14,6 +15,15 @@ use nalgebra::{Matrix3, Vector3};
 /// Energy that the midpoint rule may add to the turn of an object by mistake, per time [W]: four times what the
 /// built-in scenarios reach. Beyond, the object turns by a rule that adds none.
 const MAX_TURN_ERROR_W: f64 = 2e-6;
+
+/// Turn of a joint in a sub-step from which on the leg's equations are those of its middle [rad], or travel [m]. The
+/// built-in scenarios stay below.
+const FAST_TURN_RAD: f64 = 1e-4;
+/// Largest change of a joint's velocity times the sub-step [rad], or [m]: beyond, the sub-step is cut. A foot
+/// that hits the floor at 1 m/s stays below.
+const ABRUPT_TURN_RAD: f64 = 5e-6;
+/// Solutions at the middle, each of which finds it more exactly.
+const MIDDLE_SOLVES: usize = 2;
 
 /// Contact law of the stop at a joint's limit, over the angle [rad], or [m] for a prismatic joint.
 ///
@@ -90,6 +100,17 @@ impl VelocityLayout<'_> {
     }
 }
 
+/// An attempt at a sub-step.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Attempt {
+    /// A whole sub-step.
+    Whole,
+    /// A part of a sub-step that was cut.
+    Part,
+    /// The shortest part: it is taken as it is.
+    Last,
+}
+
 /// Force at a contact point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PointForce {
@@ -106,9 +127,10 @@ pub struct PointForce {
 }
 
 impl PhysicsWorld {
-    /// Advances the bodies in `scope` by one implicit sub-step of `h` [s]; returns whether the solver converged.
+    /// Advances the bodies in `scope` by one implicit sub-step of `h` [s]; returns whether it holds.
     ///
-    /// If it did not, no body has moved, except in the `last` try, which takes what the solver has.
+    /// It holds if the solver converged, and no joint's motion changed too abruptly. If it does not, no body has moved,
+    /// except in the last attempt, which takes what the solver has.
     pub(crate) fn try_contact_step(
         &mut self,
         scope: StepScope,
@@ -116,20 +138,26 @@ impl PhysicsWorld {
         torque: &JointVector,
         damping: &JointVector,
         h: f64,
-        last: bool,
+        attempt: Attempt,
     ) -> bool {
         let leg = if scope == StepScope::All { self.n() } else { 0 };
         self.collect_constraints(scope, kin, h);
         self.newton.leg = leg;
         self.newton.count = self.objects.len();
         if leg > 0 {
-            self.set_up_leg(kin, torque, damping, h);
+            self.set_up_leg(kin, &self.qd.clone(), torque, damping, h);
         }
         self.set_up_objects(leg, h);
         let mut v = [0.0; MAX_SPEEDS];
-        let solved = self.newton.solve(h, &self.points, &mut v, &mut self.forces);
+        let mut solved = self.newton.solve(h, &self.points, &mut v, &mut self.forces);
         self.tick_sums.physics.newton_iterations += solved.iterations;
-        if !solved.converged && !last {
+        if leg > 0 && (attempt != Attempt::Whole || self.qd[..leg].iter().any(|rate| rate.abs() * h > FAST_TURN_RAD)) {
+            for _ in 0..MIDDLE_SOLVES {
+                solved = self.solve_at_middle(torque, damping, h, &mut v);
+            }
+        }
+        let abrupt = self.qd[..leg].iter().zip(&v).any(|(before, after)| (after - before).abs() * h > ABRUPT_TURN_RAD);
+        if (!solved.converged || abrupt) && attempt != Attempt::Last {
             return false;
         }
         let mut mean = [0.0; MAX_SPEEDS];
@@ -161,10 +189,11 @@ impl PhysicsWorld {
         true
     }
 
-    fn set_up_leg(&mut self, kin: &Kinematics, torque: &JointVector, damping: &JointVector, h: f64) {
+    /// Sets up the leg's equations with masses at a posture, and bias at a posture and its velocities.
+    fn set_up_leg(&mut self, kin: &Kinematics, qd: &JointVector, torque: &JointVector, damping: &JointVector, h: f64) {
         let n = self.n();
         let mass = self.scene.chain.mass_matrix(kin);
-        let bias = self.scene.chain.bias(kin, &self.qd[..n], &self.gravity);
+        let bias = self.scene.chain.bias(kin, &qd[..n], &self.gravity);
         let newton = &mut self.newton;
         newton.v0[..n].copy_from_slice(&self.qd[..n]);
         newton.mass = mass;
@@ -173,6 +202,23 @@ impl PhysicsWorld {
             newton.mass[(i, i)] += h * damping[i];
             newton.impulse[i] = momentum + h * (torque[i] - bias[i]);
         }
+    }
+
+    /// Solves again with the leg's masses and bias at the middle of the motion to the velocities `v`.
+    ///
+    /// Those of the start leave an energy error of the order of the turn in a sub-step, which a fast leg shows.
+    fn solve_at_middle(&mut self, torque: &JointVector, damping: &JointVector, h: f64, v: &mut VelocityVector) -> SolveResult {
+        let n = self.n();
+        let (mut q, mut qd) = (self.q, self.qd);
+        for i in 0..n {
+            qd[i] = 0.5 * (self.qd[i] + v[i]);
+            q[i] += 0.5 * h * qd[i];
+        }
+        let kin = self.scene.chain.kinematics(&q);
+        self.set_up_leg(&kin, &qd, torque, damping, h);
+        let solved = self.newton.solve(h, &self.points, v, &mut self.forces);
+        self.tick_sums.physics.newton_iterations += solved.iterations;
+        solved
     }
 
     fn set_up_objects(&mut self, leg: usize, h: f64) {

@@ -1,5 +1,6 @@
 //! Implicit sub-steps that do not converge, cut until they do.
 
+use crate::contact_step::Attempt;
 use crate::step_scope::StepScope;
 use crate::world::PhysicsWorld;
 use hapfic_robot::{JointVector, Kinematics};
@@ -20,7 +21,7 @@ impl PhysicsWorld {
         damping: &JointVector,
         h: f64,
     ) {
-        if self.try_contact_step(scope, kin, torque, damping, h, false) {
+        if self.try_contact_step(scope, kin, torque, damping, h, Attempt::Whole) {
             return;
         }
         self.tick_sums.physics.cut_substeps += 1;
@@ -29,7 +30,8 @@ impl PhysicsWorld {
             let kin = self.kinematics();
             self.update_colliders(&kin);
             let length = h * f64::from(part) / f64::from(FINEST);
-            if self.try_contact_step(scope, &kin, torque, damping, length, part == 1) {
+            let attempt = if part == 1 { Attempt::Last } else { Attempt::Part };
+            if self.try_contact_step(scope, &kin, torque, damping, length, attempt) {
                 done += part;
                 while part < FINEST / 2 && done % (2 * part) == 0 {
                     part *= 2;

@@ -27,8 +27,8 @@ mod velocities;
 mod world;
 
 pub use account::TickResult;
-pub use contact_step::PointForce;
 pub use contact_law::{ContactLaw, NormalForce, ValueAndSlope};
+pub use contact_step::PointForce;
 pub use drive::DriveState;
 pub use error::PlantError;
 pub use object::FreeBody;

@@ -173,7 +173,13 @@ impl Newton {
     }
 
     /// Fills forces and residual at velocities `v`; returns the largest residual [N s].
-    pub(crate) fn evaluate(&mut self, h: f64, points: &[ConstraintPoint], v: &VelocityVector, forces: &mut [ConstraintForce]) -> f64 {
+    pub(crate) fn evaluate(
+        &mut self,
+        h: f64,
+        points: &[ConstraintPoint],
+        v: &VelocityVector,
+        forces: &mut [ConstraintForce],
+    ) -> f64 {
         let n = self.n();
         let (residual, impulse) = (&mut self.residual, &self.impulse);
         for i in 0..self.leg {

@@ -26,7 +26,14 @@ pub(crate) struct PairCache {
 impl PairCache {
     pub(crate) fn new() -> Self {
         let at_origin = (Vector3::zeros(), Matrix3::zeros());
-        Self { instant: None, within: 0.0, contacts: ContactPoints::new(), apart: [at_origin; 2], gap: f64::NEG_INFINITY, side: None }
+        Self {
+            instant: None,
+            within: 0.0,
+            contacts: ContactPoints::new(),
+            apart: [at_origin; 2],
+            gap: f64::NEG_INFINITY,
+            side: None,
+        }
     }
 
     /// Contact points of `body` and `against` at an instant: all with a gap below `reach` [m], perhaps more.

@@ -140,8 +140,8 @@ impl Plant {
             physics: self.last.physics,
             ..State::default()
         };
-        state.physics.energy_j = world.energy();
         world.account.write(&mut state.physics);
+        state.physics.energy_j = world.energy();
         state.object_count = world.objects.len() as u32;
         for (object, body) in state.objects.iter_mut().zip(&world.objects) {
             *object = body.state();

@@ -130,8 +130,7 @@ fn state_is_finite(m: &proto::State) -> bool {
     let object = |o: &proto::Object| are_finite(&[&o.position, &o.orientation, &o.linear_velocity, &o.angular_velocity]);
     let contact = |c: &proto::Contact| are_finite(&[&c.point, &c.force]) && c.depth.is_finite();
     let physics = m.physics.as_ref().is_none_or(|p| {
-        let sums =
-            [p.energy_j, p.contact_work_j, p.contact_stored_j, p.joint_work_j, p.joint_loss_j, p.energy_error_j];
+        let sums = [p.energy_j, p.contact_work_j, p.contact_stored_j, p.joint_work_j, p.joint_loss_j, p.energy_error_j];
         sums.into_iter().all(f64::is_finite)
     });
     are_finite(&joints) && are_finite(&foot) && m.objects.iter().all(object) && m.contacts.iter().all(contact) && physics
