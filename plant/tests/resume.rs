@@ -26,8 +26,13 @@ fn bits(state: &State) -> Vec<u64> {
     let objects = state.objects.iter().flat_map(|o| o.position.iter().chain(&o.orientation).chain(&o.angular_velocity));
     let numbers = state.joint_position.iter().chain(&state.joint_velocity).chain(&state.foot_force).chain(objects);
     let physics = &state.physics;
-    let energies =
-        [&physics.contact_work_j, &physics.contact_stored_j, &physics.joint_work_j, &physics.joint_loss_j, &physics.energy_error_j];
+    let energies = [
+        &physics.contact_work_j,
+        &physics.contact_stored_j,
+        &physics.joint_work_j,
+        &physics.joint_loss_j,
+        &physics.energy_error_j,
+    ];
     numbers.chain(energies).map(|v| v.to_bits()).collect()
 }
 
