@@ -19,7 +19,7 @@ pub struct TickResult {
     pub contacts: [ContactState; MAX_CONTACTS],
     /// Number of valid entries in `contacts`.
     pub contact_count: usize,
-    /// Counters of the integrator; the plant adds the energies.
+    /// Account of the integrator.
     pub physics: Physics,
 }
 

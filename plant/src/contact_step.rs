@@ -2,7 +2,7 @@
 
 use crate::collider::{BodyId, Collider};
 use crate::contact_law::ContactLaw;
-use crate::newton::MAX_POINTS;
+use crate::newton::SolveResult;
 use crate::object::FreeBody;
 use crate::point::ConstraintPoint;
 use crate::scene::ContactPair;
@@ -11,6 +11,19 @@ use crate::velocities::{MAX_SPEEDS, VelocityVector};
 use crate::world::PhysicsWorld;
 use hapfic_robot::{JointVector, Kinematics};
 use nalgebra::{Matrix3, Vector3};
+
+/// Energy that the midpoint rule may add to the turn of an object by mistake, per time [W]: four times what the
+/// built-in scenarios reach. Beyond, the object turns by a rule that adds none.
+const MAX_TURN_ERROR_W: f64 = 2e-6;
+
+/// Turn of a joint in a sub-step from which on the leg's equations are those of its middle [rad], or travel [m]. The
+/// built-in scenarios stay below.
+const FAST_TURN_RAD: f64 = 1e-4;
+/// Largest change of a joint's velocity times the sub-step [rad], or [m]: beyond, the sub-step is cut. A foot
+/// that hits the floor at 1 m/s stays below.
+const ABRUPT_TURN_RAD: f64 = 5e-6;
+/// Solutions at the middle, each of which finds it more exactly.
+const MIDDLE_SOLVES: usize = 2;
 
 /// Contact law of the stop at a joint's limit, over the angle [rad], or [m] for a prismatic joint.
 ///
@@ -87,45 +100,100 @@ impl VelocityLayout<'_> {
     }
 }
 
+/// An attempt at a sub-step.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Attempt {
+    /// A whole sub-step.
+    Whole,
+    /// A part of a sub-step that was cut.
+    Part,
+    /// The shortest part: it is taken as it is.
+    Last,
+}
+
+/// Force at a contact point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PointForce {
+    /// Index of the body among the names of the scene.
+    pub body: usize,
+    /// Index of the body that feels the opposite force.
+    pub against: usize,
+    /// Unit normal, from the second body to the first.
+    pub normal: Vector3<f64>,
+    /// Force on the first body [N], world frame.
+    pub force: Vector3<f64>,
+    /// Contact law of the pair.
+    pub law: ContactLaw,
+}
+
 impl PhysicsWorld {
-    /// Advances the bodies in `scope` by one implicit sub-step of `h` [s].
-    pub(crate) fn contact_step(
+    /// Advances the bodies in `scope` by one implicit sub-step of `h` [s]; returns whether it holds.
+    ///
+    /// It holds if the solver converged, and no joint's motion changed too abruptly. If it does not, no body has moved,
+    /// except in the last attempt, which takes what the solver has.
+    pub(crate) fn try_contact_step(
         &mut self,
         scope: StepScope,
         kin: &Kinematics,
         torque: &JointVector,
         damping: &JointVector,
         h: f64,
-    ) {
+        attempt: Attempt,
+    ) -> bool {
         let leg = if scope == StepScope::All { self.n() } else { 0 };
-        let left_out = self.collect_constraints(scope, kin, h);
+        self.collect_constraints(scope, kin, h);
         self.newton.leg = leg;
         self.newton.count = self.objects.len();
         if leg > 0 {
-            self.set_up_leg(kin, torque, damping, h);
+            self.set_up_leg(kin, &self.qd.clone(), torque, damping, h);
         }
         self.set_up_objects(leg, h);
         let mut v = [0.0; MAX_SPEEDS];
-        let solved = self.newton.solve(h, &self.points, &mut v, &mut self.forces);
-        let physics = &mut self.tick_sums.physics;
-        physics.substeps += 1;
-        physics.contact_substeps += 1;
-        physics.newton_iterations += solved.iterations;
-        physics.unconverged += u32::from(!solved.converged || left_out > 0);
-        self.accumulate(h, &v);
+        let mut solved = self.newton.solve(h, &self.points, &mut v, &mut self.forces);
+        self.tick_sums.physics.newton_iterations += solved.iterations;
+        if leg > 0 && (attempt != Attempt::Whole || self.qd[..leg].iter().any(|rate| rate.abs() * h > FAST_TURN_RAD)) {
+            for _ in 0..MIDDLE_SOLVES {
+                solved = self.solve_at_middle(torque, damping, h, &mut v);
+            }
+        }
+        let abrupt = self.qd[..leg].iter().zip(&v).any(|(before, after)| (after - before).abs() * h > ABRUPT_TURN_RAD);
+        if (!solved.converged || abrupt) && attempt != Attempt::Last {
+            return false;
+        }
+        let mut mean = [0.0; MAX_SPEEDS];
+        for ((mean, before), after) in mean.iter_mut().zip(&self.newton.v0).zip(&v).take(self.newton.n()) {
+            *mean = 0.5 * (before + after);
+        }
+        for (index, body) in self.objects.iter_mut().enumerate() {
+            let at = leg + 6 * index;
+            let (velocity, angular) = (Vector3::new(v[at], v[at + 1], v[at + 2]), Vector3::new(v[at + 3], v[at + 4], v[at + 5]));
+            let start = *body;
+            if body.apply_contact_velocities(velocity, angular, h).abs() > h * MAX_TURN_ERROR_W {
+                *body = start;
+                let turn = body.apply_keeping_energy(velocity, angular, h) / h;
+                mean[at + 3..at + 6].copy_from_slice(turn.as_slice());
+            }
+        }
         for ((q, before), after) in self.q.iter_mut().zip(&self.qd).zip(&v).take(leg) {
             *q += h * 0.5 * (before + after);
         }
         self.qd[..leg].copy_from_slice(&v[..leg]);
-        for (body, v) in self.objects.iter_mut().zip(v[leg..].chunks_exact(6)) {
-            body.apply_contact_velocities(Vector3::new(v[0], v[1], v[2]), Vector3::new(v[3], v[4], v[5]), h);
+        let physics = &mut self.tick_sums.physics;
+        physics.substeps += 1;
+        physics.contact_substeps += 1;
+        physics.unconverged += u32::from(!solved.converged);
+        for i in 0..leg {
+            self.account.tick.damped[i] += h * v[i] * mean[i];
         }
+        self.accumulate(h, &mean);
+        true
     }
 
-    fn set_up_leg(&mut self, kin: &Kinematics, torque: &JointVector, damping: &JointVector, h: f64) {
+    /// Sets up the leg's equations with masses at a posture, and bias at a posture and its velocities.
+    fn set_up_leg(&mut self, kin: &Kinematics, qd: &JointVector, torque: &JointVector, damping: &JointVector, h: f64) {
         let n = self.n();
         let mass = self.scene.chain.mass_matrix(kin);
-        let bias = self.scene.chain.bias(kin, &self.qd[..n], &self.gravity);
+        let bias = self.scene.chain.bias(kin, &qd[..n], &self.gravity);
         let newton = &mut self.newton;
         newton.v0[..n].copy_from_slice(&self.qd[..n]);
         newton.mass = mass;
@@ -134,6 +202,23 @@ impl PhysicsWorld {
             newton.mass[(i, i)] += h * damping[i];
             newton.impulse[i] = momentum + h * (torque[i] - bias[i]);
         }
+    }
+
+    /// Solves again with the leg's masses and bias at the middle of the motion to the velocities `v`.
+    ///
+    /// Those of the start leave an energy error of the order of the turn in a sub-step, which a fast leg shows.
+    fn solve_at_middle(&mut self, torque: &JointVector, damping: &JointVector, h: f64, v: &mut VelocityVector) -> SolveResult {
+        let n = self.n();
+        let (mut q, mut qd) = (self.q, self.qd);
+        for i in 0..n {
+            qd[i] = 0.5 * (self.qd[i] + v[i]);
+            q[i] += 0.5 * h * qd[i];
+        }
+        let kin = self.scene.chain.kinematics(&q);
+        self.set_up_leg(&kin, &qd, torque, damping, h);
+        let solved = self.newton.solve(h, &self.points, v, &mut self.forces);
+        self.tick_sums.physics.newton_iterations += solved.iterations;
+        solved
     }
 
     fn set_up_objects(&mut self, leg: usize, h: f64) {
@@ -151,15 +236,15 @@ impl PhysicsWorld {
         }
     }
 
-    /// Collects stops and contact points within reach of a sub-step of `h` [s]; returns the number that did not fit.
-    fn collect_constraints(&mut self, scope: StepScope, kin: &Kinematics, h: f64) -> usize {
+    /// Collects stops and contact points within reach of a sub-step of `h` [s].
+    fn collect_constraints(&mut self, scope: StepScope, kin: &Kinematics, h: f64) {
         self.points.clear();
         self.sources.clear();
         let leg = if scope == StepScope::All { self.n() } else { 0 };
         for (i, joint) in self.scene.chain.joints().iter().enumerate().take(leg) {
             let travel = CLEARANCE + 2.0 * h * self.qd[i].abs();
             for (depth, sign) in [(joint.lower - self.q[i], 1.0), (self.q[i] - joint.upper, -1.0)] {
-                if depth > -travel && self.points.len() < MAX_POINTS {
+                if depth > -travel {
                     let mut point = ConstraintPoint::new(depth, stop(self.effort[i]));
                     point.add_column(i, Vector3::new(sign, 0.0, 0.0));
                     self.points.push(point);
@@ -172,8 +257,7 @@ impl PhysicsWorld {
         };
         self.scene.find_contacts(&self.objects, reach, &mut self.contacts);
         let layout = VelocityLayout { kin, objects: &self.objects, leg };
-        let room = MAX_POINTS - self.points.len();
-        for (index, contact) in self.contacts.iter().take(room) {
+        for (index, contact) in &self.contacts {
             let pair = &self.scene.pairs[*index];
             let axes = axes(&contact.normal);
             let mut point = ConstraintPoint::new(contact.depth, pair.law);
@@ -181,21 +265,20 @@ impl PhysicsWorld {
             self.points.push(point);
             self.sources.push(ConstraintSource::Pair { index: *index, contact: *contact, axes });
         }
-        self.contacts.len().saturating_sub(room)
     }
 
-    /// Adds the forces of a sub-step to the tick's sums.
-    fn accumulate(&mut self, h: f64, v: &VelocityVector) {
-        let mut midpoint = [0.0; MAX_SPEEDS];
-        for ((midpoint, before), after) in midpoint.iter_mut().zip(&self.newton.v0).zip(v).take(self.newton.n()) {
-            *midpoint = 0.5 * (before + after);
-        }
+    /// Adds the forces of a sub-step, and their work over its motion at the velocities `mean`, to the sums.
+    fn accumulate(&mut self, h: f64, mean: &VelocityVector) {
         for ((point, force), source) in self.points.iter().zip(&self.forces).zip(&self.sources) {
-            let ConstraintSource::Pair { index, contact, axes } = source else { continue };
             if force.x <= 0.0 {
                 continue;
             }
-            self.contact_work += h * force.dot(&point.speeds(&midpoint));
+            let work = h * force.dot(&point.speeds(mean));
+            let ConstraintSource::Pair { index, contact, axes } = source else {
+                self.account.joint_work(work);
+                continue;
+            };
+            self.account.contact_work(work);
             let sensed = self.scene.pairs[*index].sensed;
             self.tick_sums.add(*index, sensed, contact, axes * force, h);
             self.tick_sums.peak_normal = self.tick_sums.peak_normal.max(force.x);
@@ -213,12 +296,36 @@ impl PhysicsWorld {
         }
     }
 
-    /// Elastic energy stored in the contacts at the present state [J].
-    #[must_use]
-    pub fn contact_stored(&mut self) -> f64 {
-        let kin = self.kinematics();
-        self.update_colliders(&kin);
+    /// Forces of all contact points in the last implicit sub-step.
+    pub fn point_forces(&self) -> impl Iterator<Item = PointForce> {
+        self.points.iter().zip(&self.forces).zip(&self.sources).filter_map(|((point, force), source)| match source {
+            ConstraintSource::Pair { index, contact, axes } if force.x > 0.0 => {
+                let pair = &self.scene.pairs[*index];
+                let (body, against) = (pair.body.name_index, pair.against.name_index);
+                Some(PointForce { body, against, normal: contact.normal, force: axes * force, law: point.law })
+            }
+            _ => None,
+        })
+    }
+
+    /// Elastic energy stored in the contacts at the present state [J], whose colliders are up to date.
+    fn contact_stored(&mut self) -> f64 {
         self.scene.find_contacts(&self.objects, |_, _| Some(0.0), &mut self.contacts);
         self.contacts.iter().map(|(index, contact)| self.scene.pairs[*index].law.stored(contact.depth)).sum()
+    }
+
+    /// Closes the account of a tick that began with the energy `start_j` [J], at the state that the tick has reached.
+    pub(crate) fn finish_account(&mut self, start_j: f64) {
+        let kin = self.kinematics();
+        self.update_colliders(&kin);
+        self.account.stored_j = self.contact_stored();
+        self.account.finish(start_j, self.energy_at(&kin));
+    }
+
+    /// Starts the account at the present state, without energies of contacts before.
+    pub(crate) fn start_account(&mut self) {
+        let kin = self.kinematics();
+        self.update_colliders(&kin);
+        self.account.stored_j = self.contact_stored();
     }
 }

@@ -93,6 +93,7 @@ impl PhysicsWorld {
         let (q4, v4) = at(&v3, &a3, h);
         let a4 = self.acceleration(&self.scene.chain.kinematics(&q4), &v4, torque, damping);
         for i in 0..n {
+            self.account.tick.damped[i] += h / 6.0 * (v0[i] * v0[i] + 2.0 * (v2[i] * v2[i] + v3[i] * v3[i]) + v4[i] * v4[i]);
             self.q[i] = q0[i] + h / 6.0 * (v0[i] + 2.0 * (v2[i] + v3[i]) + v4[i]);
             self.qd[i] = v0[i] + h / 6.0 * (a1[i] + 2.0 * (a2[i] + a3[i]) + a4[i]);
         }

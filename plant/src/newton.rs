@@ -21,14 +21,14 @@ use hapfic_messages::MAX_OBJECTS;
 use hapfic_robot::MassMatrix;
 use nalgebra::{Matrix3, Vector3};
 
-/// Maximum number of constraint points, joint stops first; with more, the sub-step counts as unconverged.
-pub(crate) const MAX_POINTS: usize = 32;
 /// Maximum number of iterations.
 const MAX_ITERATIONS: u32 = 25;
 /// Largest residual of a converged sub-step [N s].
 const TOLERANCE: f64 = 1e-10;
 /// The same as a force over the sub-step [N]; tighter than [`TOLERANCE`] below 20 us.
 const TOLERANCE_FORCE: f64 = 5e-6;
+/// Rounding of a residual, per momentum of the sub-step.
+const ROUNDING: f64 = 16.0 * f64::EPSILON;
 /// Ratio of residuals after and before a step, above which the next step factors a new matrix.
 const FACTOR_REUSE_RATIO: f64 = 0.1;
 
@@ -71,14 +71,15 @@ pub(crate) struct Newton {
     /// Velocities at the start.
     pub(crate) v0: VelocityVector,
     /// Separation speeds of the points at the start [m/s].
-    before: [f64; MAX_POINTS],
-    residual: VelocityVector,
-    matrix: [VelocityVector; MAX_SPEEDS],
+    pub(crate) before: Vec<f64>,
+    pub(crate) residual: VelocityVector,
+    pub(crate) matrix: [VelocityVector; MAX_SPEEDS],
     warm_start: WarmStart,
 }
 
 impl Newton {
-    pub(crate) fn new(leg: usize) -> Self {
+    /// Creates the equations of a leg with so many speeds, with room for so many points.
+    pub(crate) fn new(leg: usize, points: usize) -> Self {
         let zero = [0.0; MAX_SPEEDS];
         Self {
             leg,
@@ -87,7 +88,7 @@ impl Newton {
             bodies: [(0.0, Matrix3::zeros()); MAX_OBJECTS],
             impulse: zero,
             v0: zero,
-            before: [0.0; MAX_POINTS],
+            before: vec![0.0; points],
             residual: zero,
             matrix: [zero; MAX_SPEEDS],
             warm_start: WarmStart { size: (0, 0.0), change: zero, factored: false },
@@ -124,7 +125,9 @@ impl Newton {
         for ((v, before), change) in v.iter_mut().zip(&self.v0).zip(&self.warm_start.change).take(n) {
             *v = before + change;
         }
-        let tolerance = TOLERANCE.min(TOLERANCE_FORCE * h);
+        // Residuals of large momenta end at their rounding.
+        let rounding = self.impulse[..n].iter().fold(0.0, |most: f64, impulse| most.max(impulse.abs())) * ROUNDING;
+        let tolerance = TOLERANCE.min(TOLERANCE_FORCE * h).max(rounding);
         let mut norm = self.evaluate(h, points, v, forces);
         let mut iterations = 0;
         // At least one step: accepted residuals would otherwise add up, always with the same sign.
@@ -157,6 +160,12 @@ impl Newton {
             // If the residual fell too little, the next step factors a new matrix.
             self.warm_start.factored = norm <= tolerance || norm <= FACTOR_REUSE_RATIO * last;
         }
+        if norm > tolerance {
+            let (more, last) = self.solve_exactly(h, tolerance, points, v, forces);
+            iterations += more;
+            norm = last;
+            self.warm_start.factored = false;
+        }
         for ((change, after), before) in self.warm_start.change.iter_mut().zip(&*v).zip(&self.v0).take(n) {
             *change = after - before;
         }
@@ -164,7 +173,13 @@ impl Newton {
     }
 
     /// Fills forces and residual at velocities `v`; returns the largest residual [N s].
-    fn evaluate(&mut self, h: f64, points: &[ConstraintPoint], v: &VelocityVector, forces: &mut [ConstraintForce]) -> f64 {
+    pub(crate) fn evaluate(
+        &mut self,
+        h: f64,
+        points: &[ConstraintPoint],
+        v: &VelocityVector,
+        forces: &mut [ConstraintForce],
+    ) -> f64 {
         let n = self.n();
         let (residual, impulse) = (&mut self.residual, &self.impulse);
         for i in 0..self.leg {
@@ -190,8 +205,8 @@ impl Newton {
         residual[..n].iter().fold(0.0, |worst: f64, r| if r.is_nan() { f64::INFINITY } else { worst.max(r.abs()) })
     }
 
-    /// Fills the lower triangle of the matrix at velocities `v`.
-    fn assemble(&mut self, h: f64, points: &[ConstraintPoint], v: &VelocityVector) {
+    /// Fills the lower triangle of the matrix with the masses.
+    pub(crate) fn assemble_masses(&mut self) {
         let n = self.n();
         let matrix = &mut self.matrix;
         for (i, row) in matrix[..n].iter_mut().enumerate() {
@@ -211,6 +226,12 @@ impl Newton {
                 }
             }
         }
+    }
+
+    /// Fills the lower triangle of the matrix at velocities `v`.
+    fn assemble(&mut self, h: f64, points: &[ConstraintPoint], v: &VelocityVector) {
+        self.assemble_masses();
+        let matrix = &mut self.matrix;
         for (point, before) in points.iter().zip(&self.before) {
             if let Some(slope) = point.slope(h, *before, &point.speeds(v)) {
                 point.add_stiffness(&(slope * h), matrix);
@@ -225,7 +246,7 @@ mod tests {
     use crate::contact_law::ContactLaw;
 
     fn block(mass: f64) -> Newton {
-        let mut newton = Newton::new(3);
+        let mut newton = Newton::new(3, 1);
         for i in 0..3 {
             newton.mass[(i, i)] = mass;
         }

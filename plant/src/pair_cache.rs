@@ -19,12 +19,21 @@ pub(crate) struct PairCache {
     /// Poses of both shapes when their gap was at least `gap` [m].
     apart: [(Vector3<f64>, Matrix3<f64>); 2],
     gap: f64,
+    /// Normal of the deepest contact in the frame of `against`, with `body` on its side; `None` without a contact.
+    pub(crate) side: Option<Vector3<f64>>,
 }
 
 impl PairCache {
     pub(crate) fn new() -> Self {
         let at_origin = (Vector3::zeros(), Matrix3::zeros());
-        Self { instant: None, within: 0.0, contacts: ContactPoints::new(), apart: [at_origin; 2], gap: f64::NEG_INFINITY }
+        Self {
+            instant: None,
+            within: 0.0,
+            contacts: ContactPoints::new(),
+            apart: [at_origin; 2],
+            gap: f64::NEG_INFINITY,
+            side: None,
+        }
     }
 
     /// Contact points of `body` and `against` at an instant: all with a gap below `reach` [m], perhaps more.

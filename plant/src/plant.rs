@@ -3,6 +3,7 @@
 use crate::account::TickResult;
 use crate::collider::{BodyId, Collider};
 use crate::drive::DriveState;
+use crate::energy::EnergyAccount;
 use crate::error::PlantError;
 use crate::force_noise::ForceNoise;
 use crate::object::FreeBody;
@@ -30,8 +31,6 @@ pub struct Plant {
     tick: i64,
     last: TickResult,
     noise: ForceNoise,
-    /// Elastic energy stored in the contacts at the present tick [J].
-    stored: f64,
 }
 
 impl Plant {
@@ -53,8 +52,8 @@ impl Plant {
         let gravity = Vector3::from(settings.world.gravity_m_per_s2);
         reject_penetration(&mut scene, &q, &objects, &gravity)?;
         let mut world = PhysicsWorld::new(scene, q, objects, gravity, damping, effort, substeps);
+        world.start_account();
         Ok(Self {
-            stored: world.contact_stored(),
             world,
             drive: DriveState::default(),
             applied: Drive::Held,
@@ -81,8 +80,7 @@ impl Plant {
         for (body, at) in self.world.objects.iter_mut().zip(&state.objects) {
             body.resume(at);
         }
-        self.world.contact_work = state.physics.contact_work_j;
-        self.stored = state.physics.contact_stored_j;
+        self.world.account = EnergyAccount::resumed(&state.physics);
         self.applied = Drive::from_code(state.drive).unwrap_or(Drive::Held);
         self.drive = DriveState::resumed(self.applied != Drive::Held);
         self.tick = state.tick;
@@ -145,9 +143,8 @@ impl Plant {
             physics: self.last.physics,
             ..State::default()
         };
+        world.account.write(&mut state.physics);
         state.physics.energy_j = world.energy();
-        state.physics.contact_work_j = world.contact_work();
-        state.physics.contact_stored_j = self.stored;
         state.object_count = world.objects.len() as u32;
         for (object, body) in state.objects.iter_mut().zip(&world.objects) {
             *object = body.state();
@@ -174,7 +171,6 @@ impl Plant {
         let (drive, action) = self.drive.act(self.tick, self.command_timeout_ticks, self.brake_damping);
         self.applied = drive;
         self.last = self.world.advance(action, TICK_US);
-        self.stored = self.world.contact_stored();
         let world = &self.world;
         if !world.is_finite() {
             let n = world.scene.chain.dof();

@@ -70,6 +70,16 @@ impl ConstraintPoint {
         }
     }
 
+    /// `matrix += J^T K J`, in the whole matrix; K may be any.
+    pub(crate) fn add_exact_stiffness(&self, k: &Matrix3<f64>, matrix: &mut [VelocityVector; MAX_SPEEDS]) {
+        for column in &self.columns {
+            let force = k * column.by;
+            for row in &self.columns {
+                matrix[row.index][column.index] += row.by.dot(&force);
+            }
+        }
+    }
+
     /// Depth and separation speed at the midpoint of a sub-step `h` [s], from the separation speeds at its ends.
     #[inline]
     fn midpoint(&self, h: f64, before: f64, after: f64) -> (f64, f64) {
@@ -114,6 +124,30 @@ impl ConstraintPoint {
             slope.m22 = secant + along * y * y;
             slope.m33 = secant + along * z * z;
             slope.m23 = along * y * z;
+            slope.m32 = slope.m23;
+        }
+        Some(slope)
+    }
+
+    /// The whole negative derivative of the force by the speeds after the sub-step [N s/m]; `None` without force.
+    pub(crate) fn exact_slope(&self, h: f64, before: f64, after: &Vector3<f64>) -> Option<Matrix3<f64>> {
+        let (depth, speed) = self.midpoint(h, before, after.x);
+        let normal = self.law.normal(depth, -speed);
+        if normal.force <= 0.0 {
+            return None;
+        }
+        let mut slope = Matrix3::zeros();
+        slope.m11 = 0.5 * (normal.by_rate + 0.5 * h * normal.by_depth);
+        if self.has_friction {
+            let slip = (after.y * after.y + after.z * after.z).sqrt();
+            let secant = self.law.friction_per_speed(slip);
+            let along = self.law.friction(slip).slope - secant;
+            let (y, z) = if slip > 0.0 { (after.y / slip, after.z / slip) } else { (0.0, 0.0) };
+            slope.m21 = -secant * after.y * slope.m11;
+            slope.m31 = -secant * after.z * slope.m11;
+            slope.m22 = normal.force * (secant + along * y * y);
+            slope.m33 = normal.force * (secant + along * z * z);
+            slope.m23 = normal.force * along * y * z;
             slope.m32 = slope.m23;
         }
         Some(slope)

@@ -7,8 +7,9 @@ use crate::error::PlantError;
 use crate::object::FreeBody;
 use crate::pair_cache::PairCache;
 use hapfic_config::{Object, ObjectShape, Settings, Surface};
+use hapfic_messages::Physics;
 use hapfic_robot::{Chain, Collision, Kinematics, Shape};
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Matrix3, Vector3};
 use parry3d_f64::math::Vector;
 use parry3d_f64::shape::{Ball, Cuboid, HalfSpace};
 
@@ -269,7 +270,11 @@ impl CollisionScene {
         for index in 0..self.pairs.len() {
             let Some(reach) = choose(self, index) else { continue };
             let foot_pair = self.pairs[index].foot_pair;
+            let mut deepest: Option<(f64, Vector3<f64>)> = None;
             for contact in self.pair_contacts(index, objects, reach) {
+                if deepest.is_none_or(|(depth, _)| contact.depth > depth) {
+                    deepest = Some((contact.depth, contact.normal));
+                }
                 let existing = foot_pair.and_then(|foot_pair| contacts.iter().position(|(pair, _)| *pair == foot_pair));
                 match existing {
                     Some(at) if contact.depth > contacts[at].1.depth + SAME => contacts[at] = (index, *contact),
@@ -277,7 +282,48 @@ impl CollisionScene {
                     None => contacts.push((index, *contact)),
                 }
             }
+            if let Some((_, normal)) = deepest {
+                self.keep_side(index, &normal);
+            }
         }
+    }
+}
+
+impl CollisionScene {
+    /// Keeps the side on which the body of a pair is by the normal of its deepest contact.
+    fn keep_side(&mut self, index: usize, normal: &Vector3<f64>) {
+        let (between, against) = self.between(index);
+        // A body that is already beyond the middle cannot pass it.
+        self.pair_caches[index].side = (between.dot(normal) > 0.0).then(|| against.tr_mul(normal));
+    }
+
+    /// From the centre of `against` to that of `body`, and the orientation of `against`.
+    fn between(&self, index: usize) -> (Vector3<f64>, &Matrix3<f64>) {
+        let pair = &self.pairs[index];
+        let (body, against) = (self.collider_states.of(&pair.body), self.collider_states.of(&pair.against));
+        (body.center - against.center, &against.rotation)
+    }
+
+    /// Counts the pairs whose body has crossed to the other side since its contacts were found, and forgets the sides.
+    ///
+    /// The contact normal of two convex shapes leads from the middle of one to the middle of the other. Once the middle
+    /// of `body` lies beyond that of `against`, seen along that normal, the contact pushes the wrong way: the body has
+    /// passed through. That holds for any depth, and for a body that jumps across in a single sub-step.
+    pub(crate) fn note_passages(&mut self, physics: &mut Physics) {
+        for index in 0..self.pairs.len() {
+            let Some(side) = self.pair_caches[index].side.take() else { continue };
+            let (between, against) = self.between(index);
+            if between.dot(&(against * side)) < 0.0 {
+                let pair = &self.pairs[index];
+                physics.passages += 1;
+                (physics.passed_body, physics.passed_against) = (pair.body.name_index as u32, pair.against.name_index as u32);
+            }
+        }
+    }
+
+    /// Forgets all sides: a state before, or a state that was set, says nothing about the motion to come.
+    pub(crate) fn forget_sides(&mut self) {
+        self.pair_caches.iter_mut().for_each(|cache| cache.side = None);
     }
 }
 

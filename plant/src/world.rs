@@ -6,7 +6,8 @@
 //! object lies on the floor.
 
 use crate::account::{TickResult, TickSums};
-use crate::newton::{ConstraintForce, MAX_POINTS, Newton};
+use crate::energy::EnergyAccount;
+use crate::newton::{ConstraintForce, Newton};
 use crate::object::FreeBody;
 use crate::point::ConstraintPoint;
 use crate::scene::{CollisionScene, PairContacts};
@@ -46,7 +47,7 @@ pub struct PhysicsWorld {
     pub objects: Vec<FreeBody>,
     /// Gravity [m/s^2].
     pub gravity: Vector3<f64>,
-    damping: JointVector,
+    pub(crate) damping: JointVector,
     pub(crate) effort: JointVector,
     substeps: Substeps,
     pub(crate) newton: Newton,
@@ -55,7 +56,8 @@ pub struct PhysicsWorld {
     pub(crate) sources: Vec<ConstraintSource>,
     pub(crate) contacts: PairContacts,
     pub(crate) tick_sums: TickSums,
-    pub(crate) contact_work: f64,
+    /// Works and the error of the balance since the start.
+    pub(crate) account: EnergyAccount,
 }
 
 impl PhysicsWorld {
@@ -68,11 +70,13 @@ impl PhysicsWorld {
         effort: JointVector,
         substeps: Substeps,
     ) -> Self {
+        // Room for both stops of every joint and every point of every pair, so that no sub-step allocates.
+        let contacts = scene.pairs.len() * crate::contact_point::MAX_CONTACT_POINTS;
+        let room = 2 * scene.chain.dof() + contacts;
         Self {
-            newton: Newton::new(scene.chain.dof()),
+            newton: Newton::new(scene.chain.dof(), room),
             tick_sums: TickSums::new(scene.pairs.len()),
-            // Capacity for every point of every pair, so that no sub-step allocates.
-            contacts: PairContacts::with_capacity(scene.pairs.len() * crate::contact_point::MAX_CONTACT_POINTS),
+            contacts: PairContacts::with_capacity(contacts),
             scene,
             q,
             qd: [0.0; MAX_JOINTS],
@@ -81,10 +85,10 @@ impl PhysicsWorld {
             damping,
             effort,
             substeps,
-            points: Vec::with_capacity(MAX_POINTS),
-            forces: vec![ConstraintForce::zeros(); MAX_POINTS],
-            sources: Vec::with_capacity(MAX_POINTS),
-            contact_work: 0.0,
+            points: Vec::with_capacity(room),
+            forces: vec![ConstraintForce::zeros(); room],
+            sources: Vec::with_capacity(room),
+            account: EnergyAccount::default(),
         }
     }
 
@@ -95,6 +99,7 @@ impl PhysicsWorld {
     /// Updates the poses of all colliders before contact queries.
     pub(crate) fn update_colliders(&mut self, kin: &Kinematics) {
         self.scene.update_colliders(kin, &self.qd, &self.objects);
+        self.scene.note_passages(&mut self.tick_sums.physics);
     }
 
     /// Forward kinematics at the present position.
@@ -106,16 +111,19 @@ impl PhysicsWorld {
     /// Kinetic and potential energy of robot and objects [J].
     #[must_use]
     pub fn energy(&self) -> f64 {
-        let kin = self.kinematics();
+        self.energy_at(&self.kinematics())
+    }
+
+    pub(crate) fn energy_at(&self, kin: &Kinematics) -> f64 {
         let chain = &self.scene.chain;
         let objects: f64 = self.objects.iter().map(|body| body.energy(&self.gravity)).sum();
-        chain.kinetic_energy(&kin, &self.qd) + chain.potential_energy(&kin, &self.gravity) + objects
+        chain.kinetic_energy(kin, &self.qd) + chain.potential_energy(kin, &self.gravity) + objects
     }
 
     /// Work that the contacts have done on the bodies since the start [J].
     #[must_use]
     pub fn contact_work(&self) -> f64 {
-        self.contact_work
+        self.account.contact_work_j
     }
 
     /// Whether all positions and velocities are finite.
@@ -131,6 +139,8 @@ impl PhysicsWorld {
     /// Advances by a whole number of microseconds, at least one, under one action.
     pub fn advance(&mut self, action: DriveAction, duration_us: u32) -> TickResult {
         self.tick_sums.clear();
+        self.account.begin();
+        self.scene.forget_sides();
         // The state is the world's only memory, so that a successor can resume from it.
         self.newton.reset_warm_start();
         let (mut torque, extra) = match action {
@@ -144,7 +154,7 @@ impl PhysicsWorld {
             torque[i] = torque[i].clamp(-self.effort[i], self.effort[i]);
             damping[i] += extra;
         }
-        let before = self.q;
+        let (before, start_j) = (self.q, self.energy());
         let mut left = duration_us;
         while left > 0 {
             let kin = self.kinematics();
@@ -161,7 +171,13 @@ impl PhysicsWorld {
                 left -= step;
             }
         }
-        let mut advance = self.tick_sums.finish(&self.scene.pairs, seconds(duration_us));
+        for i in 0..n {
+            let damped = self.account.tick.damped[i];
+            self.account.joint_work(torque[i] * (self.q[i] - before[i]) - extra * damped);
+            self.account.joint_loss(self.damping[i] * damped);
+        }
+        self.finish_account(start_j);
+        let mut advance = self.result(duration_us);
         for i in 0..n {
             // The damping torque integrates to the damping times the joint's travel.
             advance.torque[i] = torque[i] - extra * (self.q[i] - before[i]) / seconds(duration_us);
@@ -171,13 +187,23 @@ impl PhysicsWorld {
 
     /// Moves the objects while the brakes hold the leg.
     fn hold(&mut self, duration_us: u32) -> TickResult {
-        self.qd = [0.0; MAX_JOINTS];
         let kin = self.kinematics();
+        let start_j = self.energy();
+        // The brakes take the motion of the leg.
+        self.account.joint_work(-self.scene.chain.kinetic_energy(&kin, &self.qd));
+        self.qd = [0.0; MAX_JOINTS];
         self.tick_sums.physics.substeps = 1;
         self.move_objects(StepScope::ObjectsAndHeldLeg, &kin, duration_us);
         self.update_colliders(&kin);
         self.read_held_contact(seconds(duration_us));
-        self.tick_sums.finish(&self.scene.pairs, seconds(duration_us))
+        self.finish_account(start_j);
+        self.result(duration_us)
+    }
+
+    fn result(&self, duration_us: u32) -> TickResult {
+        let mut result = self.tick_sums.finish(&self.scene.pairs, seconds(duration_us));
+        self.account.write(&mut result.physics);
+        result
     }
 
     /// Moves the objects; the leg stays out of the equations.
@@ -206,6 +232,6 @@ impl PhysicsWorld {
     }
 }
 
-fn seconds(us: u32) -> f64 {
+pub(crate) fn seconds(us: u32) -> f64 {
     f64::from(us) * 1e-6
 }

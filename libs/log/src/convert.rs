@@ -32,7 +32,7 @@ pub fn state(state: &State, names: &Names) -> proto::State {
         slipped: state.slipped,
         drive: Drive::from_code(state.drive).map_or(UNKNOWN, Drive::name).to_owned(),
         contacts: contacts.map(|c| contact(c, names)).collect(),
-        physics: Some(physics(&state.physics)),
+        physics: Some(physics(&state.physics, names)),
     }
 }
 
@@ -181,7 +181,8 @@ fn contact(contact: &ContactState, names: &Names) -> proto::Contact {
     }
 }
 
-fn physics(physics: &Physics) -> proto::Physics {
+fn physics(physics: &Physics, names: &Names) -> proto::Physics {
+    let passed = |body| if physics.passages > 0 { names.body(body) } else { String::new() };
     proto::Physics {
         substeps: physics.substeps,
         newton_iterations: physics.newton_iterations,
@@ -190,6 +191,13 @@ fn physics(physics: &Physics) -> proto::Physics {
         contact_work_j: physics.contact_work_j,
         contact_stored_j: physics.contact_stored_j,
         contact_substeps: physics.contact_substeps,
+        joint_work_j: physics.joint_work_j,
+        joint_loss_j: physics.joint_loss_j,
+        energy_error_j: physics.energy_error_j,
+        cut_substeps: physics.cut_substeps,
+        passages: physics.passages,
+        passed_body: passed(physics.passed_body),
+        passed_against: passed(physics.passed_against),
     }
 }
 

@@ -161,6 +161,8 @@ wire_enum! {
         Rearmed = 16, "rearmed";
         /// The requests of the two controllers for the same tick differ.
         Differs = 17, "differs";
+        /// A body of the simulated world went through another one.
+        Passage = 18, "passage";
     }
 }
 

@@ -54,6 +54,21 @@ pub struct Physics {
     /// Elastic energy in the contacts now [J]: its sum with `contact_work_j` may only fall; any rise comes from the
     /// integration.
     pub contact_stored_j: f64,
+    /// Work of drive, brakes and joint stops on the joints since the start [J].
+    pub joint_work_j: f64,
+    /// Energy lost to joint damping since the start [J].
+    pub joint_loss_j: f64,
+    /// Error of the energy balance since the start [J]: the change of `energy_j` less the works of contacts and joints,
+    /// plus the loss to joint damping.
+    pub energy_error_j: f64,
+    /// Sub-steps of this tick that were rolled back and cut, since they did not converge or would have added energy.
+    pub cut_substeps: u32,
+    /// Passages in this tick: the centre of a body came out on the other side of another body's.
+    pub passages: u32,
+    /// Index of the body of the last passage in the scene's list of bodies.
+    pub passed_body: u32,
+    /// Index of the body that it passed through.
+    pub passed_against: u32,
 }
 
 /// Measurements of the plant at `tick`, and its actions in the tick before.

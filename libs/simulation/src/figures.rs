@@ -29,6 +29,11 @@ pub fn figures(done: &Done) -> Vec<(String, Value)> {
     list.push("torque_limited_ticks", json!(done.extremes.limited_ticks));
     list.push("joint_work_j", json!(done.extremes.work_j));
     list.push("contact_energy_created_j", json!(done.metrics.integration.contact_energy_created_j));
+    let integration = &done.metrics.integration;
+    list.push("energy_error_j", json!(integration.energy_error_j));
+    list.push("energy_range_j", json!(integration.energy_range_j));
+    list.push("cut_substeps", json!(integration.cut));
+    list.push("passages", json!(integration.passages));
     list.push("unconverged_substeps", json!(done.metrics.integration.unconverged));
     list.0
 }

@@ -12,7 +12,8 @@ use std::path::Path;
 /// Writer of the log of a simulation.
 ///
 /// `/state`, `/reference`, `/request`, `/command`, `/operator`, `/tf` and `/scene` have the same bytes as in lockstep.
-/// `/request/standby`, `/timing`, `/event` and `/log` are empty: one process has no standby, no waits and no losses.
+/// `/request/standby` and `/timing` are empty, `/event` and `/log` have passages of bodies alone: one process has no
+/// standby, no waits and no losses.
 pub struct Recording {
     writer: Writer,
     viewer: Viewer,
@@ -54,6 +55,10 @@ impl Recording {
     /// [`LogError::Write`].
     pub fn tick(&mut self, tick: &Snapshot) -> Result<(proto::State, proto::Reference, proto::Command), LogError> {
         let state = self.writer.state(&tick.state)?;
+        if let Some(event) = hapfic_log::passage_event(&tick.state, self.writer.names()) {
+            let event = self.writer.event(&event)?;
+            self.writer.log(tick.state.tick, &self.viewer.log_line(&event))?;
+        }
         let reference = self.writer.reference(&tick.reference)?;
         self.writer.request(&tick.command.request)?;
         let command = self.writer.command(&tick.command)?;

@@ -84,6 +84,10 @@ impl WriterThread {
             RecordedMessage::State(m) => {
                 let state = if write { self.writer.state(m)? } else { hapfic_log::convert::state(m, self.writer.names()) };
                 self.metrics.push_state(&state);
+                if let (true, Some(event)) = (write, hapfic_log::passage_event(m, self.writer.names())) {
+                    let event = self.writer.event(&event)?;
+                    self.writer.log(m.tick.max(0), &self.viewer.log_line(&event))?;
+                }
                 if self.viewer.due(m.tick) {
                     self.frames.state(m, state);
                 }

@@ -111,6 +111,16 @@ impl Summary {
                 i.unconverged,
                 i.contact_energy_created_j * 1e3
             )?;
+            writeln!(
+                out,
+                "  energy             balance off by {:.3} mJ of {:.3} J, {} sub-steps cut",
+                i.energy_error_j * 1e3,
+                i.energy_range_j,
+                i.cut
+            )?;
+        }
+        if i.passages > 0 {
+            writeln!(out, "  PASSAGES           {}: a body went through another one", i.passages)?;
         }
         Ok(())
     }

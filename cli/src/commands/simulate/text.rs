@@ -78,6 +78,13 @@ pub fn single(scenario: &str, done: &Done) -> String {
     let limited = done.extremes.limited_ticks;
     line("torque max", format!("{:.2} N m, limited in {limited} ticks", done.extremes.largest_torque()));
     line("work of the joints", format!("{:.3} J", done.extremes.work_j));
+    let integration = &done.metrics.integration;
+    line("energy", format!("balance off by {:.1e} J of {:.4} J", integration.energy_error_j, integration.energy_range_j));
+    line("contacts", format!("created {:.1e} J", integration.contact_energy_created_j));
+    line("sub-steps", format!("{} cut, {} unconverged", integration.cut, integration.unconverged));
+    if integration.passages > 0 {
+        line("PASSAGES", format!("{}: a body went through another one", integration.passages));
+    }
     out
 }
 

@@ -11,6 +11,12 @@ pub(super) struct IntegrationSums {
     contact_substeps: u64,
     newton_iterations: u64,
     unconverged: u64,
+    cut: u64,
+    passages: u64,
+    /// Least and largest energy.
+    energy: Option<(f64, f64)>,
+    /// Error of the balance with the largest absolute value.
+    energy_error: f64,
     /// Rise of the contact work.
     returned: Rise,
     /// Rise of contact work and stored energy together.
@@ -40,6 +46,13 @@ impl IntegrationSums {
         self.contact_substeps += physics.contact_substeps;
         self.newton_iterations += physics.newton_iterations;
         self.unconverged += physics.unconverged;
+        self.cut += physics.cut_substeps;
+        self.passages += physics.passages;
+        let energy = physics.energy_j;
+        self.energy = Some(self.energy.map_or((energy, energy), |(least, most)| (least.min(energy), most.max(energy))));
+        if physics.energy_error_j.abs() > self.energy_error.abs() {
+            self.energy_error = physics.energy_error_j;
+        }
         self.returned.update(physics.contact_work_j);
         self.created.update(physics.contact_work_j + physics.contact_stored_j);
     }
@@ -53,8 +66,12 @@ impl IntegrationSums {
             newton_iterations: self.newton_iterations,
             newton_per_contact_substep: (self.contact_substeps > 0).then_some(per_substep),
             unconverged: self.unconverged,
+            cut: self.cut,
             contact_energy_returned_j: self.returned.largest,
             contact_energy_created_j: self.created.largest,
+            energy_error_j: self.energy_error,
+            energy_range_j: self.energy.map_or(0.0, |(least, most)| most - least),
+            passages: self.passages,
         }
     }
 }

@@ -88,9 +88,18 @@ pub struct IntegrationSummary {
     pub newton_per_contact_substep: Option<f64>,
     /// Implicit sub-steps that ended above the tolerance.
     pub unconverged: u64,
+    /// Sub-steps that were rolled back and cut: they did not converge, or would have added energy.
+    pub cut: u64,
     /// Largest rise of the contact work above its least value so far [J]: the energy that compressed contacts returned.
     pub contact_energy_returned_j: f64,
     /// Largest rise of contact work and elastic contact energy together above their least value so far [J].
-    /// Contacts only dissipate: any rise is an error of the integration.
+    /// Contacts only dissipate: any rise is an error of the contacts' forces.
     pub contact_energy_created_j: f64,
+    /// Error of the energy balance where it is largest [J]: kinetic and potential energy, less the works of contacts and
+    /// joints, plus the loss to joint damping, less the same at the start. Zero in logs that lack it (0.2 and before).
+    pub energy_error_j: f64,
+    /// Largest kinetic and potential energy less the smallest [J]: the measure of the error.
+    pub energy_range_j: f64,
+    /// Passages: a body went through another one.
+    pub passages: u64,
 }

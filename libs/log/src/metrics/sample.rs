@@ -100,6 +100,12 @@ pub(super) struct PhysicsSample {
     pub(super) contact_work_j: f64,
     /// Elastic energy in the contacts [J].
     pub(super) contact_stored_j: f64,
+    /// Kinetic and potential energy [J].
+    pub(super) energy_j: f64,
+    /// Error of the energy balance since the start [J].
+    pub(super) energy_error_j: f64,
+    pub(super) cut_substeps: u64,
+    pub(super) passages: u64,
 }
 
 impl PhysicsSample {
@@ -112,6 +118,10 @@ impl PhysicsSample {
             unconverged: message.unconverged.into(),
             contact_work_j: joule(message.contact_work_j)?,
             contact_stored_j: joule(message.contact_stored_j)?,
+            energy_j: joule(message.energy_j)?,
+            energy_error_j: joule(message.energy_error_j)?,
+            cut_substeps: message.cut_substeps.into(),
+            passages: message.passages.into(),
         })
     }
 }

@@ -130,7 +130,7 @@ fn state_is_finite(m: &proto::State) -> bool {
     let object = |o: &proto::Object| are_finite(&[&o.position, &o.orientation, &o.linear_velocity, &o.angular_velocity]);
     let contact = |c: &proto::Contact| are_finite(&[&c.point, &c.force]) && c.depth.is_finite();
     let physics = m.physics.as_ref().is_none_or(|p| {
-        let sums = [p.energy_j, p.contact_work_j, p.contact_stored_j];
+        let sums = [p.energy_j, p.contact_work_j, p.contact_stored_j, p.joint_work_j, p.joint_loss_j, p.energy_error_j];
         sums.into_iter().all(f64::is_finite)
     });
     are_finite(&joints) && are_finite(&foot) && m.objects.iter().all(object) && m.contacts.iter().all(contact) && physics
@@ -172,7 +172,7 @@ mod tests {
         };
         assert!(is_valid(Topic::State, &intact()));
         assert!(is_valid(Topic::State, &proto::State { tick: TICK, ..proto::State::default() }));
-        let damages: [fn(&mut proto::State, f64); 11] = [
+        let damages: [fn(&mut proto::State, f64); 12] = [
             |m, v| m.joint_torque.push(v),
             |m, v| m.foot_force[1] = v,
             |m, v| m.objects[0].position[2] = v,
@@ -184,6 +184,7 @@ mod tests {
             |m, v| m.contacts[0].depth = v,
             |m, v| m.physics.get_or_insert_default().energy_j = v,
             |m, v| m.physics.get_or_insert_default().contact_stored_j = v,
+            |m, v| m.physics.get_or_insert_default().energy_error_j = v,
         ];
         for (index, damage) in damages.into_iter().enumerate() {
             for value in [f64::NAN, f64::NEG_INFINITY] {

@@ -64,6 +64,13 @@ pub(crate) fn state(tick: i64) -> State {
             energy_j: 12.5,
             contact_work_j: -0.5,
             contact_stored_j: 0.25,
+            joint_work_j: 1.5,
+            joint_loss_j: 0.75,
+            energy_error_j: 1e-7,
+            cut_substeps: 2,
+            passages: 0,
+            passed_body: 0,
+            passed_against: 0,
         },
         ..State::default()
     };

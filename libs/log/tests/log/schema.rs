@@ -50,7 +50,10 @@ fn field_names_are_fixed() {
         ),
         ("hapfic.Object", "name position orientation linear_velocity angular_velocity"),
         ("hapfic.Contact", "body against point force depth"),
-        ("hapfic.Physics", "substeps newton_iterations unconverged energy_j contact_work_j contact_stored_j contact_substeps"),
+        (
+            "hapfic.Physics",
+            "substeps newton_iterations unconverged energy_j contact_work_j contact_stored_j contact_substeps joint_work_j joint_loss_j energy_error_j cut_substeps passages passed_body passed_against",
+        ),
         ("hapfic.Reference", "tick position velocity parameters_version planner"),
         ("hapfic.PlannerState", "ticks axes"),
         (

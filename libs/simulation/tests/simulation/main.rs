@@ -7,6 +7,7 @@ mod bits;
 mod draw;
 mod leg_motion;
 mod parameter_changes;
+mod passage;
 mod repetition;
 mod script;
 mod workers;

@@ -90,6 +90,13 @@ impl FieldAccess for State {
             Numbers(from_mut(&mut self.physics.energy_j)),
             Numbers(from_mut(&mut self.physics.contact_work_j)),
             Numbers(from_mut(&mut self.physics.contact_stored_j)),
+            Numbers(from_mut(&mut self.physics.joint_work_j)),
+            Numbers(from_mut(&mut self.physics.joint_loss_j)),
+            Numbers(from_mut(&mut self.physics.energy_error_j)),
+            Codes(from_mut(&mut self.physics.cut_substeps)),
+            Codes(from_mut(&mut self.physics.passages)),
+            Codes(from_mut(&mut self.physics.passed_body)),
+            Codes(from_mut(&mut self.physics.passed_against)),
         ];
         for object in &mut self.objects {
             fields.extend([
