@@ -1,0 +1,267 @@
+//! Findings of short simulations: gains that oscillate in free air, and walls on which a held force cycles.
+
+use super::{Advisor, Finding, Source, changed, everything, number, vector};
+use crate::stability::{StabilityResult, TEST_S, same_loop, settles, settles_within};
+use crate::{DeadTime, Simulation, SimulationError, pool};
+use hapfic_config::{Diagnostic, OperatorChange, ParameterSettings, Settings};
+use hapfic_robot::Shape;
+use nalgebra::Vector3;
+use std::sync::atomic::AtomicBool;
+
+/// Stiffness of the built-in walls [N/m].
+const STIFFNESS: [f64; 3] = [1e4, 1e5, 1e6];
+/// Damping ratios of the built-in walls.
+const DAMPING_RATIO: [f64; 2] = [0.3, 0.1];
+/// Mass with which a wall has its damping ratio [kg]: of the order of a limb seen from its foot.
+const MASS_KG: f64 = 0.5;
+/// Duration of a press [ticks].
+const PRESS_TICKS: usize = 1500;
+/// Final part in which the force must be steady [ticks].
+const OBSERVED_TICKS: usize = 200;
+/// Largest force error in that part, relative to F_d (root mean square).
+const STEADY: f64 = 0.03;
+/// Most sets of a scenario that press on the walls; a longer script is checked up to there.
+const MOST_SETS: usize = 4;
+
+/// A set of a scenario, and the entry that makes it (`None`: the initial set).
+struct ScriptSet {
+    entry: Option<usize>,
+    change: OperatorChange,
+    set: ParameterSettings,
+}
+
+/// A wall: stiffness [N/m] and damping ratio.
+#[derive(Clone, Copy)]
+struct Wall {
+    stiffness: f64,
+    damping_ratio: f64,
+}
+
+/// A simulation to run.
+enum Job {
+    /// In free air, for the set of this index.
+    Free(usize),
+    /// On a wall, for the set of this index.
+    Press(usize, Wall),
+}
+
+/// Result of a simulation.
+enum JobResult {
+    Free(Result<StabilityResult, SimulationError>),
+    /// Force error relative to F_d; `None` if the posture does not allow the test.
+    Press(Option<f64>),
+}
+
+/// Findings of all sets of a scenario that only a simulation shows, on `jobs` threads.
+///
+/// Free air: as [`settles`]. Walls: if the world has a floor, each distinct set with F_d.z > 0 within its force profile
+/// presses on floors of 1e4 to 1e6 N/m, at damping ratios of 0.3 and 0.1, in the posture of its target. Other directions
+/// of F_d are not tried, nor are objects.
+///
+/// # Errors
+/// [`SimulationError::Plant`] if the limb cannot be simulated at all.
+pub fn simulated(advisor: &Advisor, jobs: usize) -> Result<Vec<Finding>, SimulationError> {
+    let sets = script_sets(&advisor.settings);
+    let mut work: Vec<Job> = Vec::new();
+    for (index, set) in sets.iter().enumerate() {
+        if sets[..index].iter().all(|known| !same_loop(&known.set, &set.set)) {
+            work.push(Job::Free(index));
+        }
+    }
+    let pressing = (0..sets.len()).filter(|&index| advisor.presses(&sets[index].set));
+    let distinct = pressing.filter(|&index| sets[..index].iter().all(|known| !same_press(&known.set, &sets[index].set)));
+    for index in distinct.take(MOST_SETS) {
+        for stiffness in STIFFNESS {
+            work.extend(DAMPING_RATIO.map(|damping_ratio| Job::Press(index, Wall { stiffness, damping_ratio })));
+        }
+    }
+    let run = |job: usize| match work.get(job)? {
+        Job::Free(index) => Some(JobResult::Free(settles(&advisor.settings, &sets[*index].set, DeadTime::default()))),
+        Job::Press(index, wall) => Some(JobResult::Press(advisor.press(&sets[*index].set, *wall))),
+    };
+    let mut results = Vec::new();
+    let keep = |_, result| {
+        results.push(result);
+        Ok(())
+    };
+    let done = pool::in_order(work.len(), jobs.max(1), &AtomicBool::new(false), run, keep);
+    if done.is_err() {
+        // No thread could be started: this one does the rest.
+        results = (0..work.len()).filter_map(run).collect();
+    }
+    let mut findings = Vec::new();
+    let mut cycles: Vec<(usize, Vec<String>)> = Vec::new();
+    for (job, result) in work.iter().zip(results) {
+        match (job, result) {
+            (Job::Free(index), JobResult::Free(result)) => {
+                let set = &sets[*index];
+                findings.extend(advisor.oscillates(&set.set, &set.change, Source::Script(set.entry), &result?, TEST_S));
+            }
+            (Job::Press(index, wall), JobResult::Press(Some(error))) if error > STEADY => {
+                let text = format!(
+                    "{:e} N/m at a damping ratio of {} ({} %)",
+                    wall.stiffness,
+                    number(wall.damping_ratio),
+                    number((1000.0 * error).round() / 10.0)
+                );
+                match cycles.last_mut().filter(|(last, _)| last == index) {
+                    Some((_, walls)) => walls.push(text),
+                    None => cycles.push((*index, vec![text])),
+                }
+            }
+            _ => {}
+        }
+    }
+    findings.extend(cycles.into_iter().map(|(index, walls)| advisor.cycles(&sets[index], &walls)));
+    Ok(findings)
+}
+
+/// Seconds of free air for a change of a running stack: enough for the gains of a usual robot.
+const CHANGE_S: u32 = 1;
+
+/// Result of trying a change of gains in free air.
+#[derive(Clone, Debug, PartialEq)]
+pub enum FreeAir {
+    /// The limb comes to rest, or the change concerns no gain.
+    Settles,
+    /// It does not.
+    Oscillates(Finding),
+    /// `proceed` has ended the simulation before its end.
+    Unknown,
+}
+
+impl Advisor {
+    /// Tries a change of gains in free air, for a shorter time than [`simulated`] does, as long as `proceed` returns true.
+    ///
+    /// # Errors
+    /// [`SimulationError::Plant`] if the limb cannot be simulated at all.
+    pub fn free_air(
+        &self,
+        before: &ParameterSettings,
+        set: &ParameterSettings,
+        change: &OperatorChange,
+        source: Source<'_>,
+        proceed: &dyn Fn() -> bool,
+    ) -> Result<FreeAir, SimulationError> {
+        if same_loop(before, set) {
+            return Ok(FreeAir::Settles);
+        }
+        let Some(result) = settles_within(&self.settings, set, DeadTime::default(), CHANGE_S, proceed)? else {
+            return Ok(FreeAir::Unknown);
+        };
+        Ok(self.oscillates(set, change, source, &result, CHANGE_S).map_or(FreeAir::Settles, FreeAir::Oscillates))
+    }
+}
+
+impl Advisor {
+    /// Finding of a set that does not come to rest in free air.
+    fn oscillates(
+        &self,
+        set: &ParameterSettings,
+        change: &OperatorChange,
+        source: Source<'_>,
+        result: &StabilityResult,
+        seconds: u32,
+    ) -> Option<Finding> {
+        if result.settles {
+            return None;
+        }
+        let name = changed(change, &["stiffness", "max_force", "position_bound"]).unwrap_or("stiffness");
+        let (place, key) = self.place(source, name);
+        let motion = if result.amplitude_m.is_finite() {
+            format!("oscillates ({:.2} mm at the end of {seconds} s)", result.amplitude_m * 1e3)
+        } else {
+            "diverges".to_owned()
+        };
+        let found = format!(
+            "stiffness {} N/m, max_force {} N and position_bound {} m, with which the limb, held in free air at the start \
+             posture, {motion}",
+            vector(set.stiffness),
+            vector(set.max_force),
+            vector(set.position_bound)
+        );
+        let help = if result.within_bound {
+            "lower the stiffness or add joint damping"
+        } else {
+            "it sinks out of its bound: max_force does not carry it"
+        };
+        let expected = "gains with which it comes to rest".to_owned();
+        Some(Finding { diagnostic: Diagnostic { place, key, found, expected, help: help.to_owned() }, dangerous: true })
+    }
+
+    /// Finding of a set that cycles on walls.
+    fn cycles(&self, set: &ScriptSet, walls: &[String]) -> Finding {
+        let name = changed(&set.change, &["desired_force", "stiffness", "max_force", "position_bound"]);
+        let (place, key) = self.place(Source::Script(set.entry), name.unwrap_or("desired_force"));
+        let found =
+            format!("F_d = {} N on z, which is not steady on walls of {}", number(set.set.desired_force[2]), walls.join(", "));
+        let expected = format!("a force error below {} % on every tried wall", number(100.0 * STEADY));
+        let help = "on such a wall the search cycles: lower taper, or add joint damping".to_owned();
+        Finding { diagnostic: Diagnostic { place, key, found, expected, help }, dangerous: false }
+    }
+
+    /// Whether a set presses on a floor, with a force that its law reaches.
+    fn presses(&self, set: &ParameterSettings) -> bool {
+        let desired = set.desired_force[2];
+        let linear = 0.95 * set.stiffness[2] * set.position_bound[2];
+        self.settings.world.floor.is_some() && desired > 0.0 && desired <= linear.min(set.max_force[2])
+    }
+
+    /// Presses on a wall; returns the force error at the end relative to F_d (root mean square).
+    ///
+    /// The wall is a floor just below the foot, in the posture of the target. `None` if the robot cannot start there.
+    fn press(&self, set: &ParameterSettings, wall: Wall) -> Option<f64> {
+        let mut pressing = self.settings.clone();
+        let foot = set.target_position.map(|target| self.chain.reach(&Vector3::from(target), &self.start.q));
+        let q = foot.map_or(self.start.q, |reach| reach.q);
+        let kin = self.chain.kinematics(&q);
+        let tip = kin.tip_position();
+        let shapes = self.chain.collisions().iter().filter(|shape| shape.body.is_some() && shape.link == self.chain.tip_link());
+        let lowest = shapes
+            .filter_map(|shape| {
+                let Shape::Sphere { radius } = shape.shape else { return None };
+                Some(self.chain.collision_pose(&kin, shape).translation.z - radius)
+            })
+            .reduce(f64::min)?;
+        let floor = pressing.world.floor.as_mut()?;
+        floor.height_m = lowest;
+        floor.surface.stiffness_n_per_m = wall.stiffness;
+        floor.surface.damping_n_s_per_m = 2.0 * wall.damping_ratio * (wall.stiffness * MASS_KG).sqrt();
+        pressing.world.objects.clear();
+        pressing.operator.clear();
+        pressing.robot.start_position = q[..self.chain.dof()].to_vec();
+        let desired = set.desired_force[2];
+        // Half of the force without a search: the search does the rest.
+        let depth = (0.5 * desired / set.stiffness[2]).min(0.5 * set.position_bound[2]);
+        let target_position = Some([tip.x, tip.y, tip.z - depth]);
+        pressing.initial = ParameterSettings { target_position, desired_force: [0.0, 0.0, desired], ..*set };
+        let mut simulation = Simulation::new(&pressing).ok()?;
+        let mut squares = 0.0;
+        for tick in 0..PRESS_TICKS {
+            let Ok(snapshot) = simulation.step() else { return Some(f64::INFINITY) };
+            if tick >= PRESS_TICKS - OBSERVED_TICKS {
+                squares += (snapshot.state.foot_force[2] - desired).powi(2);
+            }
+        }
+        Some((squares / OBSERVED_TICKS as f64).sqrt() / desired)
+    }
+}
+
+/// All sets of a scenario that come into force.
+fn script_sets(settings: &Settings) -> Vec<ScriptSet> {
+    let mut set = settings.initial;
+    let mut sets = vec![ScriptSet { entry: None, change: everything(&set), set }];
+    for (index, change) in settings.operator.iter().enumerate() {
+        if change.at_tick < settings.duration_ticks as i64 {
+            set = set.with(change);
+            sets.push(ScriptSet { entry: Some(index), change: *change, set });
+        }
+    }
+    sets
+}
+
+/// Whether two sets press in the same way; the place of the target does not count.
+fn same_press(a: &ParameterSettings, b: &ParameterSettings) -> bool {
+    let plain = |p: &ParameterSettings| ParameterSettings { target_position: None, mean_speed: 1.0, max_acceleration: 1.0, ..*p };
+    plain(a) == plain(b)
+}
