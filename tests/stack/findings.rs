@@ -43,10 +43,10 @@ fn check_all_findings_shown_in_order_of_lines() {
     let mut rest = check.err.as_str();
     for words in [
         "warning: mine.toml:17: world.gravity_m_per_s2: found [0, 0, 9.81] m/s^2, which points upwards",
-        "danger: mine.toml:57: operator[0].target_position_m: found [-0.1, 0.05, 4.5] m",
-        "danger: mine.toml:65: operator[2].desired_force_n: found F_d = -4000 N on z, expected at most F_max = 300 N",
-        "warning: mine.toml:65: operator[2].desired_force_n: found F_d = [0, 0, -4000] N, which points into the floor",
-        "warning: mine.toml:76: operator[5].at_s: found 8.2 s, after the end of the run, expected less than duration_s = 7",
+        "danger: mine.toml:47: operator[0].target_position_m: found [-0.1, 0.05, 4.5] m",
+        "danger: mine.toml:55: operator[2].desired_force_n: found F_d = -4000 N on z, expected at most F_max = 300 N",
+        "warning: mine.toml:55: operator[2].desired_force_n: found F_d = [0, 0, -4000] N, which points into the floor",
+        "warning: mine.toml:66: operator[5].at_s: found 8.2 s, after the end of the run, expected less than duration_s = 7",
     ] {
         let at = rest.find(words).unwrap_or_else(|| panic!("'{words}' is not in order in\n{}", check.err));
         rest = &rest[at + words.len()..];
@@ -59,7 +59,7 @@ fn check_angles_in_degrees_get_hint() {
     variant(&stack, &[("start_position_rad = [0.0, 0.9, -1.8]", "start_position_rad = [0.0, 50, -100]")]);
     for command in [&["check", "mine.toml"][..], &["run", "mine.toml", "--clock", "lockstep"]] {
         let err = run_command(&stack, command, 2).err;
-        assert!(err.contains("robot.start_position_rad[1]") && err.contains("write [0, 0.873, -1.745]"), "{err}");
+        assert!(err.contains("robot.start_position_rad[1]") && err.contains("write [0, 0.8727, -1.745]"), "{err}");
     }
     // The robot has three joints: the posture is wrong, not the damping.
     variant(&stack, &[("[0.0, 0.9, -1.8]", "[0.0, 0.9]\njoint_damping_n_m_s_per_rad = [1, 2, 3]")]);
@@ -74,7 +74,11 @@ fn run_says_findings_before_it_starts() {
     let run = ["run", "floor", "--clock", "lockstep", "--duration", "0.1", "--log", "run.mcap", "--set", force];
     let end = stack.run(&run);
     end.expect(0);
-    assert!(end.err.contains(&format!("warning: --set {force}: operator[2].desired_force_n: found F_d = [0, 0, -50] N")), "{}", end.err);
+    assert!(
+        end.err.contains(&format!("warning: --set {force}: operator[2].desired_force_n: found F_d = [0, 0, -50] N")),
+        "{}",
+        end.err
+    );
     assert!(!end.err.contains("after the end"), "--duration leaves entries out on purpose: {}", end.err);
 }
 
@@ -122,7 +126,8 @@ fn get_prints_values_that_set_accepts() {
     let effective: i64 = set.split("from tick ").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
     status_at(&stack, effective + 200);
     let all = run_command(&stack, &["get"], 0).out;
-    for line in ["desired_force_n = [0, 0, 30]", "search = \"sign\"", "taper = 0.125", "stiffness_n_per_m = [6000, 6000, 12000]"] {
+    for line in ["desired_force_n = [0, 0, 30]", "search = \"sign\"", "taper = 0.125", "stiffness_n_per_m = [6000, 6000, 12000]"]
+    {
         assert!(all.lines().any(|l| l == line), "'{line}' is not in\n{all}");
     }
     let pairs: Vec<&str> = all.lines().collect();
@@ -139,7 +144,8 @@ fn get_prints_values_that_set_accepts() {
 fn run_force_never_reached_says_so_with_its_error() {
     let stack = StackSandbox::new();
     let slow = ["--duration", "4.2", "--set", "controller.search_scale=0.00001"];
-    let run = stack.run(&[&["run", "floor", "--clock", "lockstep", "--log", "run.mcap", "--summary-json", "run.json"][..], &slow].concat());
+    let run = stack
+        .run(&[&["run", "floor", "--clock", "lockstep", "--log", "run.mcap", "--summary-json", "run.json"][..], &slow].concat());
     run.expect(0);
     let line = |name: &str| run.out.lines().find(|l| l.trim_start().starts_with(name)).unwrap_or_default().to_owned();
     assert!(line("settled rms").ends_with("not reached"), "{}", run.out);

@@ -35,6 +35,15 @@ pub struct Finding {
     pub diagnostic: Diagnostic,
     /// Whether a change of a running stack needs `--force`.
     pub dangerous: bool,
+    /// What makes it; findings of one cause are one.
+    cause: String,
+}
+
+impl Finding {
+    fn new(diagnostic: Diagnostic, dangerous: bool) -> Self {
+        let cause = format!("{} {}", diagnostic.found, diagnostic.expected);
+        Self { diagnostic, dangerous, cause }
+    }
 }
 
 impl fmt::Display for Finding {
@@ -177,7 +186,7 @@ impl Advisor {
     /// A finding at the value of `name` of a case.
     fn finding(&self, case: &Case<'_>, name: &str, dangerous: bool, [found, expected, help]: [String; 3]) -> Finding {
         let (place, key) = self.place(case.source, name);
-        Finding { diagnostic: Diagnostic { place, key, found, expected, help }, dangerous }
+        Finding::new(Diagnostic { place, key, found, expected, help }, dangerous)
     }
 
     fn place(&self, source: Source<'_>, name: &str) -> (Location, String) {
@@ -211,8 +220,7 @@ fn sorted(mut findings: Vec<Finding>) -> Vec<Finding> {
     findings.sort_by_key(|finding| finding.diagnostic.place.line().unwrap_or(usize::MAX));
     let mut once: Vec<Finding> = Vec::with_capacity(findings.len());
     for finding in findings {
-        let cause = |d: &Diagnostic| (d.found.clone(), d.expected.clone());
-        if once.iter().all(|known| cause(&known.diagnostic) != cause(&finding.diagnostic)) {
+        if once.iter().all(|known| known.cause != finding.cause) {
             once.push(finding);
         }
     }
@@ -243,11 +251,13 @@ fn changed(change: &OperatorChange, names: &[&'static str]) -> Option<&'static s
     })
 }
 
-/// Formats a number with at most three decimals.
+/// Formats a number to four digits, an integer with all of them.
 fn number(value: f64) -> String {
-    let text = format!("{value:.3}");
-    let short = text.trim_end_matches('0').trim_end_matches('.');
-    if short.is_empty() || short == "-0" { "0".to_owned() } else { short.to_owned() }
+    let whole = value.fract() == 0.0;
+    let digits = if whole { 0 } else { (3.0 - value.abs().log10().floor()).clamp(0.0, 6.0) as usize };
+    let text = format!("{value:.digits$}");
+    let short = if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.') } else { &text };
+    if short == "-0" { "0".to_owned() } else { short.to_owned() }
 }
 
 /// Formats a vector, without its unit.

@@ -16,16 +16,10 @@ const INTO: f64 = 1e-3;
 impl Advisor {
     /// Adds the findings about F_d and F_max.
     pub(super) fn force(&self, case: &Case<'_>, findings: &mut Vec<Finding>) {
-        let mut within = true;
-        for axis in 0..3 {
-            if let Some(found) = self.beyond_profile(case, axis) {
-                within = false;
-                findings.push(found);
-            }
-        }
+        findings.extend((0..3).filter_map(|axis| self.beyond_profile(case, axis)));
         findings.extend(self.pulls(case));
         // A force that the law does not reach needs no torque.
-        if within {
+        if (0..3).all(|axis| case.set.desired_force[axis].abs() <= case.set.max_force[axis]) {
             findings.extend(self.beyond_effort(case));
         }
         findings.extend(self.far_above_effort(case));
@@ -92,7 +86,9 @@ impl Advisor {
         );
         let expected = format!("at most its effort of {} N m", number(effort));
         let help = "the drive cuts the torque: lower desired_force, or choose another posture".to_owned();
-        Some(self.finding(case, name, false, [found, expected, help]))
+        // Told for the first posture: a script moves on with the same force.
+        let cause = format!("effort {:?}", case.set.desired_force);
+        Some(Finding { cause, ..self.finding(case, name, false, [found, expected, help]) })
     }
 
     /// F_max far above what the effort of the joints allows.

@@ -17,7 +17,7 @@ impl Advisor {
 
     fn at(&self, key: &str, [found, expected, help]: [String; 3]) -> Finding {
         let key = key.to_owned();
-        Finding { diagnostic: Diagnostic { place: self.settings.place(&key), key, found, expected, help }, dangerous: false }
+        Finding::new(Diagnostic { place: self.settings.place(&key), key, found, expected, help }, false)
     }
 
     fn gravity_upwards(&self, findings: &mut Vec<Finding>) {

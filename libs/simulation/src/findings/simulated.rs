@@ -20,8 +20,12 @@ const PRESS_TICKS: usize = 1500;
 const OBSERVED_TICKS: usize = 200;
 /// Largest force error in that part, relative to F_d (root mean square).
 const STEADY: f64 = 0.03;
-/// Most sets of a scenario that press on the walls; a longer script is checked up to there.
-const MOST_SETS: usize = 4;
+/// Earliest tick at which a steady force ends the press.
+const EARLIEST_END: usize = 700;
+/// Force error that is steady for good: a cycle would have grown from the impact by then.
+const QUIET: f64 = 0.003;
+/// Most sets of gains that press on the walls; of a longer script the first ones.
+const MOST_SETS: usize = 3;
 
 /// A set of a scenario, and the entry that makes it (`None`: the initial set).
 struct ScriptSet {
@@ -37,83 +41,67 @@ struct Wall {
     damping_ratio: f64,
 }
 
-/// A simulation to run.
-enum Job {
-    /// In free air, for the set of this index.
-    Free(usize),
-    /// On a wall, for the set of this index.
-    Press(usize, Wall),
-}
-
-/// Result of a simulation.
-enum JobResult {
-    Free(Result<StabilityResult, SimulationError>),
-    /// Force error relative to F_d; `None` if the posture does not allow the test.
-    Press(Option<f64>),
-}
-
 /// Findings of all sets of a scenario that only a simulation shows, on `jobs` threads.
 ///
-/// Free air: as [`settles`]. Walls: if the world has a floor, each distinct set with F_d.z > 0 within its force profile
-/// presses on floors of 1e4 to 1e6 N/m, at damping ratios of 0.3 and 0.1, in the posture of its target. Other directions
-/// of F_d are not tried, nor are objects.
+/// Free air: as [`settles`]. Walls: if the world has a floor, each set with F_d.z > 0 within its force profile presses on
+/// floors of 1e4 to 1e6 N/m, at damping ratios of 0.3 and 0.1, in the posture of its target. Equal gains press once, with
+/// their first F_d, and so do the first three of a longer script. Gains that oscillate in free air, other directions of
+/// F_d and objects are not tried.
 ///
 /// # Errors
 /// [`SimulationError::Plant`] if the limb cannot be simulated at all.
 pub fn simulated(advisor: &Advisor, jobs: usize) -> Result<Vec<Finding>, SimulationError> {
     let sets = script_sets(&advisor.settings);
-    let mut work: Vec<Job> = Vec::new();
-    for (index, set) in sets.iter().enumerate() {
-        if sets[..index].iter().all(|known| !same_loop(&known.set, &set.set)) {
-            work.push(Job::Free(index));
+    let loops = distinct((0..sets.len()).collect(), |a, b| same_loop(&sets[a].set, &sets[b].set));
+    let free = in_parallel(loops.len(), jobs, |job| settles(&advisor.settings, &sets[loops[job]].set, DeadTime::default()));
+    let mut findings = Vec::new();
+    let mut oscillating = Vec::new();
+    for (index, result) in loops.into_iter().zip(free) {
+        let ScriptSet { entry, change, set } = &sets[index];
+        if let Some(finding) = advisor.oscillates(set, change, Source::Script(*entry), &result?, TEST_S) {
+            findings.push(finding);
+            oscillating.push(*set);
         }
     }
-    let pressing = (0..sets.len()).filter(|&index| advisor.presses(&sets[index].set));
-    let distinct = pressing.filter(|&index| sets[..index].iter().all(|known| !same_press(&known.set, &sets[index].set)));
-    for index in distinct.take(MOST_SETS) {
-        for stiffness in STIFFNESS {
-            work.extend(DAMPING_RATIO.map(|damping_ratio| Job::Press(index, Wall { stiffness, damping_ratio })));
-        }
+    let calm = |index: &usize| oscillating.iter().all(|set| !same_loop(set, &sets[*index].set));
+    let pressing: Vec<usize> = (0..sets.len()).filter(|&index| advisor.presses(&sets[index].set)).filter(calm).collect();
+    let mut pressing = distinct(pressing, |a, b| same_press(&sets[a].set, &sets[b].set));
+    pressing.truncate(MOST_SETS);
+    let walls: Vec<Wall> = STIFFNESS
+        .into_iter()
+        .flat_map(|stiffness| DAMPING_RATIO.map(|damping_ratio| Wall { stiffness, damping_ratio }))
+        .collect();
+    let errors = in_parallel(pressing.len() * walls.len(), jobs, |job| {
+        advisor.press(&sets[pressing[job / walls.len()]].set, walls[job % walls.len()])
+    });
+    for (index, errors) in pressing.iter().zip(errors.chunks(walls.len())) {
+        let unsteady = walls.iter().zip(errors).filter_map(|(wall, error)| Some((*wall, (*error).filter(|e| *e > STEADY)?)));
+        findings.extend(advisor.cycles(&sets[*index], &unsteady.collect::<Vec<_>>()));
     }
-    let run = |job: usize| match work.get(job)? {
-        Job::Free(index) => Some(JobResult::Free(settles(&advisor.settings, &sets[*index].set, DeadTime::default()))),
-        Job::Press(index, wall) => Some(JobResult::Press(advisor.press(&sets[*index].set, *wall))),
-    };
-    let mut results = Vec::new();
+    Ok(findings)
+}
+
+/// First indices of all that are not the same.
+fn distinct(indices: Vec<usize>, same: impl Fn(usize, usize) -> bool) -> Vec<usize> {
+    indices.into_iter().fold(Vec::new(), |mut kept, index| {
+        if kept.iter().all(|&known| !same(known, index)) {
+            kept.push(index);
+        }
+        kept
+    })
+}
+
+/// Results of `count` jobs in their order; on this thread if no other can be started.
+fn in_parallel<T: Send>(count: usize, jobs: usize, work: impl Fn(usize) -> T + Sync) -> Vec<T> {
+    let mut results = Vec::with_capacity(count);
     let keep = |_, result| {
         results.push(result);
         Ok(())
     };
-    let done = pool::in_order(work.len(), jobs.max(1), &AtomicBool::new(false), run, keep);
-    if done.is_err() {
-        // No thread could be started: this one does the rest.
-        results = (0..work.len()).filter_map(run).collect();
+    match pool::in_order(count, jobs.max(1), &AtomicBool::new(false), |job| Some(work(job)), keep) {
+        Ok(_) => results,
+        Err(_) => (0..count).map(work).collect(),
     }
-    let mut findings = Vec::new();
-    let mut cycles: Vec<(usize, Vec<String>)> = Vec::new();
-    for (job, result) in work.iter().zip(results) {
-        match (job, result) {
-            (Job::Free(index), JobResult::Free(result)) => {
-                let set = &sets[*index];
-                findings.extend(advisor.oscillates(&set.set, &set.change, Source::Script(set.entry), &result?, TEST_S));
-            }
-            (Job::Press(index, wall), JobResult::Press(Some(error))) if error > STEADY => {
-                let text = format!(
-                    "{:e} N/m at a damping ratio of {} ({} %)",
-                    wall.stiffness,
-                    number(wall.damping_ratio),
-                    number((1000.0 * error).round() / 10.0)
-                );
-                match cycles.last_mut().filter(|(last, _)| last == index) {
-                    Some((_, walls)) => walls.push(text),
-                    None => cycles.push((*index, vec![text])),
-                }
-            }
-            _ => {}
-        }
-    }
-    findings.extend(cycles.into_iter().map(|(index, walls)| advisor.cycles(&sets[index], &walls)));
-    Ok(findings)
 }
 
 /// Seconds of free air for a change of a running stack: enough for the gains of a usual robot.
@@ -186,18 +174,30 @@ impl Advisor {
             "it sinks out of its bound: max_force does not carry it"
         };
         let expected = "gains with which it comes to rest".to_owned();
-        Some(Finding { diagnostic: Diagnostic { place, key, found, expected, help: help.to_owned() }, dangerous: true })
+        Some(Finding::new(Diagnostic { place, key, found, expected, help: help.to_owned() }, true))
     }
 
-    /// Finding of a set that cycles on walls.
-    fn cycles(&self, set: &ScriptSet, walls: &[String]) -> Finding {
+    /// Finding of a set that cycles on walls, each with its force error; `None` without such walls.
+    fn cycles(&self, set: &ScriptSet, walls: &[(Wall, f64)]) -> Option<Finding> {
+        if walls.is_empty() {
+            return None;
+        }
         let name = changed(&set.change, &["desired_force", "stiffness", "max_force", "position_bound"]);
         let (place, key) = self.place(Source::Script(set.entry), name.unwrap_or("desired_force"));
-        let found =
-            format!("F_d = {} N on z, which is not steady on walls of {}", number(set.set.desired_force[2]), walls.join(", "));
-        let expected = format!("a force error below {} % on every tried wall", number(100.0 * STEADY));
-        let help = "on such a wall the search cycles: lower taper, or add joint damping".to_owned();
-        Finding { diagnostic: Diagnostic { place, key, found, expected, help }, dangerous: false }
+        let of_stiffness = |stiffness: f64| {
+            let errors = walls.iter().filter(|(wall, _)| wall.stiffness == stiffness).map(|(wall, error)| {
+                let percent = (100.0 * error).min(999.0).round();
+                format!("{} % at damping ratio {}", number(percent), number(wall.damping_ratio))
+            });
+            let errors: Vec<String> = errors.collect();
+            (!errors.is_empty()).then(|| format!("{stiffness:e} N/m ({})", errors.join(", ")))
+        };
+        let list: Vec<String> = STIFFNESS.into_iter().filter_map(of_stiffness).collect();
+        let desired = number(set.set.desired_force[2]);
+        let found = format!("F_d = {desired} N on z, whose error stays large on test walls of {}", list.join(", "));
+        let expected = format!("at most {} % of F_d on walls of 1e4 to 1e6 N/m", number(100.0 * STEADY));
+        let help = "the search cycles on such a wall, which need not be the scenario's: lower taper, or add joint damping";
+        Some(Finding::new(Diagnostic { place, key, found, expected, help: help.to_owned() }, false))
     }
 
     /// Whether a set presses on a floor, with a force that its law reaches.
@@ -237,13 +237,18 @@ impl Advisor {
         pressing.initial = ParameterSettings { target_position, desired_force: [0.0, 0.0, desired], ..*set };
         let mut simulation = Simulation::new(&pressing).ok()?;
         let mut squares = 0.0;
-        for tick in 0..PRESS_TICKS {
+        for tick in 1..=PRESS_TICKS {
             let Ok(snapshot) = simulation.step() else { return Some(f64::INFINITY) };
-            if tick >= PRESS_TICKS - OBSERVED_TICKS {
-                squares += (snapshot.state.foot_force[2] - desired).powi(2);
+            squares += (snapshot.state.foot_force[2] - desired).powi(2);
+            if (PRESS_TICKS - tick) % OBSERVED_TICKS == 0 {
+                let error = (squares / OBSERVED_TICKS as f64).sqrt() / desired;
+                if tick == PRESS_TICKS || (tick >= EARLIEST_END && error < QUIET) {
+                    return Some(error);
+                }
+                squares = 0.0;
             }
         }
-        Some((squares / OBSERVED_TICKS as f64).sqrt() / desired)
+        None
     }
 }
 
@@ -260,8 +265,14 @@ fn script_sets(settings: &Settings) -> Vec<ScriptSet> {
     sets
 }
 
-/// Whether two sets press in the same way; the place of the target does not count.
+/// Whether two sets press with the same gains. The target and F_d do not count.
 fn same_press(a: &ParameterSettings, b: &ParameterSettings) -> bool {
-    let plain = |p: &ParameterSettings| ParameterSettings { target_position: None, mean_speed: 1.0, max_acceleration: 1.0, ..*p };
-    plain(a) == plain(b)
+    let gains = |p: &ParameterSettings| ParameterSettings {
+        target_position: None,
+        desired_force: [0.0; 3],
+        mean_speed: 1.0,
+        max_acceleration: 1.0,
+        ..*p
+    };
+    gains(a) == gains(b)
 }

@@ -40,14 +40,14 @@ fn scenario_floor_has_no_finding() {
 #[test]
 fn desired_force_beyond_limit_is_dangerous() {
     let found = of_floor(&["operator.2.desired_force=[0, 0, 4000]"]);
-    expect_one(&found, true, &["operator.2.desired_force", "F_d = 4000 N on z", "at most F_max = 300 N"]);
+    expect_one(&found, true, &["--set operator.2.desired_force", "F_d = 4000 N on z", "at most F_max = 300 N"]);
 }
 
 #[test]
 fn desired_force_beyond_linear_profile_is_dangerous_and_told_once() {
     // Four later entries keep the force.
     let found = of_floor(&["controller.stiffness_n_per_m=[1000, 1000, 1000]"]);
-    let words = ["floor.toml:69: operator[2].desired_force_n: found F_d = 50 N on z", "at most 0.95 K0 x_b = 23.75 N"];
+    let words = ["floor.toml:55: operator[2].desired_force_n: found F_d = 50 N on z", "at most 0.95 K0 x_b = 23.75 N"];
     expect_one(&found, true, &words);
 }
 
@@ -91,9 +91,9 @@ fn desired_force_without_surface_never_pulls() {
 
 #[test]
 fn desired_force_beyond_effort_names_joint() {
-    let found = of_floor(&["robot.effort_limit_n_m=5"]);
+    let found = of_floor(&["controller.max_force=[60, 60, 60]", "robot.effort_limit_n_m=5"]);
     expect_one(&found, false, &["F_d = [0, 0, 50] N, which takes", "at joint '", "at most its effort of 5 N m"]);
-    let found = of_floor(&["supervisor.torque_peak_n_m=5"]);
+    let found = of_floor(&["controller.max_force=[60, 60, 60]", "supervisor.torque_peak_n_m=5"]);
     expect_one(&found, false, &["at most its effort of 5 N m"]);
 }
 
@@ -127,7 +127,7 @@ fn target_deep_in_soft_ball_is_no_finding() {
     let settings = Settings::load("ball", &[]).unwrap();
     let found = Advisor::new(&settings).unwrap().scenario();
     // The scenario stretches the leg through the straight knee on purpose.
-    expect_one(&found, true, &["operator[8].target_position_m", "out of reach"]);
+    expect_one(&found, true, &["operator[9].target_position_m", "out of reach"]);
 }
 
 #[test]
@@ -150,7 +150,7 @@ fn script_entry_after_end_is_found_unless_cut_short() {
     let settings = Settings::from_str(&short, "x.toml", None, &[]).unwrap();
     let found = Advisor::new(&settings).unwrap().scenario();
     assert_eq!(found.len(), 2, "{found:?}");
-    assert!(found[0].to_string().contains("x.toml:76: operator[4].at_s: found 6 s, after the end of the run"), "{}", found[0]);
+    assert!(found[0].to_string().contains("x.toml:62: operator[4].at_s: found 6 s, after the end of the run"), "{}", found[0]);
     assert!(found.iter().all(|finding| !finding.dangerous));
     assert_eq!(of_floor(&["duration_s=5.0"]), [], "--duration leaves entries out on purpose");
 }
@@ -166,9 +166,9 @@ fn angles_beyond_full_turn_look_like_degrees() {
     let found = of_floor(&["robot.base_orientation_rpy_rad=[0, 0, 9]"]);
     let orientation: Vec<_> = found.iter().filter(|f| f.diagnostic.key == "robot.base_orientation_rpy_rad").collect();
     assert_eq!(orientation.len(), 1, "{found:?}");
-    assert!(orientation[0].to_string().contains("if these are degrees, write [0, 0, 0.157]"), "{}", orientation[0]);
+    assert!(orientation[0].to_string().contains("if these are degrees, write [0, 0, 0.1571]"), "{}", orientation[0]);
     assert_eq!(degrees_hint(&[0.0, 6.2, -6.28]), None);
-    assert_eq!(degrees_hint(&[0.0, 45.0]).unwrap(), "angles are in rad: if these are degrees, write [0, 0.785]");
+    assert_eq!(degrees_hint(&[0.0, 45.0]).unwrap(), "angles are in rad: if these are degrees, write [0, 0.7854]");
 }
 
 #[test]
@@ -181,7 +181,7 @@ fn findings_come_all_in_order_of_lines() {
     let settings = Settings::from_str(&bad, "x.toml", None, &[]).unwrap();
     let found = Advisor::new(&settings).unwrap().scenario();
     let lines: Vec<_> = found.iter().map(|finding| finding.diagnostic.place.line()).collect();
-    assert_eq!(lines, [Some(17), Some(57), Some(65)], "{found:#?}");
+    assert_eq!(lines, [Some(17), Some(47), Some(55)], "{found:#?}");
 }
 
 #[test]
@@ -207,9 +207,16 @@ fn walls_on_which_search_cycles_are_found() {
         2,
     );
     let found = found.unwrap();
-    let words = ["floor.toml:69: operator[2].desired_force_n: found F_d = 50 N on z, which is not steady on walls of 1e4 N/m at"];
+    let words =
+        ["floor.toml:55: operator[2].desired_force_n: found F_d = 50 N on z, whose error stays large on test walls of 1e4 N/m ("];
     expect_one(&found, false, &words);
-    assert_eq!(found[0].to_string().matches("damping ratio of").count(), 6, "{}", found[0]);
+    assert_eq!(found[0].to_string().matches("at damping ratio").count(), 6, "{}", found[0]);
+}
+
+#[test]
+fn numbers_keep_four_digits() {
+    let texts = [0.0, -0.0, 18000.0, 0.0025, 23.75, 38.1354, -0.1, -1e-9, -50.0].map(number);
+    assert_eq!(texts, ["0", "0", "18000", "0.0025", "23.75", "38.14", "-0.1", "0", "-50"]);
 }
 
 #[test]
