@@ -138,6 +138,10 @@ impl Advisor {
     /// Findings of a parameter set that `change` has made, as far as the change concerns them.
     #[must_use]
     pub fn set(&self, set: &ParameterSettings, change: &OperatorChange, source: Source<'_>, scene: &Scene) -> Vec<Finding> {
+        const CONCERNED: [&str; 5] = ["target_position", "desired_force", "stiffness", "max_force", "position_bound"];
+        if changed(change, &CONCERNED).is_none() {
+            return Vec::new();
+        }
         self.case(set, change, source, scene, None).0
     }
 
@@ -215,15 +219,15 @@ pub fn all(settings: &Settings, jobs: usize) -> Result<Vec<Finding>, SimulationE
     Ok(sorted(findings))
 }
 
-/// Sorts findings by their lines, those without a line last, and keeps the first one of each cause.
-fn sorted(mut findings: Vec<Finding>) -> Vec<Finding> {
-    findings.sort_by_key(|finding| finding.diagnostic.place.line().unwrap_or(usize::MAX));
+/// Keeps the first finding of each cause in the order of time, and sorts by lines, those without a line last.
+fn sorted(findings: Vec<Finding>) -> Vec<Finding> {
     let mut once: Vec<Finding> = Vec::with_capacity(findings.len());
     for finding in findings {
         if once.iter().all(|known| known.cause != finding.cause) {
             once.push(finding);
         }
     }
+    once.sort_by_key(|finding| finding.diagnostic.place.line().unwrap_or(usize::MAX));
     once
 }
 
