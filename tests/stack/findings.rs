@@ -1,6 +1,6 @@
 //! Values that are valid but unwise: what `hapfic check`, `run` and `set` say about them; `--force`, `--dry-run`, `get`.
 
-use crate::running::{start, status_at};
+use crate::running::{TIMEOUT, start, status_at};
 use hapfic_tests::{FinishedProgram, StackSandbox, StartedProgram};
 use serde_json::Value;
 
@@ -107,6 +107,10 @@ fn set_dangerous_change_needs_force() {
 
     let forced = run_command(&stack, &["set", "--force", "target_position.z=5"], 0).out;
     assert!(forced.contains("parameters 2 in force") && forced.contains("danger: set target_position.z=5"), "{forced}");
+    let begun = std::time::Instant::now();
+    while !run_command(&stack, &["status", "--once"], 0).out.contains("outside x_b on z") {
+        assert!(begun.elapsed() < TIMEOUT, "the status does not show that the target is not reached");
+    }
     // A mere warning needs no consent.
     let pulling = run_command(&stack, &["set", "target_position=[-0.1, 0.05, 0.06]", "desired_force.z=-20"], 0).out;
     assert!(pulling.contains("parameters 3 in force"), "{pulling}");
