@@ -240,7 +240,7 @@ impl Advisor {
         for tick in 1..=PRESS_TICKS {
             let Ok(snapshot) = simulation.step() else { return Some(f64::INFINITY) };
             squares += (snapshot.state.foot_force[2] - desired).powi(2);
-            if (PRESS_TICKS - tick) % OBSERVED_TICKS == 0 {
+            if (PRESS_TICKS - tick).is_multiple_of(OBSERVED_TICKS) {
                 let error = (squares / OBSERVED_TICKS as f64).sqrt() / desired;
                 if tick == PRESS_TICKS || (tick >= EARLIEST_END && error < QUIET) {
                     return Some(error);

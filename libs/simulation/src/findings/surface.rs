@@ -29,21 +29,14 @@ impl Advisor {
     pub(super) fn surfaces(&self, case: &Case<'_>) -> Vec<NearSurface> {
         let world = &self.settings.world;
         let spheres = self.foot(case);
-        let deepest = |surface: &dyn Fn(&Vector3<f64>) -> (Vector3<f64>, f64)| {
-            let depths = spheres.iter().map(|(center, radius)| {
-                let (normal, distance) = surface(center);
-                (normal, radius - distance)
-            });
-            depths.max_by(|a, b| a.1.total_cmp(&b.1))
-        };
         let mut found = Vec::new();
         if let Some(floor) = &world.floor
-            && let Some((normal, depth_m)) = deepest(&|center| (Vector3::z(), center.z - floor.height_m))
+            && let Some((normal, depth_m)) = deepest(&spheres, |center| (Vector3::z(), center.z - floor.height_m))
         {
             found.push(NearSurface { name: "the floor".to_owned(), normal, depth_m, stiffness: floor.surface.stiffness_n_per_m });
         }
         for (object, pose) in world.objects.iter().zip(&case.scene.objects) {
-            if let Some((normal, depth_m)) = deepest(&|center| distance(&object.shape, pose, center)) {
+            if let Some((normal, depth_m)) = deepest(&spheres, |center| distance(&object.shape, pose, center)) {
                 let name = if *pose == start_pose(object) {
                     format!("'{}' where it starts", object.name)
                 } else {
@@ -75,6 +68,18 @@ impl Advisor {
         }
         spheres
     }
+}
+
+/// Normal and depth of the sphere that is deepest in a body, whose surface gives normal and distance at a point.
+fn deepest(
+    spheres: &[(Vector3<f64>, f64)],
+    surface: impl Fn(&Vector3<f64>) -> (Vector3<f64>, f64),
+) -> Option<(Vector3<f64>, f64)> {
+    let depths = spheres.iter().map(|(center, radius)| {
+        let (normal, distance) = surface(center);
+        (normal, radius - distance)
+    });
+    depths.max_by(|a, b| a.1.total_cmp(&b.1))
 }
 
 /// Outward normal of a body's surface nearest to a point, and the point's distance from it [m], negative inside.

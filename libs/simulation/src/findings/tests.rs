@@ -169,7 +169,7 @@ fn angles_beyond_full_turn_look_like_degrees() {
     let orientation: Vec<_> = found.iter().filter(|f| f.diagnostic.key == "robot.base_orientation_rpy_rad").collect();
     assert_eq!(orientation.len(), 1, "{found:?}");
     assert!(orientation[0].to_string().contains("if these are degrees, write [0, 0, 0.1571]"), "{}", orientation[0]);
-    assert_eq!(degrees_hint(&[0.0, 6.2, -6.28]), None);
+    assert_eq!(degrees_hint(&[0.0, 6.2, -6.1]), None);
     assert_eq!(degrees_hint(&[0.0, 45.0]).unwrap(), "angles are in rad: if these are degrees, write [0, 0.7854]");
 }
 
