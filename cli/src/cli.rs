@@ -24,7 +24,8 @@ pub enum CliCommand {
     Run(RunArgs),
     /// Simulate a scenario in one process, without a clock: one run, or a study over parameter values.
     Simulate(SimulateArgs),
-    /// Check a scenario file, its robot and the files that they name, without running it.
+    /// Check a scenario file, its robot and the files that they name, without running it; warn of what is valid but
+    /// unwise.
     Check {
         /// Name of an embedded scenario, or path of a file.
         scenario: String,
@@ -39,14 +40,33 @@ pub enum CliCommand {
     },
     /// Print the JSON Schema of scenario files, for editors.
     Schema,
-    /// Change parameters of a running stack: all of one command take effect together, at one tick on all processes.
+    /// Change parameters of a running stack: all of one command take effect together, at one tick on all processes. The
+    /// answer warns of what is unwise, and a dangerous change needs --force.
     Set {
         /// Name of the run, as in `status`; not needed while only one is running.
         #[arg(long)]
         run: Option<String>,
+        /// Make a dangerous change all the same: gains that oscillate, a force or a target beyond what the law can hold.
+        #[arg(long, conflicts_with = "dry_run")]
+        force: bool,
+        /// Show old and new values and all warnings, and change nothing.
+        #[arg(long)]
+        dry_run: bool,
         /// Parameters to change, as in an operator entry: `desired_force=[0,0,80]`, `stiffness.z=9000`.
         #[arg(required = true, value_name = "KEY=VALUE")]
         changes: Vec<String>,
+    },
+    /// Print the parameters in force in a running stack, as `key = value` lines that `set` accepts.
+    Get {
+        /// Name of the run, as in `status`; not needed while only one is running.
+        #[arg(long)]
+        run: Option<String>,
+        /// Print one JSON object, for scripts.
+        #[arg(long)]
+        json: bool,
+        /// Parameters to print, as `stiffness` or `desired_force.z`; all if none is given.
+        #[arg(value_name = "KEY")]
+        keys: Vec<String>,
     },
     /// Show the status of a running stack.
     Status {

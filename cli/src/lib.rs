@@ -39,7 +39,15 @@ pub fn main() -> ExitCode {
             print(&hapfic_config::json_schema());
             Ok(CommandOutcome::Done)
         }
-        cli::CliCommand::Set { run, changes } => commands::control::request(run.as_deref(), OperatorKind::Set, &changes),
+        cli::CliCommand::Set { run, force, dry_run, changes } => {
+            let kind = match (force, dry_run) {
+                (_, true) => OperatorKind::SetDryRun,
+                (true, false) => OperatorKind::SetForced,
+                (false, false) => OperatorKind::Set,
+            };
+            commands::control::request(run.as_deref(), kind, &changes)
+        }
+        cli::CliCommand::Get { run, json, keys } => commands::control::get(run.as_deref(), json, &keys),
         cli::CliCommand::Status { run, json, once } => commands::status::status(run.as_deref(), json, once),
         cli::CliCommand::Stop { run } => commands::stop::stop(run.as_deref()),
         cli::CliCommand::Estop { run } => commands::control::request(run.as_deref(), OperatorKind::EmergencyStop, &[]),

@@ -2,6 +2,7 @@
 
 use crate::check;
 use crate::error::{ConfigError, Location};
+use crate::hint;
 use crate::overrides::{override_error, parse};
 use crate::ranges;
 use crate::raw::RawOperator;
@@ -106,6 +107,10 @@ impl EntryBuilder<'_> {
             return Err(override_error(&place, "", "no =", "KEY=VALUE", "write for example desired_force.z=80"));
         };
         let path = path.trim();
+        if let Some(help) = hint::section_prefix(path) {
+            let expected = "a key of an operator's entry, without its section";
+            return Err(override_error(&place, path, "a key with its section", expected, &help));
+        }
         let (key, axis) = match path.split_once('.') {
             Some((key, axis)) => (key.trim(), Some(axis.trim())),
             None => (path, None),
@@ -166,6 +171,46 @@ impl EntryBuilder<'_> {
 
 pub(crate) fn twice(place: &Location, path: &str) -> ConfigError {
     override_error(place, path, "a key that another pair gives too", "each value once", "remove one of the two")
+}
+
+/// Lists parameters of a set as `key = value` lines, which [`OperatorChange::from_pairs`] reads: all, or those of `keys`
+/// in their order, in either spelling and with or without an axis.
+///
+/// # Errors
+/// [`ConfigError::Override`] for a key that the set does not have.
+pub fn parameter_lines(set: &ParameterSettings, keys: &[&str]) -> Result<Vec<String>, ConfigError> {
+    let known = table(set)?;
+    if keys.is_empty() {
+        return Ok(known.iter().map(|(key, node)| format!("{key} = {}", node.describe())).collect());
+    }
+    keys.iter().map(|key| parameter_line(&known, key.trim())).collect()
+}
+
+fn parameter_line(known: &BTreeMap<String, Node>, path: &str) -> Result<String, ConfigError> {
+    let place = Location::Query(path.into());
+    if let Some(help) = hint::section_prefix(path) {
+        return Err(override_error(&place, "", "a key with its section", "a key of an operator's entry", &help));
+    }
+    let (key, axis) = path.split_once('.').map_or((path, None), |(key, axis)| (key.trim(), Some(axis.trim())));
+    let name = alias::canonical("operator", key);
+    let Some(node) = known.get(name) else {
+        let names: Vec<&str> = known.keys().map(String::as_str).collect();
+        let expected = format!("one of {}", names.join(", "));
+        return Err(override_error(&place, "", "an unknown key", &expected, &hint::unknown_key("get", key, &names)));
+    };
+    let value = match (axis, &node.value) {
+        (None, _) => Some(node),
+        (Some(axis), Value::List(items)) => AXES.iter().position(|a| *a == axis).and_then(|index| items.get(index)),
+        (Some(_), _) => None,
+    };
+    match (value, axis) {
+        (Some(value), None) => Ok(format!("{name} = {}", value.describe())),
+        (Some(value), Some(axis)) => Ok(format!("{name}.{axis} = {}", value.describe())),
+        (None, axis) => {
+            let found = format!("axis {:?}", axis.unwrap_or_default());
+            Err(override_error(&place, "", &found, "one of x, y, z, after a vector", "axes are those of the world frame, z up"))
+        }
+    }
 }
 
 /// Lists every value that differs between two sets, by key.
@@ -257,6 +302,10 @@ mod tests {
             (vec!["taper=nan"], vec!["taper", "finite"]),
             (vec!["tapr=0.1"], vec!["tapr", "did you mean taper"]),
             (vec!["desird_force.z=80"], vec!["desird_force", "did you mean desired_force"]),
+            (vec!["controller.taper=0.1"], vec!["set controller.taper=0.1", "leave controller. out: write taper"]),
+            (vec!["planner.mean_speed=0.1"], vec!["leave planner. out: write mean_speed"]),
+            (vec!["force=[0, 0, 80]"], vec!["force", "did you mean desired_force?"]),
+            (vec!["force.z=80"], vec!["force", "did you mean desired_force?"]),
             (vec!["desired_force.w=80"], vec!["\"w\"", "x, y, z"]),
             (vec!["taper.z=0.1"], vec!["taper.z", "single"]),
             (vec!["stiffness.z=-1"], vec!["stiffness_n_per_m[2]", "(0, 1000000]"]),
@@ -274,6 +323,26 @@ mod tests {
                 assert!(text.contains(word), "{pairs:?}: '{word}' is not in: {text}");
             }
             assert!(!text.contains(ENTRY), "{text}");
+        }
+    }
+
+    #[test]
+    fn parameter_lines_are_pairs_of_same_set() {
+        let lines = parameter_lines(&base(), &[]).unwrap();
+        let pairs: Vec<&str> = lines.iter().map(String::as_str).collect();
+        assert_eq!(ParameterSettings { target_position: None, ..base() }.with(&change(&pairs).change), base());
+        let some = parameter_lines(&base(), &["desired_force.z", "taper", "stiffness_n_per_m"]).unwrap();
+        assert_eq!(some, ["desired_force_n.z = 50", "taper = 0.2", "stiffness_n_per_m = [6000, 6000, 12000]"]);
+        assert_eq!(change(&[&some[0]]).change.desired_force, Some(base().desired_force));
+        for (key, words) in [
+            ("tapr", "get tapr: found an unknown key, expected one of"),
+            ("tapr", "did you mean taper?"),
+            ("taper.z", "found axis \"z\""),
+            ("desired_force.w", "one of x, y, z"),
+            ("controller.taper", "leave controller. out: write taper"),
+        ] {
+            let error = parameter_lines(&base(), &[key]).unwrap_err().to_string();
+            assert!(error.contains(words), "{error}");
         }
     }
 

@@ -5,6 +5,7 @@ mod world;
 
 use crate::error::{ConfigError, Diagnostic};
 use crate::fault::Fault;
+use crate::places::Places;
 use crate::policy::{Fidelity, ResetPolicy, Saturation, Search};
 use crate::raw::{PerJoint, RawController, RawFault, RawOperator, RawProcesses, RawRealtime, RawRobot, RawScenario};
 use crate::settings::{
@@ -52,7 +53,8 @@ pub(crate) fn settings(mut raw: RawScenario, tree: &Node, urdf: Urdf) -> Result<
         mean_speed: raw.planner.mean_speed_m_per_s,
         max_acceleration: raw.planner.max_acceleration_m_per_s2,
     };
-    if operator.first().is_some_and(|change| change.at_tick == 0) {
+    let starts = operator.first().is_some_and(|change| change.at_tick == 0);
+    if starts {
         initial = initial.with(&operator.remove(0));
     }
     let joints = at.joints(&raw.robot)?;
@@ -65,8 +67,8 @@ pub(crate) fn settings(mut raw: RawScenario, tree: &Node, urdf: Urdf) -> Result<
         duration_ticks: duration_ticks.unsigned_abs(),
         seed: raw.seed,
         robot: RobotSettings {
-            joint_damping: at.per_joint("robot.joint_damping_n_m_s_per_rad", raw.robot.joint_damping_n_m_s_per_rad, joints)?,
-            effort_limit: at.per_joint("robot.effort_limit_n_m", raw.robot.effort_limit_n_m, joints)?,
+            joint_damping: raw.robot.joint_damping_n_m_s_per_rad.map(|value| value.expand(joints)),
+            effort_limit: raw.robot.effort_limit_n_m.map(|value| value.expand(joints)),
             urdf,
             base_link: raw.robot.base_link,
             tip_link: raw.robot.tip_link,
@@ -90,7 +92,7 @@ pub(crate) fn settings(mut raw: RawScenario, tree: &Node, urdf: Urdf) -> Result<
         supervisor: SupervisorSettings {
             deadline_us: raw.supervisor.deadline_us,
             torque_bandwidth_hz: raw.supervisor.torque_bandwidth_hz,
-            torque_peak: at.per_joint("supervisor.torque_peak_n_m", raw.supervisor.torque_peak_n_m, joints)?,
+            torque_peak: at.torque_peak(raw.supervisor.torque_peak_n_m, joints)?,
             ready_timeout_ms: raw.supervisor.ready_timeout_ms,
             heartbeat_timeout_ms: raw.supervisor.heartbeat_timeout_ms,
             stall_timeout_ms: raw.supervisor.stall_timeout_ms,
@@ -111,6 +113,7 @@ pub(crate) fn settings(mut raw: RawScenario, tree: &Node, urdf: Urdf) -> Result<
         },
         processes: at.processes(raw.processes)?,
         effective,
+        places: Places::new(tree, usize::from(starts)),
     })
 }
 
@@ -247,18 +250,20 @@ impl ScenarioCheck<'_> {
         Err(ConfigError::WrongLength(self.diagnostic(key, &format!("a list of {count}"), &expected, help)))
     }
 
-    fn per_joint(&self, key: &str, value: Option<PerJoint>, joints: usize) -> Result<Option<Vec<f64>>, ConfigError> {
-        match value {
-            None => Ok(None),
-            Some(PerJoint::All(number)) => Ok(Some(vec![number; joints])),
-            Some(PerJoint::Each(numbers)) if numbers.len() == joints => Ok(Some(numbers)),
-            Some(PerJoint::Each(numbers)) => {
-                let found = format!("a list of {}", numbers.len());
-                let expected = format!("a number for all joints, or a list of {joints}");
-                let help = "one for each number of robot.start_position_rad";
-                Err(ConfigError::WrongLength(self.diagnostic(key, &found, &expected, help)))
-            }
+    /// Only this list is compared with the start posture here: the robot model, which knows the number of joints, compares
+    /// the posture and the lists of `robot` with it.
+    fn torque_peak(&self, value: Option<PerJoint>, joints: usize) -> Result<Option<Vec<f64>>, ConfigError> {
+        const KEY: &str = "supervisor.torque_peak_n_m";
+        const POSTURE: &str = "robot.start_position_rad";
+        let Some(value) = value else { return Ok(None) };
+        let numbers = value.expand(joints);
+        if numbers.len() == joints {
+            return Ok(Some(numbers));
         }
+        let found = format!("a list of {}", numbers.len());
+        let expected = format!("a number for all joints, or a list of {joints}, as {POSTURE} ({}) has", self.tree.place(POSTURE));
+        let help = "correct the list that has another length than the robot has joints";
+        Err(ConfigError::WrongLength(self.diagnostic(KEY, &found, &expected, help)))
     }
 
     fn realtime(&self, raw: &RawRealtime) -> Result<RealtimeSettings, ConfigError> {

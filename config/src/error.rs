@@ -19,9 +19,20 @@ pub enum Location {
     Change(Arc<str>),
     /// In a fault for a running stack: a `KEY=VALUE` of it.
     Injection(Arc<str>),
+    /// In a query of a running stack: a `KEY` of it.
+    Query(Arc<str>),
 }
 
 impl Location {
+    /// Line in a file, from 1; `None` for a file as a whole and for the command line.
+    #[must_use]
+    pub fn line(&self) -> Option<usize> {
+        match self {
+            Self::File { line, .. } => *line,
+            Self::Override(_) | Self::Change(_) | Self::Injection(_) | Self::Query(_) => None,
+        }
+    }
+
     /// A whole file.
     pub(crate) fn whole(name: &str) -> Self {
         Self::File { name: name.into(), line: None }
@@ -36,6 +47,7 @@ impl fmt::Display for Location {
             Self::Override(argument) => write!(f, "--set {argument}"),
             Self::Change(argument) => write!(f, "set {argument}"),
             Self::Injection(argument) => write!(f, "inject {argument}"),
+            Self::Query(argument) => write!(f, "get {argument}"),
         }
     }
 }

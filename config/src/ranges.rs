@@ -114,6 +114,11 @@ pub(crate) fn of(key: &str) -> Option<Range> {
     })
 }
 
+/// Whether a section has a number of this name.
+pub(crate) fn of_section(section: &str, name: &str) -> bool {
+    RANGES.iter().any(|(key, _)| *key == join(section, name))
+}
+
 impl fmt::Display for Range {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

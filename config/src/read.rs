@@ -1,6 +1,7 @@
 //! serde deserializer of a [`Node`] tree; each error names path and place of its value.
 
 use crate::error::{ConfigError, Diagnostic, Location, nearest};
+use crate::hint;
 use crate::tree::{Node, Value, join};
 use serde::de::value::StrDeserializer;
 use serde::de::{self, DeserializeOwned, DeserializeSeed, Expected, IntoDeserializer, Unexpected, Visitor};
@@ -65,7 +66,7 @@ impl ReadError {
         };
         match problem {
             ReadProblem::Type { expected } => {
-                let help = "change the value; the documentation of the key shows its form".to_owned();
+                let help = hint::form(&path, &found, &expected);
                 ConfigError::WrongType(diagnostic(path, found, expected, help))
             }
             ReadProblem::Length { found, expected } => {
@@ -73,10 +74,7 @@ impl ReadError {
                 ConfigError::WrongLength(diagnostic(path, format!("a list of {found}"), expected, help))
             }
             ReadProblem::UnknownKey { key, known } => {
-                let help = match nearest(&key, known) {
-                    Some(near) => format!("did you mean {near}?"),
-                    None => "remove it, or use one of these".to_owned(),
-                };
+                let help = hint::unknown_key(&path, &key, known);
                 let expected = format!("one of {}", known.join(", "));
                 ConfigError::UnknownKey(diagnostic(join(&path, &key), "an unknown key".to_owned(), expected, help))
             }

@@ -1,6 +1,7 @@
 //! A checked scenario.
 
 use crate::fault::Fault;
+use crate::places::Places;
 use crate::policy::{Fidelity, OnLoss, Placement, ResetPolicy, Saturation, Search};
 
 /// Period T of the control loop [s].
@@ -51,6 +52,7 @@ pub struct Settings {
     /// External processes.
     pub processes: ExternalProcesses,
     pub(crate) effective: String,
+    pub(crate) places: Places,
 }
 
 /// The robot, its place in the world, and its posture at the start.
@@ -69,7 +71,8 @@ pub struct RobotSettings {
     /// q at the start, base to tip [rad; m for prismatic joints]; 1 to [`MAX_JOINTS`] numbers. The robot model compares
     /// their number with the description.
     pub start_position: Vec<f64>,
-    /// Joint damping [N m s/rad; N s/m], one number for each joint; `None`: the description's.
+    /// Joint damping [N m s/rad; N s/m], one number for each joint; `None`: the description's. The robot model compares
+    /// the number of values with the description, here and below.
     pub joint_damping: Option<Vec<f64>>,
     /// Effort limit [N m; N], one number for each joint; `None`: the description's.
     pub effort_limit: Option<Vec<f64>>,

@@ -246,7 +246,8 @@ fn list_wrong_length_rejected() {
         ),
         (
             "[supervisor]\ntorque_peak_n_m = [40, 40]\n",
-            "7: supervisor.torque_peak_n_m: found a list of 2, expected a number for all joints, or a list of 3",
+            "7: supervisor.torque_peak_n_m: found a list of 2, expected a number for all joints, or a list of 3, as \
+             robot.start_position_rad (x.toml:5) has",
         ),
         ("[processes]\nplanner = []\n", "7: processes.planner: found [], expected a program and its arguments"),
         ("[processes]\nplanner = [\" \", \"x\"]\n", "7: processes.planner: found [\" \", \"x\"], expected a program"),
@@ -264,6 +265,36 @@ fn list_wrong_length_rejected() {
             &["expected a list of 1 to 8 numbers"],
         );
     }
+}
+
+#[test]
+fn lists_of_robot_are_left_to_robot_model() {
+    // The robot model knows the number of joints: either list may be the wrong one.
+    let overrides = ["robot.joint_damping_n_m_s_per_rad=[1, 2]".to_owned(), "robot.effort_limit_n_m=[1, 2, 3, 4]".to_owned()];
+    let robot = Settings::from_str(ROBOT, "x.toml", None, &overrides).unwrap().robot;
+    assert_eq!((robot.joint_damping.unwrap().len(), robot.effort_limit.unwrap().len()), (2, 4));
+}
+
+#[test]
+fn hint_names_probable_meaning() {
+    let cases = [
+        ("[operator]\nat = 1\ntaper = 0.1\n", "write [[operator]], with double brackets"),
+        ("[fault]\nkind = \"kill\"\n", "write [[fault]], with double brackets"),
+        ("[world.object]\nname = \"box\"\n", "write [[world.object]], with double brackets"),
+        ("[[controller]]\ntaper = 0.1\n", "write [controller], with single brackets"),
+        ("[[operator]]\nat = 1\nforce = [0, 0, 50]\n", "did you mean desired_force?"),
+        ("[[operator]]\nat = 1\ntarget = [0, 0, 50]\n", "did you mean target_position?"),
+        ("[[operator]]\nat = 1\nspeed = 0.1\n", "did you mean mean_speed?"),
+        ("[[operator]]\nat = 1\ncontroller.taper = 0.1\n", "leave controller. out"),
+        ("[[operator]]\nat = 1\ndesird_force = [0, 0, 50]\n", "did you mean desired_force_n?"),
+    ];
+    for (text, hint) in cases {
+        let help = after_robot(text).diagnostic().help.clone();
+        assert!(help.contains(hint), "{text}{help}");
+    }
+    assert!(before_robot("taper = 0.1\n").diagnostic().help.contains("did you mean controller.taper?"));
+    assert!(before_robot("mean_speed_m_per_s = 0.1\n").diagnostic().help.contains("did you mean planner.mean_speed_m_per_s?"));
+    assert!(before_robot("duration = 3\n").diagnostic().help.contains("did you mean duration_s?"));
 }
 
 #[test]

@@ -269,3 +269,23 @@ fn schema_describes_floor_scenario() {
     assert_eq!(controller["stiffness"]["items"]["exclusiveMinimum"], 0.0);
     assert_eq!(schema["required"], serde_json::json!(["robot"]));
 }
+
+#[test]
+fn place_of_parameter_names_line_and_key() {
+    let s = load(
+        &format!(
+            "{MINIMAL}[controller]\nstiffness = [1, 2, 3]\n[[operator]]\nat = 0\ntaper = 0.1\n[[operator]]\nat = 1\ntaper = 0.3\n"
+        ),
+        &["controller.max_force=[9, 9, 9]"],
+    );
+    let place = |entry, name| {
+        let key = s.parameter_key(entry, name);
+        format!("{} {key}", s.place(&key))
+    };
+    assert_eq!(place(None, "stiffness"), "x.toml:7 controller.stiffness_n_per_m");
+    assert_eq!(place(None, "taper"), "x.toml:10 operator[0].taper", "the entry at 0 s is part of the initial set");
+    assert_eq!(place(Some(0), "taper"), "x.toml:13 operator[1].taper");
+    assert_eq!(place(None, "max_force"), "--set controller.max_force=[9, 9, 9] controller.max_force_n");
+    assert_eq!(s.parameter_key(None, "mean_speed"), "planner.mean_speed_m_per_s");
+    assert_eq!(s.place("world.gravity_m_per_s2").line(), None, "not given: the file as a whole");
+}

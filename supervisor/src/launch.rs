@@ -5,12 +5,13 @@ use crate::notify::Notify;
 use crate::operator::{self, OperatorServer};
 use crate::preflight;
 use crate::privileges::{self, Cores};
-use crate::recorder::{self, Recorder};
+use crate::recorder::{self, LatestMessages, Recorder};
 use crate::registry::RunDirectory;
 use crate::request::RunRequest;
 use crate::summary::{Losses, RecorderSummary, RunFault, RunSummary, Summary};
 use crate::watch::{self, RunTimes, Watch, WatchStart};
 use anyhow::{Context, Result};
+use hapfic_config::Settings;
 use hapfic_gate::GateLimits;
 use hapfic_gate::parameter_schedule::ParameterSchedule;
 use hapfic_gate::torque_check::TorqueCheck;
@@ -20,7 +21,8 @@ use hapfic_ipc::realtime::{CpuLatencyGuard, Prefault, SchedRequest};
 use hapfic_ipc::{Bus, Domain, IpcError, RunFile, topic};
 use hapfic_log::{RunLog, Viewer, Writer, scene};
 use hapfic_messages::{Clock, Detector, RealtimeMode};
-use hapfic_plant::Plant;
+use hapfic_plant::{Plant, PlantError};
+use hapfic_simulation::findings::{Advisor, degrees_hint};
 use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 use std::sync::Arc;
@@ -48,6 +50,7 @@ pub fn run(request: &RunRequest) -> Result<Result<Summary, InvalidRequest>> {
 struct PreparedRun {
     directory: RunDirectory,
     plant: Plant,
+    advisor: Advisor,
     writer: Writer,
     /// The created log.
     log_file: Option<FileId>,
@@ -58,7 +61,8 @@ struct PreparedRun {
 impl PreparedRun {
     fn new(request: &RunRequest) -> Result<Self> {
         let settings = &request.settings;
-        let plant = Plant::new(settings)?;
+        let plant = Plant::new(settings).map_err(|error| with_degrees(error, settings))?;
+        let advisor = Advisor::new(settings)?;
         privileges::require(settings, request.clock, request.realtime)?;
         preflight::check(settings, &request.log)?;
         for process in children::started(settings) {
@@ -78,11 +82,13 @@ impl PreparedRun {
             signal_hook::flag::register_conditional_shutdown(signal, 3, Arc::clone(&stop)).context("cannot handle signals")?;
             signal_hook::flag::register(signal, Arc::clone(&stop)).context("cannot handle signals")?;
         }
-        Ok(Self { directory, plant, writer, log_file: file_id(&request.log), viewer, stop })
+        // A scenario may intend what they describe.
+        advisor.scenario().iter().for_each(|finding| crate::log_line(&finding.to_string()));
+        Ok(Self { directory, plant, advisor, writer, log_file: file_id(&request.log), viewer, stop })
     }
 
     fn run(self, request: &RunRequest) -> Result<Summary> {
-        let Self { directory, plant, writer, log_file, viewer, stop } = self;
+        let Self { directory, plant, advisor, writer, log_file, viewer, stop } = self;
         let settings = &request.settings;
         hapfic_ipc::service::silence_transport_log();
         let domain = Domain::new(&directory.prefix(), &directory.root())?.with_short_timeouts(request.clock);
@@ -116,6 +122,7 @@ impl PreparedRun {
         let _idle = if realtime { CpuLatencyGuard::take() } else { None };
 
         let shared = Arc::new(SharedStatus::new(bus.heartbeats()));
+        let latest = Arc::new(LatestMessages::default());
         let recorder = Recorder::start(recorder::RecorderStart {
             domain: domain.clone(),
             clock: request.clock,
@@ -126,6 +133,7 @@ impl PreparedRun {
             flush_every: Duration::from_millis(settings.recorder.flush_ms.into()),
             log: request.log.clone(),
             shared: Arc::clone(&shared),
+            latest: Arc::clone(&latest),
         })?;
         let foot_position = plant.sample().foot_position;
         let (change_client, change_server) = hapfic_gate_process::change_exchange::exchange();
@@ -147,6 +155,8 @@ impl PreparedRun {
             inject,
             standby: settings.supervisor.standby,
             shared: Arc::clone(&shared),
+            latest,
+            advisor,
         })?;
         let gate = start_gate(GateStart {
             domain,
@@ -194,6 +204,14 @@ impl PreparedRun {
         drop(watch);
         let own = OwnCounts { gate: shared.gate.counts(), supervisor_delay };
         Ok(summarise(request, times, faults, losses, own, recorder, log_file))
+    }
+}
+
+/// Adds a hint to the error of a plant whose start posture looks like degrees.
+fn with_degrees(error: PlantError, settings: &Settings) -> anyhow::Error {
+    match degrees_hint(&settings.robot.start_position) {
+        Some(hint) => anyhow::anyhow!("{error}. Hint: {hint}"),
+        None => error.into(),
     }
 }
 

@@ -8,6 +8,7 @@ mod bad_input;
 mod command_line;
 mod ending;
 mod faults;
+mod findings;
 mod hygiene;
 mod lockstep;
 mod log_file;

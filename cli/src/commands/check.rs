@@ -4,11 +4,11 @@ use crate::{CommandOutcome, log_line, print};
 use anyhow::Result;
 use hapfic_config::Settings;
 use hapfic_plant::Plant;
-use hapfic_simulation::stability;
+use hapfic_simulation::findings;
 use hapfic_supervisor::children::find_program;
 use hapfic_supervisor::children::started;
 
-/// Checks a scenario; prints its contents, and the gains that would oscillate.
+/// Checks a scenario; prints its contents, and all values that are valid but unwise.
 pub fn check(scenario: &str, set: &[String]) -> Result<CommandOutcome> {
     let settings = match Settings::load(scenario, set) {
         Ok(settings) => settings,
@@ -16,7 +16,11 @@ pub fn check(scenario: &str, set: &[String]) -> Result<CommandOutcome> {
     };
     let plant = match Plant::new(&settings) {
         Ok(plant) => plant,
-        Err(e) => return Ok(CommandOutcome::Rejected(anyhow::Error::from(e).context(scenario.to_owned()))),
+        Err(e) => {
+            let hint =
+                findings::degrees_hint(&settings.robot.start_position).map_or_else(String::new, |h| format!(". Hint: {h}"));
+            return Ok(CommandOutcome::Rejected(anyhow::anyhow!("{scenario}: {e}{hint}")));
+        }
     };
     for process in started(&settings).iter().copied() {
         if let Err(e) = find_program(&settings.processes, process) {
@@ -33,8 +37,9 @@ pub fn check(scenario: &str, set: &[String]) -> Result<CommandOutcome> {
         settings.robot.urdf.name,
         joints.join(" "),
     ));
-    for unstable in stability::unstable_sets(&settings)? {
-        log_line(&unstable.warning());
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    for finding in findings::all(&settings, cores)? {
+        log_line(&finding.to_string());
     }
     Ok(CommandOutcome::Done)
 }

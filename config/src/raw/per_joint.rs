@@ -15,6 +15,16 @@ pub(crate) enum PerJoint {
     Each(Vec<f64>),
 }
 
+impl PerJoint {
+    /// Returns a number for each joint: as written, or the one number for all.
+    pub(crate) fn expand(self, joints: usize) -> Vec<f64> {
+        match self {
+            Self::All(number) => vec![number; joints],
+            Self::Each(numbers) => numbers,
+        }
+    }
+}
+
 // By hand: the derived code of an untagged enum loses the invalid element.
 impl<'de> Deserialize<'de> for PerJoint {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {

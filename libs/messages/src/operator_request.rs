@@ -13,7 +13,7 @@ pub const REPLY_TEXT: usize = 4096;
 wire_enum! {
     /// Kind of an operator's request.
     OperatorKind {
-        /// Change parameters; the text holds `key=value` pairs, separated by NUL.
+        /// Change parameters unless that is dangerous; the text holds `key=value` pairs, separated by NUL.
         Set = 1, "set";
         /// Report the status of the run; the reply's text is JSON.
         Status = 2, "status";
@@ -25,6 +25,12 @@ wire_enum! {
         Rearm = 5, "rearm";
         /// Inject a fault; the text holds `key=value` pairs, separated by NUL.
         Inject = 6, "inject";
+        /// Change parameters even if that is dangerous; the text is that of `Set`.
+        SetForced = 7, "set --force";
+        /// Report what a change would do, and change nothing; the text is that of `Set`.
+        SetDryRun = 8, "set --dry-run";
+        /// Report the parameters in force as `key = value` lines; the text holds keys, separated by NUL, or is empty.
+        Get = 9, "get";
     }
 }
 

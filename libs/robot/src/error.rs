@@ -264,7 +264,7 @@ pub enum RobotError {
         mesh: String,
     },
     /// A list of the scenario has another length than the chain has joints.
-    #[error("{key}: found {found} values, expected {joints}: one for each joint of the chain, base to tip")]
+    #[error("{key}: found {found} values, expected {joints}, one for each joint from '{base}' to '{tip}'")]
     PerJoint {
         /// Key of the list.
         key: &'static str,
@@ -272,5 +272,9 @@ pub enum RobotError {
         found: usize,
         /// Number of joints of the chain.
         joints: usize,
+        /// Base link.
+        base: String,
+        /// Tip link.
+        tip: String,
     },
 }

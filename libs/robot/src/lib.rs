@@ -1,4 +1,4 @@
-//! The rigid-body model of a serial chain: forward kinematics, Jacobian, mass matrix, inverse dynamics.
+//! The rigid-body model of a serial chain: forward and inverse kinematics, Jacobian, mass matrix, inverse dynamics.
 //!
 //! [`Chain::from_urdf`] reads a [`Chain`] from a URDF by its base and tip link. A chain has 1 to [`MAX_JOINTS`]
 //! revolute, continuous or prismatic joints; everything fixed to one of its links becomes part of that link.
@@ -53,6 +53,7 @@ mod error;
 mod inertia;
 mod jacobian;
 mod kinematics;
+mod reach;
 mod settings;
 mod urdf;
 
@@ -63,3 +64,4 @@ pub use error::RobotError;
 pub use inertia::RigidInertia;
 pub use jacobian::Jacobian;
 pub use kinematics::Kinematics;
+pub use reach::Reach;

@@ -23,6 +23,7 @@ pub fn figures(done: &Done) -> Vec<(String, Value)> {
     list.push_axes("last_hold_rms", "percent", force.last_hold_rms_percent);
     list.push_axes("sliding_rms", "percent", force.sliding_rms_percent);
     list.push_axes("overshoot", "n", force.overshoot_n);
+    list.push_axes("not_reached_error", "n", force.not_reached_error_n);
     list.push_axes("force_command_max", "n", command.max_n);
     list.push_axes("force_command_at_limit", "ticks", command.at_limit_ticks);
     list.push("torque_max_n_m", json!(done.extremes.largest_torque()));

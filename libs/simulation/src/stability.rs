@@ -6,10 +6,10 @@
 //! numbers of a scenario do not show this, so the check simulates the stack at the start posture.
 
 use crate::{DeadTime, Simulation, SimulationError};
-use hapfic_config::{PERIOD_S, ParameterSettings, Settings};
+use hapfic_config::{ParameterSettings, Settings};
 
-/// Duration of the test [ticks].
-const TICKS: u32 = 3000;
+/// Duration of the test [s].
+pub(crate) const TEST_S: u32 = 3;
 /// Final part in which the limb must be at rest [ticks].
 const OBSERVED_TICKS: u32 = 500;
 /// Disturbance: speed added to each joint, of alternating sign [rad/s], [m/s] for a prismatic joint.
@@ -35,44 +35,6 @@ pub struct StabilityResult {
     pub within_bound: bool,
 }
 
-/// A set of parameters that a scenario uses and under which the limb does not come to rest.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct UnstableSet {
-    /// First tick at which the set is in force; 0 for the initial set.
-    pub at_tick: i64,
-    /// The set.
-    pub parameters: ParameterSettings,
-    /// Result of its check.
-    pub result: StabilityResult,
-}
-
-impl UnstableSet {
-    /// Warning for the author of the scenario, one line.
-    #[must_use]
-    pub fn warning(&self) -> String {
-        let p = &self.parameters;
-        let place =
-            if self.at_tick == 0 { "controller".to_owned() } else { format!("operator at {} s", self.at_tick as f64 / 1000.0) };
-        let motion = if self.result.amplitude_m.is_finite() {
-            format!("oscillates ({:.2} mm at the end of {} s)", self.result.amplitude_m * 1e3, f64::from(TICKS) * PERIOD_S)
-        } else {
-            "diverges".to_owned()
-        };
-        format!(
-            "warning: {place}: with stiffness {:?} N/m, max_force {:?} N and position_bound {:?} m the limb, held in free air at \
-             the start posture, {motion}; {}",
-            p.stiffness,
-            p.max_force,
-            p.position_bound,
-            if self.result.within_bound {
-                "lower the stiffness or add joint damping"
-            } else {
-                "it sinks out of its bound: max_force does not carry it"
-            }
-        )
-    }
-}
-
 /// Checks whether a disturbed limb comes to rest in free air at its start posture under a set of parameters.
 ///
 /// The check takes a fraction of a second. Floor and objects are left out. Gravity, joint damping, torque filter and
@@ -81,56 +43,56 @@ impl UnstableSet {
 /// # Errors
 /// [`SimulationError::Plant`] if the limb cannot be simulated at all. Divergence is a result, not an error.
 pub fn settles(settings: &Settings, gains: &ParameterSettings, dead_time: DeadTime) -> Result<StabilityResult, SimulationError> {
+    let settled = settles_within(settings, gains, dead_time, TEST_S, &|| true)?;
+    Ok(settled.unwrap_or(DIVERGED))
+}
+
+/// As [`settles`], in a test of so many seconds; `None` if `proceed`, asked each tick, has ended it.
+pub(crate) fn settles_within(
+    settings: &Settings,
+    gains: &ParameterSettings,
+    dead_time: DeadTime,
+    seconds: u32,
+    proceed: &dyn Fn() -> bool,
+) -> Result<Option<StabilityResult>, SimulationError> {
     let mut free = settings.clone();
     free.world.floor = None;
     free.world.objects.clear();
     free.operator.clear();
     free.initial = ParameterSettings { target_position: None, desired_force: [0.0; 3], ..*gains };
     let mut simulation = Simulation::with_dead_time(&free, dead_time)?;
-    let diverged = StabilityResult { settles: false, amplitude_m: f64::INFINITY, joint_speed: f64::INFINITY, within_bound: true };
-    Ok(kick_and_observe(&mut simulation, &gains.position_bound).unwrap_or(diverged))
+    Ok(kick_and_observe(&mut simulation, &gains.position_bound, 1000 * seconds, proceed).unwrap_or(Some(DIVERGED)))
 }
 
-/// All sets of parameters of a scenario that do not settle at the stack's dead time; equal gains count once.
-///
-/// # Errors
-/// As for [`settles`].
-pub fn unstable_sets(settings: &Settings) -> Result<Vec<UnstableSet>, SimulationError> {
-    let mut sets = vec![(0, settings.initial)];
-    let mut parameters = settings.initial;
-    for change in &settings.operator {
-        parameters = parameters.with(change);
-        if sets.iter().all(|(_, known)| !same_loop(known, &parameters)) {
-            sets.push((change.at_tick, parameters));
-        }
-    }
-    let mut unstable = Vec::new();
-    for (at_tick, parameters) in sets {
-        let result = settles(settings, &parameters, DeadTime::default())?;
-        if !result.settles {
-            unstable.push(UnstableSet { at_tick, parameters, result });
-        }
-    }
-    Ok(unstable)
-}
+/// Result of a motion that left the finite numbers.
+const DIVERGED: StabilityResult =
+    StabilityResult { settles: false, amplitude_m: f64::INFINITY, joint_speed: f64::INFINITY, within_bound: true };
 
 /// Whether two sets make the same loop in free air with F_d = 0.
-fn same_loop(a: &ParameterSettings, b: &ParameterSettings) -> bool {
+pub(crate) fn same_loop(a: &ParameterSettings, b: &ParameterSettings) -> bool {
     let gains = |p: &ParameterSettings| (p.stiffness, p.max_force, p.position_bound);
     let rules = |p: &ParameterSettings| (p.saturation, p.gravity_compensation, p.stall_release);
     gains(a) == gains(b) && rules(a) == rules(b)
 }
 
-fn kick_and_observe(simulation: &mut Simulation, bound: &[f64; 3]) -> Result<StabilityResult, SimulationError> {
+fn kick_and_observe(
+    simulation: &mut Simulation,
+    bound: &[f64; 3],
+    ticks: u32,
+    proceed: &dyn Fn() -> bool,
+) -> Result<Option<StabilityResult>, SimulationError> {
     let (mut lowest, mut highest) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
     let mut joint_speed = 0.0_f64;
     let mut start = [0.0; 3];
-    for tick in 0..TICKS {
+    for tick in 0..ticks {
+        if !proceed() {
+            return Ok(None);
+        }
         let state = simulation.step()?.state;
         if tick == 0 {
             start = state.foot_position;
         }
-        if tick >= TICKS - OBSERVED_TICKS {
+        if tick >= ticks - OBSERVED_TICKS {
             for axis in 0..3 {
                 lowest[axis] = lowest[axis].min(state.foot_position[axis]);
                 highest[axis] = highest[axis].max(state.foot_position[axis]);
@@ -146,19 +108,18 @@ fn kick_and_observe(simulation: &mut Simulation, bound: &[f64; 3]) -> Result<Sta
     }
     let amplitude_m = (0..3).map(|axis| highest[axis] - lowest[axis]).fold(0.0, f64::max);
     let within_bound = (0..3).all(|axis| (0.5 * (lowest[axis] + highest[axis]) - start[axis]).abs() <= bound[axis]);
-    Ok(StabilityResult {
+    Ok(Some(StabilityResult {
         settles: amplitude_m <= REST_AMPLITUDE_M && joint_speed <= REST_SPEED_RAD_PER_S,
         amplitude_m,
         joint_speed,
         within_bound,
-    })
+    }))
 }
 
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-    use hapfic_config::OperatorChange;
 
     fn verdict(overrides: &[&str], dead_time: DeadTime) -> StabilityResult {
         let overrides: Vec<String> = overrides.iter().map(|argument| (*argument).to_owned()).collect();
@@ -190,19 +151,5 @@ mod tests {
     fn gains_fidelity_paper_settles() {
         let paper = verdict(&["controller.fidelity=paper"], DeadTime::One);
         assert!(paper.settles, "{paper:?}");
-    }
-
-    #[test]
-    fn gains_repeated_unstable_set_is_reported_once() {
-        let mut settings = Settings::load("floor", &[]).unwrap();
-        assert!(unstable_sets(&settings).unwrap().is_empty());
-        let stiff = settings.initial.stiffness.map(|k| 3.0 * k);
-        let change = |at_tick, stiffness| OperatorChange { at_tick, stiffness: Some(stiffness), ..OperatorChange::default() };
-        settings.operator = vec![change(100, stiff), change(200, settings.initial.stiffness), change(300, stiff)];
-        let found = unstable_sets(&settings).unwrap();
-        assert_eq!(found.iter().map(|set| (set.at_tick, set.parameters.stiffness)).collect::<Vec<_>>(), [(100, stiff)]);
-        let warning = found[0].warning();
-        assert!(warning.starts_with("warning: operator at 0.1 s: with stiffness [18000.0, 18000.0, 36000.0] N/m"), "{warning}");
-        assert!(warning.contains("oscillates (") && warning.contains(" mm at the end of 3 s)"), "{warning}");
     }
 }

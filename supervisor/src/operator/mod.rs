@@ -4,7 +4,9 @@
 //! queue that never blocks. The gate polls the queue once a tick, in its idle time, and replies with the tick at which
 //! the change takes effect.
 
+mod change;
 pub mod client;
+mod parameters;
 mod serve;
 pub mod status;
 

@@ -1,17 +1,18 @@
 //! The operator server: a thread that answers the requests of operators.
 
+use super::change::Consent;
 use super::status::{LatencyQuantiles, ProcessStatus, Status};
 use crate::log_line;
-use crate::recorder::GATE;
+use crate::recorder::{GATE, LatestMessages};
 use crate::watch;
 use anyhow::{Context, Result};
-use hapfic_config::{Fault, OperatorChange, PERIOD_S, ParameterSettings, differences};
-use hapfic_gate_process::change_exchange::{ChangeClient, ChangeOutcome, ChangeReply};
+use hapfic_config::{Fault, PERIOD_S, ParameterSettings};
+use hapfic_gate_process::change_exchange::ChangeClient;
 use hapfic_gate_process::status::SharedStatus;
 use hapfic_ipc::service::{PendingRequest, RequestServer};
 use hapfic_ipc::{Bus, Domain, IpcError, wait};
 use hapfic_messages::{Clock, Detector, Mode, OperatorKind, OperatorReply, Phase, Process, REPLY_TEXT, ReplyCode, Severity};
-use std::fmt::Write;
+use hapfic_simulation::findings::Advisor;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -22,9 +23,7 @@ use std::time::{Duration, Instant};
 /// Longest wait for a request before the thread polls.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
 /// Time the gate may take to accept a change. The gate polls every tick, so a longer wait means that no tick is done.
-const GATE_TIMEOUT: Duration = Duration::from_millis(500);
-/// Attempts to apply a change while the script changes parameters too.
-const CHANGE_ATTEMPTS: usize = 8;
+pub(super) const GATE_TIMEOUT: Duration = Duration::from_millis(500);
 /// Interval between two clean-ups of dead clients when there are many.
 const CLEAN_UP_INTERVAL: Duration = Duration::from_secs(1);
 
@@ -56,6 +55,10 @@ pub struct OperatorServerStart {
     pub standby: bool,
     /// Status shared with the other threads of the supervisor.
     pub shared: Arc<SharedStatus>,
+    /// Latest messages of the run.
+    pub latest: Arc<LatestMessages>,
+    /// Robot and world, with which changes are compared.
+    pub advisor: Advisor,
 }
 
 /// The running server thread; ends when dropped.
@@ -109,11 +112,11 @@ impl Drop for OperatorServer {
 }
 
 /// State of the server thread.
-struct RequestHandler {
-    start: OperatorServerStart,
+pub(super) struct RequestHandler {
+    pub(super) start: OperatorServerStart,
     /// Latest known parameter set, on which the next change is made, and its version.
-    base: ParameterSettings,
-    version: u64,
+    pub(super) base: ParameterSettings,
+    pub(super) version: u64,
 }
 
 impl RequestHandler {
@@ -124,7 +127,10 @@ impl RequestHandler {
             while let Some(incoming) = self.next(&mut requests) {
                 let arrived = self.due_tick();
                 let (reply, stop) = match incoming.request.parts() {
-                    Ok((OperatorKind::Set, text)) => (self.set(text), false),
+                    Ok((OperatorKind::Set, text)) => (self.set(text, Consent::Asked), false),
+                    Ok((OperatorKind::SetForced, text)) => (self.set(text, Consent::Given), false),
+                    Ok((OperatorKind::SetDryRun, text)) => (self.dry_run(text), false),
+                    Ok((OperatorKind::Get, text)) => (self.get(text), false),
                     Ok((OperatorKind::Status, _)) => (OperatorReply::new(ReplyCode::Done, &self.status_text()), false),
                     Ok((OperatorKind::Stop, _)) => (self.stop(), true),
                     Ok((OperatorKind::EmergencyStop, _)) => (self.emergency_stop(), false),
@@ -158,7 +164,7 @@ impl RequestHandler {
         })
     }
 
-    fn due_tick(&self) -> i64 {
+    pub(super) fn due_tick(&self) -> i64 {
         self.start.shared.gate.tick.load(Ordering::Acquire) + 1
     }
 
@@ -237,62 +243,6 @@ impl RequestHandler {
         false
     }
 
-    /// Applies all pairs at one tick, or none.
-    fn set(&mut self, text: &str) -> OperatorReply {
-        let rejected = |text: &str| OperatorReply::new(ReplyCode::Rejected, text);
-        if !self.start.shared.orders.start.load(Ordering::Acquire) {
-            return rejected(
-                "nothing changed: the run has not started yet, expected its first tick. Hint: try again in a moment",
-            );
-        }
-        let arrived = self.due_tick();
-        let pairs: Vec<&str> = text.split('\0').filter(|pair| !pair.is_empty()).collect();
-        for _ in 0..CHANGE_ATTEMPTS {
-            let request = match OperatorChange::from_pairs(&pairs, &self.base) {
-                Ok(request) => request,
-                Err(e) => return rejected(&e.to_string()),
-            };
-            let base_version = request.relative.then_some(self.version);
-            let Some(reply) = self.start.change_client.ask(base_version, &request.change, GATE_TIMEOUT) else {
-                return rejected(
-                    "nothing changed: the gate has accepted no change in time, expected a poll every tick. \
-                     Hint: see `hapfic status`",
-                );
-            };
-            let before = self.base_of(&reply);
-            match reply.outcome {
-                ChangeOutcome::Placed => {
-                    let after = before.with(&request.change);
-                    (self.base, self.version) = (after, reply.version);
-                    let text = describe(&reply, arrived, &before, &after);
-                    return OperatorReply {
-                        version: reply.version,
-                        tick: reply.effective_tick,
-                        taken_tick: reply.taken_tick,
-                        ..OperatorReply::new(ReplyCode::Done, &text)
-                    };
-                }
-                ChangeOutcome::Stale => (self.base, self.version) = (before, reply.version.saturating_sub(1)),
-                ChangeOutcome::TooLate => {
-                    return rejected(&format!(
-                        "nothing changed: the run ends at tick {}, and the change could take effect at tick {} at the earliest",
-                        self.start.ticks, reply.effective_tick
-                    ));
-                }
-                ChangeOutcome::Full => {
-                    return rejected("nothing changed: too many changes are waiting for their tick. Hint: try again in a moment");
-                }
-            }
-        }
-        rejected("nothing changed: the script changes parameters faster than single axes can be set. Hint: give the whole vector")
-    }
-
-    /// Returns the parameters before a change, with the initial target until the operator sets a target.
-    fn base_of(&self, reply: &ChangeReply) -> ParameterSettings {
-        let target_position = reply.before.target_position.or(self.start.initial.target_position);
-        ParameterSettings { target_position, ..reply.before }
-    }
-
     /// Formats the status as JSON, short enough for a reply.
     fn status_text(&self) -> String {
         let status = self.status();
@@ -359,24 +309,4 @@ impl RequestHandler {
             log_bytes: std::fs::metadata(&self.start.log).map_or(0, |m| m.len()),
         }
     }
-}
-
-fn describe(reply: &ChangeReply, arrived: i64, before: &ParameterSettings, after: &ParameterSettings) -> String {
-    let mut text = format!(
-        "parameters {} in force from tick {} (asked at tick {arrived}, taken at tick {})",
-        reply.version, reply.effective_tick, reply.taken_tick
-    );
-    match differences(before, after) {
-        Ok(list) if list.is_empty() => text.push_str("\n  no value differs"),
-        Ok(list) => {
-            for d in list {
-                // Writing to a string cannot fail.
-                let _ = write!(text, "\n  {}: {} -> {}", d.key, d.before, d.after);
-            }
-        }
-        Err(e) => {
-            let _ = write!(text, "\n  {e}");
-        }
-    }
-    text
 }

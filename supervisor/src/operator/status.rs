@@ -103,6 +103,12 @@ impl Status {
         out
     }
 
+    /// Names of the axes on which the position error exceeds x_b.
+    fn outside_bound(&self) -> Vec<&'static str> {
+        let axes = ["x", "y", "z"].into_iter().zip(self.tracking_m.iter().zip(self.position_bound_m));
+        axes.filter(|(_, (error, bound))| error.abs() > *bound).map(|(axis, _)| axis).collect()
+    }
+
     fn write(&self, out: &mut String) -> std::fmt::Result {
         writeln!(
             out,
@@ -123,6 +129,10 @@ impl Status {
         row("F_d", self.desired_force_n, 1.0, "N")?;
         row("|x - x_d|", self.tracking_m.map(f64::abs), 1e3, "mm")?;
         row("bound x_b", self.position_bound_m, 1e3, "mm")?;
+        let outside = self.outside_bound();
+        if !outside.is_empty() {
+            writeln!(out, "  outside x_b on {}: the target is not reached, and the force may be F_max", outside.join(", "))?;
+        }
         writeln!(out, "  parameters {} in force, {} announced", self.parameters_version, self.announced_version)?;
         match self.latency_us {
             Some(q) => writeln!(out, "  state -> command, last second: p50 {}  p99 {}  max {} us", q.p50, q.p99, q.max)?,

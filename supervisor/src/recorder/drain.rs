@@ -1,7 +1,7 @@
 //! The drain thread: receives all messages, sorts them by tick, and passes them to the writer.
 
-use super::RecordedMessage;
 use super::views::Views;
+use super::{LatestMessages, RecordedMessage};
 use hapfic_gate_process::status::SharedStatus;
 use hapfic_ipc::{Bus, Domain, Input, IpcError, Output, topic};
 use hapfic_messages::{Check, Clock, Command, Credit, Event, Operator, Process, Reference, Request, State, Timing};
@@ -29,6 +29,7 @@ pub(super) struct DrainThread {
     clock: Clock,
     window: i64,
     shared: Arc<SharedStatus>,
+    latest: Arc<LatestMessages>,
     sender: SyncSender<Vec<RecordedMessage>>,
     /// Batches to reuse: allocating each would cost more than draining.
     empty_batches: Receiver<Vec<RecordedMessage>>,
@@ -55,6 +56,7 @@ impl DrainThread {
         clock: Clock,
         credit_ticks: u32,
         shared: Arc<SharedStatus>,
+        latest: Arc<LatestMessages>,
         sender: SyncSender<Vec<RecordedMessage>>,
         empty_batches: Receiver<Vec<RecordedMessage>>,
     ) -> Result<Self, IpcError> {
@@ -64,6 +66,7 @@ impl DrainThread {
             // Less than the buffers hold, so that none overflows in lockstep.
             window: i64::from(credit_ticks).min(topic::RECORDER_DEPTH as i64 / 4),
             shared,
+            latest,
             sender,
             empty_batches,
             received: Vec::new(),
@@ -98,6 +101,7 @@ impl DrainThread {
                     _ => {}
                 }
             }
+            self.latest.update(&batch);
             if self.clock == Clock::Lockstep && newest + self.window > self.granted {
                 self.granted = newest + self.window;
                 self.credit.send(&Credit { tick: self.granted })?;

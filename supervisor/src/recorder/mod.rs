@@ -6,6 +6,7 @@
 
 mod drain;
 mod incident;
+mod latest;
 mod viewer_frames;
 mod views;
 mod write;
@@ -82,6 +83,8 @@ pub struct RecorderStart {
     pub log: PathBuf,
     /// Status shared with the other threads of the supervisor.
     pub shared: Arc<SharedStatus>,
+    /// Latest messages, for the thread that answers operators.
+    pub latest: Arc<LatestMessages>,
 }
 
 /// Result of the recording.
@@ -117,12 +120,12 @@ impl Recorder {
         let (sender, receiver) = sync_channel(if start.clock == Clock::Lockstep { QUEUE_LOCKSTEP } else { QUEUE_REALTIME });
         let (recycle, empty_batches) = sync_channel(EMPTY_BATCHES);
         let (ready, connected) = channel();
-        let RecorderStart { domain, clock, credit_ticks, writer, viewer, chain, flush_every, log, shared } = start;
+        let RecorderStart { domain, clock, credit_ticks, writer, viewer, chain, flush_every, log, shared, latest } = start;
         let drain_status = Arc::clone(&shared);
         let drain = std::thread::Builder::new()
             .name("hapfic-recorder".to_owned())
             .spawn(move || {
-                let opened = DrainThread::open(&domain, clock, credit_ticks, drain_status, sender, empty_batches);
+                let opened = DrainThread::open(&domain, clock, credit_ticks, drain_status, latest, sender, empty_batches);
                 match opened {
                     Ok(mut drain) => {
                         let _ = ready.send(Ok(()));
@@ -181,6 +184,7 @@ impl Recorder {
 }
 
 pub use incident::IncidentSummary;
+pub use latest::LatestMessages;
 
 /// The process under whose code the gate sends its heartbeats.
 pub const GATE: Process = Process::Supervisor;

@@ -32,7 +32,7 @@ impl Summary {
         )?;
         writeln!(out, "                        x          y          z")?;
         let row = |out: &mut String, name: &str, values: [String; 3]| {
-            writeln!(out, "  {name:<14}{:>10} {:>10} {:>10}", values[0], values[1], values[2])
+            writeln!(out, "  {name:<13}{:>11}{:>11}{:>11}", values[0], values[1], values[2])
         };
         let t = &self.tracking;
         row(out, "|x - x_d| max", t.max_m.map(|v| format!("{:.3} mm", v * 1e3)))?;
@@ -44,9 +44,16 @@ impl Summary {
         let f = &self.force;
         let some = |v: Option<f64>, unit: &str| v.map_or("-".to_owned(), |v| format!("{v:.3} {unit}"));
         row(out, "F_d (last)", f.desired_n.map(|v| v.map_or("-".to_owned(), |v| format!("{v:.0} N"))))?;
-        row(out, "settled rms", f.settled_rms_n.map(|v| some(v, "N")))?;
+        let settled = std::array::from_fn(|axis| match f.settled_rms_n[axis] {
+            None if f.not_reached[axis] > 0 => "not reached".to_owned(),
+            rms => some(rms, "N"),
+        });
+        row(out, "settled rms", settled)?;
         row(out, "  of F_d", f.settled_rms_percent.map(|v| some(v, "%")))?;
         row(out, "sliding rms", f.sliding_rms_percent.map(|v| some(v, "%")))?;
+        if f.not_reached.iter().any(|segments| *segments > 0) {
+            row(out, "F_d missed by", f.not_reached_error_n.map(|v| some(v, "N")))?;
+        }
         self.write_scene(out)?;
         let timing = &self.timing;
         let quantiles = |q: &Option<Quantiles>| {

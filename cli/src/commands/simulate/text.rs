@@ -5,8 +5,15 @@ use hapfic_simulation::sweep::Grid;
 use std::fmt::Write;
 
 /// Name and width of the columns after the swept values.
-const COLUMNS: [(&str, usize); 6] =
-    [("|x - x_d| mm", 12), ("contact N", 10), ("settled %", 9), ("sliding %", 9), ("torque N m", 10), ("work J", 9)];
+const COLUMNS: [(&str, usize); 7] = [
+    ("|x - x_d| mm", 12),
+    ("contact N", 10),
+    ("settled %", 11),
+    ("missed N", 9),
+    ("sliding %", 9),
+    ("torque N m", 10),
+    ("work J", 9),
+];
 /// Last column, of any width.
 const ENDED: &str = "ended";
 
@@ -38,7 +45,8 @@ impl SweepTable {
         let cells = [
             format!("{:.3}", largest(&done.metrics.tracking.max_m.map(Some)).unwrap_or(0.0) * 1e3),
             format!("{:.2}", done.extremes.contact_force_n),
-            some(largest(&force.settled_rms_percent)),
+            settled(largest(&force.settled_rms_percent), force.not_reached.iter().sum()),
+            some(worst(&force.not_reached_error_n)),
             some(largest(&force.sliding_rms_percent)),
             format!("{:.2}", done.extremes.largest_torque()),
             format!("{:.3}", done.extremes.work_j),
@@ -73,7 +81,11 @@ pub fn single(scenario: &str, done: &Done) -> String {
     line("outside x_b", format!("{} ticks", tracking.outside_ticks));
     line("|F_c| max", axes(done.metrics.force_command.max_n.map(|v| format!("{v:.1}"))) + " N");
     line("contact force max", format!("{:.2} N, {:.2} N on the foot", done.extremes.contact_force_n, done.extremes.foot_force_n));
-    line("settled rms", axes(force.settled_rms_percent.map(some)) + " % of F_d");
+    let held = std::array::from_fn(|axis| settled(force.settled_rms_percent[axis], force.not_reached[axis]));
+    line("settled rms", axes(held) + " % of F_d");
+    if force.not_reached.iter().any(|segments| *segments > 0) {
+        line("F_d missed by", axes(force.not_reached_error_n.map(some)) + " N");
+    }
     line("sliding rms", axes(force.sliding_rms_percent.map(some)) + " % of F_d");
     let limited = done.extremes.limited_ticks;
     line("torque max", format!("{:.2} N m, limited in {limited} ticks", done.extremes.largest_torque()));
@@ -118,6 +130,16 @@ fn largest(values: &[Option<f64>; 3]) -> Option<f64> {
     values.iter().flatten().copied().reduce(f64::max)
 }
 
+/// The value of the largest size, with its sign.
+fn worst(values: &[Option<f64>; 3]) -> Option<f64> {
+    values.iter().flatten().copied().max_by(|a, b| a.abs().total_cmp(&b.abs()))
+}
+
+/// Formats a settled error; without one, tells whether a force was not reached.
+fn settled(rms_percent: Option<f64>, not_reached: u64) -> String {
+    if rms_percent.is_none() && not_reached > 0 { "not reached".to_owned() } else { some(rms_percent) }
+}
+
 fn some(value: Option<f64>) -> String {
     value.map_or("-".to_owned(), |value| format!("{value:.3}"))
 }
@@ -137,12 +159,27 @@ mod tests {
         let (head, row) = (table.head(&grid), table.row(&grid.values(1), &done));
         assert_eq!(
             head,
-            "controller.taper  k           |x - x_d| mm   contact N  settled %  sliding %  torque N m     work J  ended"
+            "controller.taper  k           |x - x_d| mm   contact N    settled %   missed N  sliding %  torque N m     work J  ended"
         );
         assert_eq!(
             row,
-            "0.25              [0, 0, 50]         7.500        0.00      0.500          -        0.00      0.000  completed"
+            "0.25              [0, 0, 50]         7.500        0.00        0.500          -          -        0.00      0.000  completed"
         );
+    }
+
+    #[test]
+    fn force_never_reached_shows_its_error() {
+        let grid = Grid::read(&["a=1,2".to_owned()]).unwrap();
+        let mut done = Done { ticks: 10, ..Done::default() };
+        done.metrics.force.not_reached = [0, 0, 1];
+        done.metrics.force.not_reached_error_n[2] = Some(-12.5);
+        let row = SweepTable::new(&grid).row(&["1"], &done);
+        assert!(row.contains("  not reached    -12.500          -  "), "{row}");
+        let text = single("floor", &done);
+        assert!(text.contains("x -  y -  z not reached % of F_d") && text.contains("x -  y -  z -12.500 N"), "{text}");
+        // Another hold of the run may have been reached.
+        done.metrics.force.settled_rms_percent[2] = Some(0.5);
+        assert!(single("floor", &done).contains("z 0.500 % of F_d"));
     }
 
     #[test]

@@ -47,6 +47,9 @@ struct ForceAxisSums {
     recoveries: u64,
     unrecovered: u64,
     slowest: Option<u64>,
+    not_reached: u64,
+    /// Mean error of the worst segment in which F_d was not reached.
+    not_reached_error: Option<f64>,
 }
 
 /// F_d on an axis, and the gains that hold it.
@@ -64,16 +67,34 @@ struct ForceTarget {
     /// First of the consecutive ticks within reach.
     within_since: Option<i64>,
     recovered: bool,
+    /// Sum of the error after the settling time, and its ticks.
+    error: (f64, u64),
 }
 
 impl ForceTarget {
     fn new(tick: i64, force: f64, gains: [f64; 3]) -> Self {
-        Self { force, gains, since: tick, reached: false, matched: false, touched: false, within_since: None, recovered: false }
+        Self {
+            force,
+            gains,
+            since: tick,
+            reached: false,
+            matched: false,
+            touched: false,
+            within_since: None,
+            recovered: false,
+            error: (0.0, 0),
+        }
     }
 
     /// Whether the axis had contact without recovery.
     fn is_unrecovered(&self) -> bool {
         self.force != 0.0 && self.touched && !self.recovered
+    }
+
+    /// Mean error of a segment that had the time to reach F_d and did not.
+    fn missed_by(&self) -> Option<f64> {
+        let (sum, count) = self.error;
+        (self.force != 0.0 && !self.reached && count > 0).then(|| sum / count as f64)
     }
 }
 
@@ -110,6 +131,7 @@ impl ForceSums {
         self.rest_since = None;
         for axis in &mut self.axes {
             axis.close_hold();
+            axis.close_target();
             axis.target = axis.target.map(|target| ForceTarget::new(tick, target.force, target.gains));
         }
     }
@@ -117,6 +139,7 @@ impl ForceSums {
     pub(super) fn summary(&self) -> ForceSummary {
         let axes = self.axes.map(|mut axis| {
             axis.close_hold();
+            axis.close_target();
             axis.unrecovered += u64::from(axis.target.is_some_and(|target| target.is_unrecovered()));
             axis
         });
@@ -138,6 +161,8 @@ impl ForceSums {
             recoveries: axes.map(|axis| axis.recoveries),
             unrecovered: axes.map(|axis| axis.unrecovered),
             slowest_recovery_ticks: axes.map(|axis| axis.slowest),
+            not_reached: axes.map(|axis| axis.not_reached),
+            not_reached_error_n: axes.map(|axis| axis.not_reached_error),
         }
     }
 }
@@ -163,6 +188,7 @@ impl ForceAxisSums {
             Some(old) if old.force != force || old.gains != gains => {
                 self.unrecovered += u64::from(old.is_unrecovered());
                 self.close_hold();
+                self.close_target();
                 self.target = Some(ForceTarget { matched: old.matched && old.force == force, ..new });
             }
             Some(_) => {}
@@ -193,7 +219,12 @@ impl ForceAxisSums {
         if target.matched {
             self.overshoot = Some(self.overshoot.unwrap_or(0.0).max(error * force.signum()));
         }
-        let held = target.reached && conditions.tick.abs_diff(target.since) >= SETTLING_TICKS;
+        let settled = conditions.tick.abs_diff(target.since) >= SETTLING_TICKS;
+        if settled {
+            // Clamped as in `Sum`.
+            target.error = ((target.error.0 + error).clamp(-f64::MAX, f64::MAX), target.error.1 + 1);
+        }
+        let held = target.reached && settled;
         let slides = conditions.across && conditions.slides;
         self.sliding_since = if slides { self.sliding_since.or(Some(conditions.tick)) } else { None };
         if held && conditions.across {
@@ -209,6 +240,15 @@ impl ForceAxisSums {
             self.hold_force = force;
         } else {
             self.close_hold();
+        }
+    }
+
+    /// Counts the present segment if F_d was not reached in it. The caller replaces the target, or reads the sums.
+    fn close_target(&mut self) {
+        let Some(error) = self.target.and_then(|target| target.missed_by()) else { return };
+        self.not_reached += 1;
+        if self.not_reached_error.is_none_or(|worst| error.abs() > worst.abs()) {
+            self.not_reached_error = Some(error);
         }
     }
 

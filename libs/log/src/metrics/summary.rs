@@ -104,6 +104,10 @@ pub struct ForceSummary {
     pub unrecovered: [u64; 3],
     /// Ticks from a change to the start of these 0.1 s, in the slowest case, travel to the contact included.
     pub slowest_recovery_ticks: [Option<u64>; 3],
+    /// Segments of more than 0.5 s with the same F_d, K0, F_max and x_b, in which F_d was never reached.
+    pub not_reached: [u64; 3],
+    /// Mean of F - F_d from 0.5 s on in such a segment, the worst one [N].
+    pub not_reached_error_n: [Option<f64>; 3],
 }
 
 /// Force F_c of the commands in mode `active`.

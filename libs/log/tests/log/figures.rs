@@ -69,9 +69,23 @@ fn force_never_reached_is_not_settled() {
     let force = run(&[operator(1, 0, 50.0)], 2000, |_| 49.4, |_| 0.0).force;
     assert_eq!((force.settled_rms_n[Z], force.settled_ticks[Z]), (None, 0));
     assert_eq!(force.desired_n[Z], Some(50.0));
+    assert_eq!(force.not_reached, [0, 0, 1]);
+    assert_close(force.not_reached_error_n[Z], -0.6);
     // Within 1 % the force counts as reached.
     let force = run(&[operator(1, 0, 50.0)], 2000, |_| 49.6, |_| 0.0).force;
     assert_eq!(force.settled_ticks[Z], 1500);
+    assert_eq!((force.not_reached[Z], force.not_reached_error_n[Z]), (0, None));
+}
+
+#[test]
+fn force_not_reached_is_that_of_worst_segment() {
+    // The last change has not had its half second.
+    let sets = [operator(1, 0, 50.0), operator(2, 1000, 80.0), operator(3, 2000, -30.0), operator(4, 3000, 90.0)];
+    let contact = |tick: i64| if tick < 1000 { 50.0 } else { 20.0 };
+    let force = run(&sets, 3400, contact, |_| 0.0).force;
+    assert_eq!(force.not_reached, [0, 0, 2]);
+    assert_close(force.not_reached_error_n[Z], -60.0);
+    assert_eq!(run(&[operator(1, 0, 50.0)], 500, contact, |_| 0.0).force.not_reached[Z], 0);
 }
 
 #[test]

@@ -1,0 +1,60 @@
+//! Conversion of a published parameter set into the settings that made it.
+
+use hapfic_config::{ParameterSettings, ResetPolicy, Saturation, Search};
+use hapfic_messages::Parameters;
+
+/// Settings of a published set; `None` if a code is invalid, which the check of messages excludes.
+pub(super) fn settings(set: &Parameters) -> Option<ParameterSettings> {
+    Some(ParameterSettings {
+        target_position: Some(set.target_position),
+        desired_force: set.desired_force,
+        stiffness: set.stiffness,
+        max_force: set.max_force,
+        position_bound: set.position_bound,
+        reset_policy: match hapfic_messages::ResetPolicy::from_code(set.reset_policy)? {
+            hapfic_messages::ResetPolicy::ContactLoss => ResetPolicy::ContactLoss,
+            hapfic_messages::ResetPolicy::AsPrinted => ResetPolicy::AsPrinted,
+            hapfic_messages::ResetPolicy::Never => ResetPolicy::Never,
+        },
+        saturation: match hapfic_messages::Saturation::from_code(set.saturation)? {
+            hapfic_messages::Saturation::Continuous => Saturation::Continuous,
+            hapfic_messages::Saturation::AsPrinted => Saturation::AsPrinted,
+        },
+        search: match hapfic_messages::Search::from_code(set.search)? {
+            hapfic_messages::Search::Tapered => Search::Tapered,
+            hapfic_messages::Search::Sign => Search::Sign,
+        },
+        taper: set.taper,
+        search_scale: set.search_scale,
+        force_resolution: set.force_resolution,
+        gravity_compensation: set.gravity_compensation != 0,
+        offset_anti_windup: set.offset_anti_windup != 0,
+        stall_release: set.stall_release != 0,
+        mean_speed: set.mean_speed,
+        max_acceleration: set.max_acceleration,
+    })
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use hapfic_config::Settings;
+    use hapfic_gate::parameter_schedule::ParameterSchedule;
+
+    #[test]
+    fn settings_of_published_set_are_those_that_made_it() {
+        let overrides = [
+            "controller.search=sign",
+            "controller.reset_policy=never",
+            "controller.saturation=as_printed",
+            "controller.stall_release=false",
+            "controller.taper=0.123",
+            "planner.mean_speed=0.3",
+        ];
+        let made = Settings::load("floor", &overrides.map(str::to_owned)).unwrap();
+        let published = *ParameterSchedule::new(&made, [0.1, 0.2, 0.3]).operator();
+        let expected = ParameterSettings { target_position: Some([0.1, 0.2, 0.3]), ..made.initial };
+        assert_eq!(settings(&published.current), Some(expected));
+    }
+}
