@@ -130,6 +130,7 @@ impl PreparedRun {
             writer,
             viewer,
             chain: plant.chain().clone(),
+            tasks: TaskFollower::new(TaskWatch::new(settings, plant.chain().clone())),
             flush_every: Duration::from_millis(settings.recorder.flush_ms.into()),
             log: request.log.clone(),
             shared: Arc::clone(&shared),

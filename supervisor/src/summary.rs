@@ -9,6 +9,7 @@ use hapfic_log::metrics::{
     ForceCommandSummary, ForceSummary, IntegrationSummary, MomentsSummary, Quantiles, TickSummary, TrackingSummary,
 };
 use hapfic_messages::{Detector, Process};
+use hapfic_simulation::conditions::TaskReport;
 use serde::Serialize;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -41,6 +42,8 @@ pub struct Summary {
     pub force_command: ForceCommandSummary,
     /// Events of the scene.
     pub moments: MomentsSummary,
+    /// Conditions of the task that held.
+    pub tasks: Vec<TaskReport>,
     /// Effort of the plant's integrator.
     pub integration: IntegrationSummary,
     /// Wall-clock times.

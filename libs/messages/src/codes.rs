@@ -163,6 +163,30 @@ wire_enum! {
         Differs = 17, "differs";
         /// A body of the simulated world went through another one.
         Passage = 18, "passage";
+        /// A condition of the task began or ended; the severity is not concerned.
+        Condition = 19, "condition";
+    }
+}
+
+wire_enum! {
+    /// Condition of the task: the stack may be nominal and its task not fine.
+    TaskCondition {
+        /// The force has missed a constant F_d by more than 5 % for 1 s.
+        ForceNotReached = 0, "force_not_reached";
+        /// The force oscillates about its mean: rms over 0.2 s above 3 % of a constant F_d.
+        ForceOscillates = 1, "force_oscillates";
+        /// F_c is at the largest force of the profile, F_max or K0 x_b.
+        ForceAtLimit = 2, "force_at_limit";
+        /// The foot is further than x_b from its reference, and does not make up for it by force.
+        OutsideBound = 3, "outside_bound";
+        /// The reference rests at its target, and the foot rests further than x_b from it without contact.
+        TargetOutOfReach = 4, "target_out_of_reach";
+        /// A joint is at its stop.
+        AtJointStop = 5, "at_joint_stop";
+        /// At this posture less than 20 % are left to the rule omega tau <= 0.32 + 2.3 zeta.
+        StabilityMargin = 6, "stability_margin";
+        /// The controller has given the robot more energy than reference and spring explain.
+        NotPassive = 7, "not_passive";
     }
 }
 
@@ -191,6 +215,8 @@ wire_enum! {
         Signal = 9, "signal";
         /// The recorder.
         Recorder = 10, "recorder";
+        /// The conditions of the task.
+        Task = 11, "task";
     }
 }
 

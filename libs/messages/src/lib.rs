@@ -28,6 +28,7 @@ mod wire_enum;
 pub use check::{Check, ValidationError};
 pub use codes::{
     Detector, Drive, EventKind, MessageFault, Mode, Phase, Process, ResetPolicy, Saturation, Search, Severity, Source,
+    TaskCondition,
 };
 pub use command::Command;
 pub use event::Event;

@@ -4,7 +4,7 @@ use crate::Snapshot;
 use anyhow::Result;
 use hapfic_config::Settings;
 use hapfic_log::{LogError, LogTotals, RunLog, Viewer, Writer, proto};
-use hapfic_messages::{Clock, Operator, Parameters};
+use hapfic_messages::{Clock, Event, Operator, Parameters};
 use hapfic_plant::Plant;
 use hapfic_robot::Chain;
 use std::path::Path;
@@ -12,7 +12,7 @@ use std::path::Path;
 /// Writer of the log of a simulation.
 ///
 /// `/state`, `/reference`, `/request`, `/command`, `/operator`, `/tf` and `/scene` have the same bytes as in lockstep.
-/// `/request/standby` and `/timing` are empty, `/event` and `/log` have passages of bodies alone: one process has no
+/// `/request/standby` and `/timing` are empty, `/event` and `/log` have passages and conditions of the task alone: one process has no
 /// standby, no waits and no losses.
 pub struct Recording {
     writer: Writer,
@@ -75,6 +75,15 @@ impl Recording {
         let target = operator.at(tick).target_position;
         let update = self.viewer.scene_update(tick, &state.contacts, Some(now.reference.position), Some(target));
         self.writer.scene(tick, &update)
+    }
+
+    /// Writes an event of the task.
+    ///
+    /// # Errors
+    /// [`LogError::Write`].
+    pub fn event(&mut self, event: &Event) -> Result<(), LogError> {
+        let logged = self.writer.event(event)?;
+        self.writer.log(event.tick.max(0), &self.viewer.log_line(&logged))
     }
 
     /// Closes the log.

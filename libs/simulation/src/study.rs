@@ -1,5 +1,6 @@
 //! Simulation of a scenario from start to end, with its figures.
 
+use crate::conditions::{TaskReport, TaskWatch};
 use crate::extremes::Extremes;
 use crate::recording::Recording;
 use crate::{Simulation, SimulationError, Snapshot};
@@ -34,6 +35,8 @@ pub struct Done {
     pub metrics: MetricsSummary,
     /// Figures beyond the metrics.
     pub extremes: Extremes,
+    /// Conditions of the task that held.
+    pub tasks: Vec<TaskReport>,
 }
 
 impl Done {
@@ -60,6 +63,7 @@ pub fn study(settings: &Settings, stop: &AtomicBool, recording: Option<&mut Reco
         },
         metrics: Metrics::new(),
         extremes: Extremes::default(),
+        tasks: TaskWatch::new(settings, simulation.plant().chain().clone()),
         announced: 0,
         recording,
     };
@@ -81,7 +85,7 @@ pub fn study(settings: &Settings, stop: &AtomicBool, recording: Option<&mut Reco
     }
     // A set announced in the last tick never takes effect, but belongs in the log.
     sums.announce(simulation.operator())?;
-    Ok(Done { end, ticks, metrics: sums.metrics.summary(), extremes: sums.extremes })
+    Ok(Done { end, ticks, metrics: sums.metrics.summary(), extremes: sums.extremes, tasks: sums.tasks.report() })
 }
 
 fn step(simulation: &mut Simulation) -> Result<Snapshot, SimulationError> {
@@ -93,6 +97,7 @@ struct StudySums<'a> {
     names: Names,
     metrics: Metrics,
     extremes: Extremes,
+    tasks: TaskWatch,
     /// Newest version of the operator's sets so far.
     announced: u64,
     recording: Option<&'a mut Recording>,
@@ -113,6 +118,11 @@ impl StudySums<'_> {
         self.metrics.push_reference(&reference);
         self.metrics.push_command(&command);
         self.extremes = self.extremes.step(&snapshot.state, &snapshot.command);
+        let set = snapshot.operator.at(snapshot.state.tick);
+        let events = self.tasks.push(&snapshot.state, &snapshot.reference, &snapshot.command, set);
+        if let Some(recording) = &mut self.recording {
+            events.iter().try_for_each(|event| recording.event(event))?;
+        }
         Ok(())
     }
 

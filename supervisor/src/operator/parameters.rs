@@ -19,10 +19,12 @@ pub(super) fn settings(set: &Parameters) -> Option<ParameterSettings> {
         saturation: match hapfic_messages::Saturation::from_code(set.saturation)? {
             hapfic_messages::Saturation::Continuous => Saturation::Continuous,
             hapfic_messages::Saturation::AsPrinted => Saturation::AsPrinted,
+            hapfic_messages::Saturation::Softening => Saturation::Softening,
         },
         search: match hapfic_messages::Search::from_code(set.search)? {
             hapfic_messages::Search::Tapered => Search::Tapered,
             hapfic_messages::Search::Sign => Search::Sign,
+            hapfic_messages::Search::Adaptive => Search::Adaptive,
         },
         taper: set.taper,
         search_scale: set.search_scale,
@@ -30,6 +32,10 @@ pub(super) fn settings(set: &Parameters) -> Option<ParameterSettings> {
         gravity_compensation: set.gravity_compensation != 0,
         offset_anti_windup: set.offset_anti_windup != 0,
         stall_release: set.stall_release != 0,
+        force_hold: set.force_hold != 0,
+        continuous_reentry: set.continuous_reentry != 0,
+        damping: set.damping,
+        posture_lead: set.posture_lead,
         mean_speed: set.mean_speed,
         max_acceleration: set.max_acceleration,
     })

@@ -305,6 +305,7 @@ impl RequestHandler {
                 .flatten()
                 .map(|by| by.name().to_owned()),
             rejected_requests: shared.operator.rejected.load(Ordering::Relaxed),
+            tasks: self.start.latest.tasks().into_iter().filter(|task| task.since_tick.is_some()).collect(),
             log: self.start.log.clone(),
             log_bytes: std::fs::metadata(&self.start.log).map_or(0, |m| m.len()),
         }

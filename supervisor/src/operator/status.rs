@@ -1,5 +1,7 @@
 //! Status of a run: its JSON form, and the table for a terminal.
 
+use hapfic_config::PERIOD_S;
+use hapfic_simulation::conditions::TaskReport;
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -52,6 +54,9 @@ pub struct Status {
     pub brake_ticks: u64,
     /// Unreadable requests of operators.
     pub rejected_requests: u64,
+    /// Conditions of the task that hold now.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub tasks: Vec<TaskReport>,
     /// Path of the log.
     pub log: PathBuf,
     /// Size of the log so far [bytes].
@@ -103,12 +108,6 @@ impl Status {
         out
     }
 
-    /// Names of the axes on which the position error exceeds x_b.
-    fn outside_bound(&self) -> Vec<&'static str> {
-        let axes = ["x", "y", "z"].into_iter().zip(self.tracking_m.iter().zip(self.position_bound_m));
-        axes.filter(|(_, (error, bound))| error.abs() > *bound).map(|(axis, _)| axis).collect()
-    }
-
     fn write(&self, out: &mut String) -> std::fmt::Result {
         writeln!(
             out,
@@ -120,6 +119,11 @@ impl Status {
             Some(_) => writeln!(out, "  latched stop: requested by an operator")?,
             None => {}
         }
+        for task in &self.tasks {
+            let since = task.since_tick.unwrap_or(self.tick) as f64 * PERIOD_S;
+            let place = if task.place.is_empty() { String::new() } else { format!(" on {}", task.place) };
+            writeln!(out, "  task: {}{place} since {since:.3} s: {}", task.condition, task.found)?;
+        }
         writeln!(out, "                        x          y          z")?;
         let mut row = |name: &str, values: [f64; 3], scale: f64, unit: &str| {
             let [x, y, z] = values.map(|v| format!("{:.2} {unit}", v * scale));
@@ -129,10 +133,6 @@ impl Status {
         row("F_d", self.desired_force_n, 1.0, "N")?;
         row("|x - x_d|", self.tracking_m.map(f64::abs), 1e3, "mm")?;
         row("bound x_b", self.position_bound_m, 1e3, "mm")?;
-        let outside = self.outside_bound();
-        if !outside.is_empty() {
-            writeln!(out, "  outside x_b on {}: the target is not reached, and the force may be F_max", outside.join(", "))?;
-        }
         writeln!(out, "  parameters {} in force, {} announced", self.parameters_version, self.announced_version)?;
         match self.latency_us {
             Some(q) => writeln!(out, "  state -> command, last second: p50 {}  p99 {}  max {} us", q.p50, q.p99, q.max)?,

@@ -2,6 +2,7 @@
 
 use super::RecordedMessage;
 use hapfic_messages::{Operator, State};
+use hapfic_simulation::conditions::TaskReport;
 use std::sync::Mutex;
 
 /// Latest messages that the recorder has received. No real-time thread locks them.
@@ -9,6 +10,7 @@ use std::sync::Mutex;
 pub struct LatestMessages {
     state: Mutex<Option<State>>,
     operator: Mutex<Option<Operator>>,
+    tasks: Mutex<Vec<TaskReport>>,
 }
 
 impl LatestMessages {
@@ -22,6 +24,18 @@ impl LatestMessages {
     #[must_use]
     pub fn operator(&self) -> Option<Operator> {
         self.operator.lock().ok().and_then(|operator| *operator)
+    }
+
+    /// Conditions of the task that hold or have held.
+    #[must_use]
+    pub fn tasks(&self) -> Vec<TaskReport> {
+        self.tasks.lock().map(|tasks| tasks.clone()).unwrap_or_default()
+    }
+
+    pub(super) fn set_tasks(&self, report: Vec<TaskReport>) {
+        if let Ok(mut tasks) = self.tasks.lock() {
+            *tasks = report;
+        }
     }
 
     /// Takes the newest messages of a batch in the order of ticks.

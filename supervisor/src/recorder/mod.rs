@@ -18,6 +18,7 @@ use hapfic_ipc::{Domain, IpcError};
 use hapfic_log::{LogError, Metrics, MetricsSummary, Viewer, Writer};
 use hapfic_messages::{Clock, Command, Event, Operator, Process, Reference, Request, State, Timing};
 use hapfic_robot::Chain;
+use hapfic_simulation::conditions::TaskFollower;
 use incident::PostMortem;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -77,6 +78,8 @@ pub struct RecorderStart {
     pub viewer: Viewer,
     /// Kinematic chain, for the poses of the links.
     pub chain: Chain,
+    /// Watch of the task's conditions.
+    pub tasks: TaskFollower,
     /// Interval at which the file is flushed.
     pub flush_every: Duration,
     /// Path of the log.
@@ -120,8 +123,9 @@ impl Recorder {
         let (sender, receiver) = sync_channel(if start.clock == Clock::Lockstep { QUEUE_LOCKSTEP } else { QUEUE_REALTIME });
         let (recycle, empty_batches) = sync_channel(EMPTY_BATCHES);
         let (ready, connected) = channel();
-        let RecorderStart { domain, clock, credit_ticks, writer, viewer, chain, flush_every, log, shared, latest } = start;
+        let RecorderStart { domain, clock, credit_ticks, writer, viewer, chain, tasks, flush_every, log, shared, latest } = start;
         let drain_status = Arc::clone(&shared);
+        let latest_tasks = Arc::clone(&latest);
         let drain = std::thread::Builder::new()
             .name("hapfic-recorder".to_owned())
             .spawn(move || {
@@ -145,6 +149,8 @@ impl Recorder {
                     writer,
                     viewer,
                     chain,
+                    tasks,
+                    latest: latest_tasks,
                     shared,
                     metrics: Metrics::new(),
                     frames: ViewerFrames::default(),

@@ -2,11 +2,12 @@
 
 use super::incident::PostMortem;
 use super::viewer_frames::ViewerFrames;
-use super::{RecordedMessage, RecordingResult, WriterResult};
+use super::{LatestMessages, RecordedMessage, RecordingResult, WriterResult};
 use hapfic_gate_process::status::{SharedStatus, StatusSnapshot};
 use hapfic_log::{LogError, Metrics, Topic, Viewer, Writer, scene};
-use hapfic_messages::{Mode, Operator};
+use hapfic_messages::{Event, Mode, Operator};
 use hapfic_robot::Chain;
+use hapfic_simulation::conditions::TaskFollower;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender};
@@ -17,6 +18,8 @@ pub(super) struct WriterThread {
     pub(super) writer: Writer,
     pub(super) viewer: Viewer,
     pub(super) chain: Chain,
+    pub(super) tasks: TaskFollower,
+    pub(super) latest: Arc<LatestMessages>,
     pub(super) shared: Arc<SharedStatus>,
     pub(super) metrics: Metrics,
     pub(super) frames: ViewerFrames,
@@ -50,6 +53,7 @@ impl WriterThread {
                         flushed = Instant::now();
                     }
                     self.incidents.write_pending();
+                    self.latest.set_tasks(self.tasks.report());
                     batch.clear();
                     // A full channel drops the batch and frees its memory.
                     let _ = recycle.try_send(batch);
@@ -91,6 +95,8 @@ impl WriterThread {
                 if self.viewer.due(m.tick) {
                     self.frames.state(m, state);
                 }
+                let events = self.tasks.state(m);
+                self.conditions(&events, write)?;
             }
             RecordedMessage::Reference(m) => {
                 let reference = if write { self.writer.reference(m)? } else { hapfic_log::convert::reference(m) };
@@ -98,6 +104,8 @@ impl WriterThread {
                 if self.viewer.due(m.tick) {
                     self.frames.reference(m);
                 }
+                let events = self.tasks.reference(m);
+                self.conditions(&events, write)?;
             }
             RecordedMessage::Request(m) => {
                 if write {
@@ -115,6 +123,8 @@ impl WriterThread {
                 if self.viewer.due(m.tick) {
                     self.write_frame(m.tick, m.mode, write)?;
                 }
+                let events = self.tasks.command(m);
+                self.conditions(&events, write)?;
             }
             RecordedMessage::Operator(m) => self.operator(m, write)?,
             RecordedMessage::Event(m) => {
@@ -140,11 +150,21 @@ impl WriterThread {
 
     /// Logs each parameter set once, when it is announced.
     fn operator(&mut self, m: &Operator, write: bool) -> Result<(), LogError> {
+        self.tasks.operator(m);
         for set in [&m.current, &m.next] {
             if self.frames.parameters(set) {
                 let operator = if write { self.writer.operator(set)? } else { hapfic_log::convert::operator(set) };
                 self.metrics.push_operator(&operator);
             }
+        }
+        Ok(())
+    }
+
+    /// Logs conditions of the task that begin or end.
+    fn conditions(&mut self, events: &[Event], write: bool) -> Result<(), LogError> {
+        for event in events.iter().filter(|_| write) {
+            let logged = self.writer.event(event)?;
+            self.writer.log(event.tick.max(0), &self.viewer.log_line(&logged))?;
         }
         Ok(())
     }

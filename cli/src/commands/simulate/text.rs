@@ -90,6 +90,10 @@ pub fn single(scenario: &str, done: &Done) -> String {
     let limited = done.extremes.limited_ticks;
     line("torque max", format!("{:.2} N m, limited in {limited} ticks", done.extremes.largest_torque()));
     line("work of the joints", format!("{:.3} J", done.extremes.work_j));
+    for task in &done.tasks {
+        let place = if task.place.is_empty() { String::new() } else { format!(" on {}", task.place) };
+        line("task", format!("{}{place} {} times, {:.3} s: {}", task.condition, task.times, task.total_s, task.found));
+    }
     let integration = &done.metrics.integration;
     line("energy", format!("balance off by {:.1e} J of {:.4} J", integration.energy_error_j, integration.energy_range_j));
     line("contacts", format!("created {:.1e} J", integration.contact_energy_created_j));
