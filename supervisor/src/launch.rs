@@ -22,6 +22,7 @@ use hapfic_ipc::{Bus, Domain, IpcError, RunFile, topic};
 use hapfic_log::{RunLog, Viewer, Writer, scene};
 use hapfic_messages::{Clock, Detector, RealtimeMode};
 use hapfic_plant::{Plant, PlantError};
+use hapfic_simulation::conditions::{TaskFollower, TaskWatch};
 use hapfic_simulation::findings::{Advisor, degrees_hint};
 use std::os::unix::fs::MetadataExt;
 use std::path::Path;
@@ -312,6 +313,7 @@ fn summarise(
     recorder: Recorder,
     log_file: Option<FileId>,
 ) -> Summary {
+    let latest = recorder.latest();
     let (recorded, incidents, error) = recorder.finish();
     let mut completed = times.completed && faults.is_empty();
     if let Some(error) = error {
@@ -341,6 +343,7 @@ fn summarise(
         losses,
         incidents,
         faults,
+        tasks: latest.tasks(),
         log: request.log.clone(),
     };
     let mut lost = metrics.ticks.lost;

@@ -179,6 +179,7 @@ impl Summary {
             force: metrics.force,
             force_command: metrics.force_command,
             moments: metrics.moments,
+            tasks: run.tasks,
             integration: metrics.integration,
             timing: RunTiming {
                 latency_us: metrics.timing.latency_us.filter(|_| realtime),
@@ -225,6 +226,8 @@ pub struct RunSummary {
     pub losses: Losses,
     /// Brakes and stops.
     pub incidents: Option<IncidentSummary>,
+    /// Conditions of the task that held.
+    pub tasks: Vec<TaskReport>,
     /// Faults that ended the run.
     pub faults: Vec<RunFault>,
     /// Path of the log.

@@ -93,7 +93,8 @@ impl TaskWatch {
     #[must_use]
     pub fn new(settings: &Settings, chain: Chain) -> Self {
         let filter_s = settings.supervisor.torque_bandwidth_hz.map_or(0.0, |hz| 1.0 / (core::f64::consts::TAU * hz));
-        let of = |condition, place: &str| Watched { condition, place: place.to_owned(), flag: Flag::default(), found: String::new() };
+        let of =
+            |condition, place: &str| Watched { condition, place: place.to_owned(), flag: Flag::default(), found: String::new() };
         let mut watched = Vec::new();
         for condition in TaskCondition::ALL.iter().copied() {
             match condition {
@@ -277,4 +278,3 @@ fn profile(p: &Parameters, axis: usize) -> ForceProfile {
         saturation,
     }
 }
-

@@ -112,6 +112,7 @@ type WriterResult = (Result<u64, LogError>, RecordingResult, Option<IncidentSumm
 pub struct Recorder {
     drain: JoinHandle<Result<(), IpcError>>,
     write: JoinHandle<WriterResult>,
+    latest: Arc<LatestMessages>,
 }
 
 impl Recorder {
@@ -125,7 +126,7 @@ impl Recorder {
         let (ready, connected) = channel();
         let RecorderStart { domain, clock, credit_ticks, writer, viewer, chain, tasks, flush_every, log, shared, latest } = start;
         let drain_status = Arc::clone(&shared);
-        let latest_tasks = Arc::clone(&latest);
+        let [latest_tasks, latest_at_end] = [Arc::clone(&latest), Arc::clone(&latest)];
         let drain = std::thread::Builder::new()
             .name("hapfic-recorder".to_owned())
             .spawn(move || {
@@ -162,13 +163,19 @@ impl Recorder {
             })
             .context("cannot start the recorder")?;
         connected.recv().context("the recorder ended immediately")??;
-        Ok(Self { drain, write })
+        Ok(Self { drain, write, latest: latest_at_end })
     }
 
     /// Whether a thread of the recorder has ended early, which only an error causes.
     #[must_use]
     pub fn failed(&self) -> bool {
         self.drain.is_finished() || self.write.is_finished()
+    }
+
+    /// The latest messages, which outlive the recorder.
+    #[must_use]
+    pub fn latest(&self) -> Arc<LatestMessages> {
+        Arc::clone(&self.latest)
     }
 
     /// Waits for both threads to end, which [`RunOrders::drain`](hapfic_gate_process::status::RunOrders::drain) requests.

@@ -111,10 +111,15 @@ impl Summary {
             writeln!(out)?;
         }
         for task in &self.tasks {
-            let (place, times) = (if task.place.is_empty() { "" } else { " on " }, if task.times == 1 { "once" } else { "times" });
+            let (place, times) =
+                (if task.place.is_empty() { "" } else { " on " }, if task.times == 1 { "once" } else { "times" });
             let times = if task.times == 1 { times.to_owned() } else { format!("{} {times}", task.times) };
             let held = if task.since_tick.is_some() { ", and at the end" } else { "" };
-            writeln!(out, "  task               {}{place}{} {times}, {:.3} s{held}: {}", task.condition, task.place, task.total_s, task.found)?;
+            writeln!(
+                out,
+                "  task               {}{place}{} {times}, {:.3} s{held}: {}",
+                task.condition, task.place, task.total_s, task.found
+            )?;
         }
         let i = &self.integration;
         if let (true, Some(newton)) = (i.contact_ticks > 0, i.newton_per_contact_substep) {

@@ -2,7 +2,7 @@
 
 use super::label::{FixedList, Label};
 use crate::proto;
-use hapfic_messages::{MAX_CONTACTS, MAX_JOINTS, MAX_OBJECTS, Mode, Source};
+use hapfic_messages::{MAX_CONTACTS, MAX_JOINTS, MAX_OBJECTS, Mode, Saturation, Source};
 use nalgebra::{Quaternion, SVector, UnitQuaternion, Vector3};
 
 /// Largest plausible value, far above any length, speed or force of a run.
@@ -188,9 +188,18 @@ pub(super) struct ParameterSample {
     pub(super) max_force: Vector3<f64>,
     pub(super) position_bound: Vector3<f64>,
     pub(super) force_resolution: f64,
+    /// The profile softens: its largest force is min(F_max, K0 x_b).
+    pub(super) softening: bool,
+    pub(super) continuous_reentry: bool,
 }
 
 impl ParameterSample {
+    /// Largest force of the profile of an axis [N].
+    pub(super) fn largest_force(&self, axis: usize) -> f64 {
+        let linear = self.stiffness[axis] * self.position_bound[axis];
+        if self.softening { linear.min(self.max_force[axis]) } else { self.max_force[axis] }
+    }
+
     pub(super) fn new(message: &proto::Operator) -> Option<Self> {
         Some(Self {
             version: message.version,
@@ -200,6 +209,8 @@ impl ParameterSample {
             max_force: vector(&message.max_force)?,
             position_bound: vector(&message.position_bound)?,
             force_resolution: is_plausible(message.force_resolution).then_some(message.force_resolution)?,
+            softening: message.saturation == Saturation::Softening.name(),
+            continuous_reentry: message.continuous_reentry,
         })
     }
 }

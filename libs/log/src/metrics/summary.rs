@@ -49,13 +49,13 @@ pub struct TrackingSummary {
 pub struct OutsideSummary {
     /// All such ticks.
     pub ticks: [u64; 3],
-    /// |F_c| was at least 0.999 F_max: the law was at its limit.
+    /// |F_c| was at least 0.999 of the profile's largest force, F_max or K0 x_b: the law was at its limit.
     pub force_limited_ticks: [u64; 3],
     /// The torque of a joint was limited at its peak.
     pub torque_limited_ticks: [u64; 3],
     /// F_d is not zero and the foot has contact on that axis: dx compensates the distance, force precedes position.
     pub force_held_ticks: [u64; 3],
-    /// The axis converges: the law gives less than its profile (eq. 1).
+    /// The axis converges, or its force rises again after a convergence: the law gives less than its profile (eq. 1).
     pub converging_ticks: [u64; 3],
     /// The axis converges at less than 1 mm/s: it is at rest far from the reference. Counted beside any cause.
     pub standing_ticks: [u64; 3],

@@ -88,7 +88,7 @@ impl TrackingAxisSums {
     /// Selects the counter for an error beyond x_b: that of the first cause that applies.
     fn cause(&mut self, i: usize, state: &StateSample, command: Option<&CommandSample>, set: &ParameterSample) -> &mut u64 {
         let Some(command) = command.filter(|command| command.active) else { return &mut self.inactive };
-        if command.force[i].abs() >= AT_LIMIT * set.max_force[i] {
+        if command.force[i].abs() >= AT_LIMIT * set.largest_force(i) {
             &mut self.force_limited
         } else if command.limited {
             &mut self.torque_limited
@@ -96,8 +96,9 @@ impl TrackingAxisSums {
             // The offset compensates the distance: here the law holds a force, not a position. Contact without a
             // desired force is no cause: there F_c can rise to F_max.
             &mut self.force_held
-        } else if command.converging[i] {
-            // In convergence the law gives less than its profile: 2 F_c(x_max) / x_max (e - x_max / 2).
+        } else if command.converging[i] || set.continuous_reentry {
+            // In convergence the law gives less than its profile: 2 F_c(x_max) / x_max (e - x_max / 2). With continuous
+            // re-entry the force rises from there, also in divergence.
             &mut self.converging
         } else {
             &mut self.unexplained

@@ -59,7 +59,8 @@ mod tests {
     #[test]
     fn flag_begins_and_ends_once_after_its_hold() {
         let mut flag = Flag::default();
-        let seen: Vec<_> = (0..40).filter_map(|tick| flag.observe(tick, (10..25).contains(&tick), 5).map(|c| (tick, c))).collect();
+        let seen: Vec<_> =
+            (0..40).filter_map(|tick| flag.observe(tick, (10..25).contains(&tick), 5).map(|c| (tick, c))).collect();
         assert_eq!(seen, [(15, Change::Began), (30, Change::Ended(15))]);
         assert_eq!((flag.times, flag.ticks(40), flag.began), (1, 15, None));
     }

@@ -23,13 +23,7 @@ impl TaskFollower {
     /// Follows a run with a watch.
     #[must_use]
     pub fn new(watch: TaskWatch) -> Self {
-        Self {
-            watch,
-            sets: VecDeque::new(),
-            states: VecDeque::new(),
-            references: VecDeque::new(),
-            commands: VecDeque::new(),
-        }
+        Self { watch, sets: VecDeque::new(), states: VecDeque::new(), references: VecDeque::new(), commands: VecDeque::new() }
     }
 
     /// Takes the operator's sets.

@@ -21,9 +21,20 @@ const SIMULTANEOUS_RUNS: usize = 2;
 /// Name in a table, and its settings.
 pub(crate) type NamedSettings = (&'static str, &'static [&'static str]);
 
+/// The law with a fixed taper, a hardening profile and no damping.
+const FIXED_TAPER: &[&str] = &[
+    "controller.search=tapered",
+    "controller.taper=0.2",
+    "controller.saturation=continuous",
+    "controller.damping_sqrt_kg=0",
+    "controller.force_hold=false",
+    "controller.continuous_reentry=false",
+    "controller.posture_lead_s=0",
+];
 /// Compared laws.
-pub(crate) const LAWS: [NamedSettings; 3] = [
-    ("`tapered` + `contact_loss` (default)", &[]),
+pub(crate) const LAWS: [NamedSettings; 4] = [
+    ("default", &[]),
+    ("`tapered`, fixed taper", FIXED_TAPER),
     ("`sign` + `contact_loss`", &["controller.search=sign"]),
     ("`fidelity = \"paper\"`", &["controller.fidelity=paper"]),
 ];
@@ -31,13 +42,20 @@ pub(crate) const LAWS: [NamedSettings; 3] = [
 pub(crate) const SUBSTEPS: [NamedSettings; 2] =
     [("20", &["plant.contact_substep_us=20"]), ("10", &["plant.contact_substep_us=10"])];
 /// Settings without the improvements of the law.
-const UNIMPROVED: &[&str] = &["controller.offset_anti_windup=false", "controller.stall_release=false"];
+const UNIMPROVED: &[&str] = &[
+    "controller.offset_anti_windup=false",
+    "controller.stall_release=false",
+    "controller.force_hold=false",
+    "controller.continuous_reentry=false",
+];
 /// Compared improvements of the law.
-pub(crate) const IMPROVEMENTS: [NamedSettings; 4] = [
-    ("both (default)", &[]),
+pub(crate) const IMPROVEMENTS: [NamedSettings; 6] = [
+    ("all (default)", &[]),
     ("without `offset_anti_windup`", &["controller.offset_anti_windup=false"]),
     ("without `stall_release`", &["controller.stall_release=false"]),
-    ("neither", UNIMPROVED),
+    ("without `force_hold`", &["controller.force_hold=false"]),
+    ("without `continuous_reentry`", &["controller.continuous_reentry=false"]),
+    ("none of them", UNIMPROVED),
 ];
 /// Scenarios of the comparison of improvements.
 pub(crate) const IMPROVEMENT_SCENARIOS: [&str; 2] = ["tuning", "ball-actuators"];
