@@ -2,8 +2,9 @@
 //! loop.
 //!
 //! The law is passive, but a torque that acts a tick late is not. At the gains of the paper, the leg settles with one
-//! tick of dead time and oscillates with two. It also oscillates behind a slow torque filter without joint damping. The
-//! numbers of a scenario do not show this, so the check simulates the stack at the start posture.
+//! tick of dead time and oscillates with two. It also oscillates behind a slow torque filter without joint damping, and
+//! behind a low limit of the torque's rate. The numbers of a scenario do not show this, so the check simulates the stack at
+//! the start posture.
 
 use crate::{DeadTime, Simulation, SimulationError};
 use hapfic_config::{PERIOD_S, ParameterSettings, Settings};
@@ -44,6 +45,8 @@ pub struct UnstableSet {
     pub parameters: ParameterSettings,
     /// Result of its check.
     pub result: StabilityResult,
+    /// Whether the limb comes to rest without the rate limit of the torque.
+    pub settles_without_rate_limit: bool,
 }
 
 impl UnstableSet {
@@ -64,7 +67,9 @@ impl UnstableSet {
             p.stiffness,
             p.max_force,
             p.position_bound,
-            if self.result.within_bound {
+            if self.settles_without_rate_limit {
+                "raise or remove supervisor.torque_rate_n_m_per_s: without it the limb comes to rest"
+            } else if self.result.within_bound {
                 "lower the stiffness or add joint damping"
             } else {
                 "it sinks out of its bound: max_force does not carry it"
@@ -75,8 +80,8 @@ impl UnstableSet {
 
 /// Checks whether a disturbed limb comes to rest in free air at its start posture under a set of parameters.
 ///
-/// The check takes a fraction of a second. Floor and objects are left out. Gravity, joint damping, torque filter and
-/// peak are the scenario's. The reference rests at the start position of the foot, and F_d is zero.
+/// The check takes a fraction of a second. Floor and objects are left out. Gravity, joint damping, torque filter,
+/// rate limit and peak are the scenario's. The reference rests at the start position of the foot, and F_d is zero.
 ///
 /// # Errors
 /// [`SimulationError::Plant`] if the limb cannot be simulated at all. Divergence is a result, not an error.
@@ -104,11 +109,18 @@ pub fn unstable_sets(settings: &Settings) -> Result<Vec<UnstableSet>, Simulation
             sets.push((change.at_tick, parameters));
         }
     }
+    let unlimited = settings.supervisor.torque_rate.map(|_| {
+        let mut settings = settings.clone();
+        settings.supervisor.torque_rate = None;
+        settings
+    });
     let mut unstable = Vec::new();
     for (at_tick, parameters) in sets {
         let result = settles(settings, &parameters, DeadTime::default())?;
         if !result.settles {
-            unstable.push(UnstableSet { at_tick, parameters, result });
+            let settles_without_rate_limit =
+                unlimited.as_ref().map_or(Ok(false), |s| settles(s, &parameters, DeadTime::default()).map(|r| r.settles))?;
+            unstable.push(UnstableSet { at_tick, parameters, result, settles_without_rate_limit });
         }
     }
     Ok(unstable)
@@ -184,6 +196,22 @@ mod tests {
         assert!(!bare.settles && bare.amplitude_m > 0.01, "{bare:?}");
         let damped = verdict(&[slow, "robot.joint_damping_n_m_s_per_rad=11.46"], DeadTime::One);
         assert!(damped.settles, "{damped:?}");
+    }
+
+    #[test]
+    fn gains_low_torque_rate_oscillates() {
+        let rate = |value: &str| verdict(&[&format!("supervisor.torque_rate_n_m_per_s={value}")], DeadTime::One);
+        assert_eq!(rate("1e7"), verdict(&[], DeadTime::One), "a limit that never acts");
+        for saturation in ["clip", "scale"] {
+            let saturation = format!("supervisor.torque_saturation={saturation}");
+            let slow = verdict(&["supervisor.torque_rate_n_m_per_s=100", &saturation], DeadTime::One);
+            assert!(!slow.settles && slow.amplitude_m > 0.01, "{saturation}: {slow:?}");
+        }
+        let settings = Settings::load("floor", &["supervisor.torque_rate_n_m_per_s=100".to_owned()]).unwrap();
+        let found = unstable_sets(&settings).unwrap();
+        assert!(!found.is_empty() && found.iter().all(|set| set.settles_without_rate_limit), "{found:?}");
+        let warning = found[0].warning();
+        assert!(warning.ends_with("; raise or remove supervisor.torque_rate_n_m_per_s: without it the limb comes to rest"));
     }
 
     #[test]
