@@ -93,6 +93,8 @@ pub(crate) fn settings(mut raw: RawScenario, tree: &Node, urdf: Urdf) -> Result<
             deadline_us: raw.supervisor.deadline_us,
             torque_bandwidth_hz: raw.supervisor.torque_bandwidth_hz,
             torque_peak: at.torque_peak(raw.supervisor.torque_peak_n_m, joints)?,
+            torque_saturation: raw.supervisor.torque_saturation,
+            torque_rate: raw.supervisor.torque_rate_n_m_per_s,
             ready_timeout_ms: raw.supervisor.ready_timeout_ms,
             heartbeat_timeout_ms: raw.supervisor.heartbeat_timeout_ms,
             stall_timeout_ms: raw.supervisor.stall_timeout_ms,

@@ -40,7 +40,7 @@ pub use change::{ParameterDifference, RequestedChange, differences, parameter_li
 pub use embedded::{Scenario, robots, scenarios};
 pub use error::{ConfigError, Diagnostic, Location};
 pub use fault::{Fault, FaultKind, FaultTarget};
-pub use policy::{Fidelity, OnLoss, Placement, ResetPolicy, Saturation, Search};
+pub use policy::{Fidelity, OnLoss, Placement, ResetPolicy, Saturation, Search, TorqueSaturation};
 pub use schema::json_schema;
 pub use settings::{
     ExternalProcesses, Floor, MAX_JOINTS, MAX_OBJECTS, MIN_SPACING_TICKS, Object, ObjectShape, OperatorChange, PERIOD_S,

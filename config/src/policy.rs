@@ -44,6 +44,19 @@ pub enum Saturation {
     AsPrinted,
 }
 
+/// Treatment of joint torques beyond their peak.
+#[derive(Clone, Copy, Debug, Default, Deserialize, Eq, JsonSchema, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum TorqueSaturation {
+    /// Each joint beyond its peak is cut to it; the others keep their torque, and the force on the foot turns.
+    #[default]
+    Clip,
+    /// All joints are scaled by the smallest peak / |torque|: the direction of the torque stays, and so does that of the
+    /// force on the foot. The whole torque is scaled, gravity compensation included: a saturated limb also sinks. A rate
+    /// limit scales the steps of all joints together, too.
+    Scale,
+}
+
 /// Placement of the real-time threads for which the settings name no core.
 #[derive(Clone, Copy, Debug, Default, Deserialize, Eq, JsonSchema, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]

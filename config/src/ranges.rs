@@ -71,6 +71,7 @@ pub(crate) const RANGES: &[(&str, Range)] = &[
     ("supervisor.deadline_us", whole(50, 950)),
     ("supervisor.torque_bandwidth_hz", above(0.0, 500.0)),
     ("supervisor.torque_peak_n_m", above(0.0, 1e5)),
+    ("supervisor.torque_rate_n_m_per_s", above(0.0, 1e7)),
     ("supervisor.ready_timeout_ms", whole(100, 600_000)),
     ("supervisor.heartbeat_timeout_ms", whole(200, 60_000)),
     ("supervisor.stall_timeout_ms", whole(500, 600_000)),

@@ -2,7 +2,7 @@
 
 use crate::fault::Fault;
 use crate::places::Places;
-use crate::policy::{Fidelity, OnLoss, Placement, ResetPolicy, Saturation, Search};
+use crate::policy::{Fidelity, OnLoss, Placement, ResetPolicy, Saturation, Search, TorqueSaturation};
 
 /// Period T of the control loop [s].
 pub const PERIOD_S: f64 = 0.001;
@@ -307,6 +307,10 @@ pub struct SupervisorSettings {
     pub torque_bandwidth_hz: Option<f64>,
     /// Peak after the filter [N m; N], one number for each joint; `None`: the joints' effort limit.
     pub torque_peak: Option<Vec<f64>>,
+    /// Treatment of a torque beyond its peak.
+    pub torque_saturation: TorqueSaturation,
+    /// Largest rate of every joint's torque at any time [N m/s; N/s]; `None`: no limit.
+    pub torque_rate: Option<f64>,
     /// Longest start-up time of a process [ms].
     pub ready_timeout_ms: u32,
     /// Heartbeat age at which a process counts as lost [ms].

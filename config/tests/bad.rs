@@ -105,6 +105,10 @@ fn value_wrong_type_rejected() {
         ("[plant]\ncontact_substep_us = 1.5\n", "7: plant.contact_substep_us: found 1.5, expected an integer in [1, 20]"),
         ("[supervisor]\ntorque_peak_n_m = true\n", "7: supervisor.torque_peak_n_m: found true, expected a number in"),
         ("[supervisor.torque_peak_n_m]\n", "6: supervisor.torque_peak_n_m: found a table, expected a number for all joints"),
+        (
+            "[supervisor]\ntorque_saturation = \"scaled\"\n",
+            "7: supervisor.torque_saturation: found \"scaled\", expected one of \"clip\", \"scale\"",
+        ),
         ("[supervisor]\nstandby = 1\n", "7: supervisor.standby: found 1, expected a boolean"),
         ("[plant]\non_loss = \"restrt\"\n", "7: plant.on_loss: found \"restrt\", expected one of \"fail\", \"restart\""),
         ("[processes]\nplant = \"driver\"\n", "7: processes.plant: found \"driver\", expected a list"),
@@ -143,6 +147,12 @@ fn number_out_of_range_rejected() {
         ("supervisor", "restart_window_ms = 99", "restart_window_ms: found 99, expected an integer in [100, 3600000]"),
         ("supervisor", "restart_backoff_ms = 60001", "restart_backoff_ms: found 60001, expected an integer in [0, 60000]"),
         ("supervisor", "ramp_rate_n_m_per_s = 0", "ramp_rate_n_m_per_s: found 0, expected a number in (0, 10000000]"),
+        ("supervisor", "torque_rate_n_m_per_s = 0", "torque_rate_n_m_per_s: found 0, expected a number in (0, 10000000]"),
+        (
+            "supervisor",
+            "torque_rate_n_m_per_s = 10000001",
+            "torque_rate_n_m_per_s: found 10000001, expected a number in (0, 10000000]",
+        ),
         ("supervisor", "discontinuity_n_m = 100001", "discontinuity_n_m: found 100001, expected a number in (0, 100000]"),
         ("supervisor", "deadline_us = 951", "deadline_us: found 951, expected an integer in [50, 950]"),
         ("realtime", "priority_plant = 99", "priority_plant: found 99, expected an integer in [1, 98]"),

@@ -1,7 +1,9 @@
 //! Valid scenarios, and the settings they load to.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use hapfic_config::{Fidelity, OnLoss, ResetPolicy, Saturation, Search, Settings, json_schema, robots, scenarios};
+use hapfic_config::{
+    Fidelity, OnLoss, ResetPolicy, Saturation, Search, Settings, TorqueSaturation, json_schema, robots, scenarios,
+};
 use std::path::Path;
 
 const MINIMAL: &str = r#"[robot]
@@ -70,6 +72,19 @@ fn minimal_scenario_has_documented_defaults() {
     assert_eq!((s.recorder.flush_ms, s.recorder.viewer_rate_hz, s.recorder.chunk_kib), (50, 60.0, 256));
     assert_eq!((s.processes.plant.clone(), s.processes.planner.clone(), s.processes.controller.clone()), (None, None, None));
     assert_eq!(again(&s), s);
+}
+
+#[test]
+fn torque_limits_default_off_and_round_trip() {
+    let s = load(MINIMAL, &[]);
+    assert_eq!((s.supervisor.torque_saturation, s.supervisor.torque_rate), (TorqueSaturation::Clip, None));
+    let s = load(MINIMAL, &["supervisor.torque_saturation=scale", "supervisor.torque_rate_n_m_per_s=2500"]);
+    assert_eq!((s.supervisor.torque_saturation, s.supervisor.torque_rate), (TorqueSaturation::Scale, Some(2500.0)));
+    assert_eq!(again(&s), s);
+    let schema: serde_json::Value = serde_json::from_str(&json_schema()).unwrap();
+    let supervisor = &schema["properties"]["supervisor"]["properties"];
+    assert_eq!(supervisor["torque_rate_n_m_per_s"]["maximum"], 1e7);
+    assert_eq!(supervisor["torque_saturation"]["default"], "clip");
 }
 
 #[test]

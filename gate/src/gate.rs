@@ -1,9 +1,9 @@
 //! The torque gate without its thread: turns requests, or the lack of them, into commands.
 
+use crate::conditioning::Conditioning;
 use crate::limits::GateLimits;
 use crate::protocol::{Choice, ControllerSlot, GateInputs, Observation, Protocol, TickAction, WaitPolicy};
 use crate::torque_check::TorqueCheck;
-use hapfic_controller::torque_filter::{LowPass, limit};
 use hapfic_messages::{
     Check, Command, ControllerState, MAX_JOINTS, Mode, Parameters, Process, Request, Severity, Source, State, ValidationError,
 };
@@ -22,10 +22,8 @@ pub struct TorqueStep {
 pub struct Gate {
     limits: GateLimits,
     check: TorqueCheck,
-    filter: LowPass,
+    conditioning: Conditioning,
     protocol: Protocol,
-    /// Last torque while it ramps in after a brake [N m].
-    ramp: Option<[f64; MAX_JOINTS]>,
     step: Option<TorqueStep>,
     last: Command,
 }
@@ -49,7 +47,7 @@ impl Gate {
             },
             ..Command::default()
         };
-        Self { limits, check, filter: LowPass::default(), protocol: Protocol::default(), ramp: None, step: None, last: first }
+        Self { limits, check, conditioning: Conditioning::default(), protocol: Protocol::default(), step: None, last: first }
     }
 
     /// The last command; before the first tick, the initial command: brakes on, controller state cleared.
@@ -109,8 +107,8 @@ impl Gate {
     pub fn warm_up(&self, request: &Request, state: &State, parameters: &Parameters) {
         let valid = state.check().is_ok() && request.check().is_ok();
         let checked = self.check.check(state, request, parameters).is_ok();
-        let filtered = self.filter.step(&request.torque, self.limits.bandwidth_hz, self.limits.period_s);
-        std::hint::black_box((valid, checked, limit(&filtered.output, &self.limits.peak)));
+        let conditioned = self.conditioning.step(&request.torque, &self.last.torque, &self.limits);
+        std::hint::black_box((valid, checked, conditioned));
     }
 
     /// Chooses what to do about the tick that is due.
@@ -146,36 +144,24 @@ impl Gate {
         action
     }
 
-    /// Makes a command from a request: filter, rate limit after a brake, peak.
+    /// Makes a command from a request, with its torque conditioned.
     fn pass(&mut self, request: &Request) -> Command {
         let was_active = self.last.mode == Mode::Active.code();
         if self.last.mode >= Mode::Brake.code() {
-            self.ramp = Some([0.0; MAX_JOINTS]);
+            self.conditioning = Conditioning::after_brake();
         }
-        self.filter = self.filter.step(&request.torque, self.limits.bandwidth_hz, self.limits.period_s);
-        let mut desired = self.filter.output;
-        let mut ramped = 0;
-        if let Some(before) = self.ramp {
-            let most = self.limits.ramp_rate * self.limits.period_s;
-            for (i, (desired, before)) in desired.iter_mut().zip(before).enumerate().take(self.limits.joints) {
-                let step = *desired - before;
-                if step.abs() > most {
-                    *desired = before + most.copysign(step);
-                    ramped |= 1 << i;
-                }
-            }
-        }
-        let (torque, limited) = limit(&desired, &self.limits.peak);
-        // The ramp ends once every joint has its desired torque.
-        self.ramp = if ramped > 0 { Some(torque) } else { None };
+        let (conditioning, conditioned) = self.conditioning.step(&request.torque, &self.last.torque, &self.limits);
+        self.conditioning = conditioning;
+        let torque = conditioned.torque;
         if was_active {
             self.step = self.largest_step(&torque);
         }
         self.publish(Command {
             mode: Mode::Active.code(),
             source: Source::Fresh.code(),
-            limited,
-            ramped,
+            limited: conditioned.limited,
+            ramped: conditioned.ramped,
+            rate_limited: conditioned.rate_limited,
             torque,
             request: Request { stamp_ns: 0, ..*request },
             ..self.last
@@ -191,8 +177,7 @@ impl Gate {
 
     /// Makes a braking command: controllers and filter start anew from a cleared state.
     fn brake(&mut self, source: Source) -> Command {
-        self.filter = LowPass::default();
-        self.ramp = None;
+        self.conditioning = Conditioning::default();
         let mode = if self.severity() == Severity::Stopped { Mode::Stopped } else { Mode::Brake };
         let mut request = self.last.request;
         request.state = ControllerState::default();
@@ -203,6 +188,7 @@ impl Gate {
             source: source.code(),
             limited: 0,
             ramped: 0,
+            rate_limited: 0,
             torque: [0.0; MAX_JOINTS],
             request,
             ..self.last

@@ -339,6 +339,7 @@ fn summarise(
         completed,
         steal_ms: times.steal_ms,
         gate: own.gate,
+        discontinuity_n_m: request.settings.supervisor.discontinuity,
         supervisor_delay: own.supervisor_delay,
         losses,
         incidents,

@@ -79,8 +79,10 @@ pub struct RunTiming {
     pub steal_ms: u64,
     /// Ticks by the spare gate thread.
     pub spare_gate_ticks: u64,
-    /// Torque steps beyond the limit of a healthy loop, as the gate has counted them.
+    /// Ticks in which the torque of a joint stepped by more than `discontinuity_n_m`, as the gate has counted them.
     pub discontinuities: u64,
+    /// Step of a joint's torque from which it counts as a discontinuity [N m; N for a prismatic joint].
+    pub discontinuity_n_m: f64,
     /// Largest delay of the supervisor's own main thread [ms].
     pub supervisor_delay_ms: f64,
     /// Heap allocations between receiving and sending, in all processes.
@@ -190,6 +192,7 @@ impl Summary {
                 steal_ms: run.steal_ms,
                 spare_gate_ticks: run.gate.spare,
                 discontinuities: run.gate.discontinuities,
+                discontinuity_n_m: run.discontinuity_n_m,
                 supervisor_delay_ms: run.supervisor_delay.as_secs_f64() * 1e3,
                 allocations: metrics.timing.allocations,
             },
@@ -220,6 +223,8 @@ pub struct RunSummary {
     pub steal_ms: u64,
     /// Counts of the gate.
     pub gate: GateCounts,
+    /// Step of a joint's torque above which the gate counts it [N m; N for a prismatic joint].
+    pub discontinuity_n_m: f64,
     /// Largest delay of the supervisor's main thread.
     pub supervisor_delay: Duration,
     /// Lost and restarted processes.

@@ -25,7 +25,9 @@ fn main() -> Result<()> {
         bandwidth_hz: Some(20.0),
         peak,
         period_s: PERIOD_S,
+        saturation: settings.supervisor.torque_saturation,
         ramp_rate: settings.supervisor.ramp_rate,
+        torque_rate: settings.supervisor.torque_rate,
         discontinuity: settings.supervisor.discontinuity,
     };
     let check = TorqueCheck::new(chain, settings.world.gravity_m_per_s2);

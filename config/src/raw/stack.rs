@@ -1,7 +1,7 @@
 //! Supervisor, real-time settings, recorder and processes as written.
 
 use super::PerJoint;
-use crate::policy::Placement;
+use crate::policy::{Placement, TorqueSaturation};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -22,6 +22,18 @@ pub(crate) struct RawSupervisor {
     /// Default: the joints' effort limit. Raising it clips less.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) torque_peak_n_m: Option<PerJoint>,
+
+    /// Torques beyond their peak: `clip` cuts each joint to its peak; `scale` scales all joints together by the smallest
+    /// peak / |torque|, so that the direction of the force on the foot stays. `scale` also scales gravity compensation: a
+    /// saturated limb sinks. The filter's state is not limited. With `scale`, rate limit and ramp slow all joints together.
+    pub(crate) torque_saturation: TorqueSaturation,
+
+    /// Largest rate of every joint's torque at any active tick, from the last torque sent [N m/s; N/s for a prismatic joint],
+    /// in (0, 1e7]; default: no limit. It acts on the filtered torque; within the ramp after a brake the smaller rate counts.
+    /// Raising it lets the torque follow the law sooner and with more jerk; lowering it adds delay, and can make stable gains
+    /// oscillate: `hapfic check` tells.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) torque_rate_n_m_per_s: Option<f64>,
 
     /// Longest start-up time of a process [ms], an integer in [100, 600000]. Raising it tolerates slow starts.
     pub(crate) ready_timeout_ms: u32,
@@ -72,6 +84,8 @@ impl Default for RawSupervisor {
             deadline_us: 800,
             torque_bandwidth_hz: None,
             torque_peak_n_m: None,
+            torque_saturation: TorqueSaturation::default(),
+            torque_rate_n_m_per_s: None,
             ready_timeout_ms: 10_000,
             heartbeat_timeout_ms: 1000,
             stall_timeout_ms: 10_000,

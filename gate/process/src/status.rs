@@ -95,7 +95,7 @@ pub struct GateReport {
     pub missed_ticks: AtomicU64,
     /// Ticks without an active command, after the first active one.
     pub braked_ticks: AtomicU64,
-    /// Torque discontinuities.
+    /// Ticks with a torque discontinuity.
     pub discontinuities: AtomicU64,
     /// Latched stops that the gate has processed.
     pub processed_stops: AtomicU64,
@@ -132,7 +132,7 @@ pub struct GateCounts {
     pub missed: u64,
     /// Braked ticks.
     pub braked: u64,
-    /// Torque discontinuities.
+    /// Ticks with a torque discontinuity.
     pub discontinuities: u64,
 }
 

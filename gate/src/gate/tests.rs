@@ -2,9 +2,11 @@
 
 use super::*;
 use crate::severity::CLEAR_AFTER;
-use hapfic_config::Settings;
+use hapfic_config::{Settings, TorqueSaturation};
 use hapfic_robot::Chain;
 use nalgebra::Vector3;
+
+mod conditioning;
 
 const NO_INPUTS: GateInputs = GateInputs { stop: false, rearm: false, missing: false };
 const NO_ANSWER: Observation = Observation { valid: [false; 2], rejected: [false; 2], present: [true; 2], overdue: true };
@@ -13,10 +15,25 @@ fn chain() -> Chain {
     Chain::from_settings(&Settings::load("floor", &[]).unwrap().robot).unwrap()
 }
 
-fn gate(bandwidth_hz: Option<f64>) -> Gate {
-    let limits =
-        GateLimits { joints: 3, bandwidth_hz, peak: [40.0; MAX_JOINTS], period_s: 1e-3, ramp_rate: 2000.0, discontinuity: 10.0 };
+fn limits(bandwidth_hz: Option<f64>) -> GateLimits {
+    GateLimits {
+        joints: 3,
+        bandwidth_hz,
+        peak: [40.0; MAX_JOINTS],
+        saturation: TorqueSaturation::Clip,
+        period_s: 1e-3,
+        ramp_rate: 2000.0,
+        torque_rate: None,
+        discontinuity: 10.0,
+    }
+}
+
+fn limited_by(limits: GateLimits) -> Gate {
     Gate::new(limits, TorqueCheck::new(chain(), [0.0, 0.0, -9.81]))
+}
+
+fn gate(bandwidth_hz: Option<f64>) -> Gate {
+    limited_by(limits(bandwidth_hz))
 }
 
 fn state(gate: &Gate) -> State {
@@ -251,6 +268,7 @@ fn gate_brake_clears_whole_command() {
         severity: Severity::Brake.code(),
         limited: 0,
         ramped: 0,
+        rate_limited: 0,
         torque: [0.0; MAX_JOINTS],
         request: Request { state: ControllerState::default(), torque: [0.0; MAX_JOINTS], force: [0.0; 3], ..before.request },
         ..before

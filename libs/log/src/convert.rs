@@ -94,6 +94,7 @@ pub fn command(command: &Command) -> proto::Command {
         severity: severity(command.severity).to_owned(),
         limited: command.limited,
         ramped: command.ramped,
+        rate_limited: command.rate_limited,
         at_rest_ticks: request.state.at_rest_ticks.to_vec(),
         taper: request.state.taper.to_vec(),
     }

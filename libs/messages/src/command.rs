@@ -21,11 +21,15 @@ pub struct Command {
     pub severity: u32,
     /// Joints that count.
     pub joints: u32,
-    /// Bit i: the peak limited joint i.
+    /// Bit i: the torque of joint i was beyond its peak. If the gate scales, all joints are scaled.
     pub limited: u32,
     /// Bit i: the rate of joint i's torque was limited, ramping in after a brake.
     pub ramped: u32,
-    /// Conditioned torque [N m]: filtered, limited in its rate after a brake, then in its size.
+    /// Bit i: the rate of joint i's torque was beyond the limit of normal operation.
+    pub rate_limited: u32,
+    /// Not used; zero.
+    pub reserved: u32,
+    /// Conditioned torque [N m]: filtered, limited in its rate and in its size.
     pub torque: [f64; MAX_JOINTS],
     /// The accepted request: raw torque, force, error, controller state. The next tick's controller starts from it.
     pub request: Request,

@@ -2,8 +2,9 @@
 //! loop.
 //!
 //! The law is passive, but a torque that acts a tick late is not. At the gains of the paper, the leg settles with one
-//! tick of dead time and oscillates with two. It also oscillates behind a slow torque filter without joint damping. The
-//! numbers of a scenario do not show this, so the check simulates the stack at the start posture.
+//! tick of dead time and oscillates with two. It also oscillates behind a slow torque filter without joint damping, and
+//! behind a low limit of the torque's rate. The numbers of a scenario do not show this, so the check simulates the stack at
+//! the start posture.
 
 use crate::{DeadTime, Simulation, SimulationError};
 use hapfic_config::{ParameterSettings, Settings};
@@ -37,8 +38,8 @@ pub struct StabilityResult {
 
 /// Checks whether a disturbed limb comes to rest in free air at its start posture under a set of parameters.
 ///
-/// The check takes a fraction of a second. Floor and objects are left out. Gravity, joint damping, torque filter and
-/// peak are the scenario's. The reference rests at the start position of the foot, and F_d is zero.
+/// The check takes a fraction of a second. Floor and objects are left out. Gravity, joint damping, torque filter,
+/// rate limit and peak are the scenario's. The reference rests at the start position of the foot, and F_d is zero.
 ///
 /// # Errors
 /// [`SimulationError::Plant`] if the limb cannot be simulated at all. Divergence is a result, not an error.
@@ -71,8 +72,9 @@ const DIVERGED: StabilityResult =
 /// Whether two sets make the same loop in free air with F_d = 0.
 pub(crate) fn same_loop(a: &ParameterSettings, b: &ParameterSettings) -> bool {
     let gains = |p: &ParameterSettings| (p.stiffness, p.max_force, p.position_bound);
-    let rules = |p: &ParameterSettings| (p.saturation, p.gravity_compensation, p.stall_release);
-    gains(a) == gains(b) && rules(a) == rules(b)
+    let rules = |p: &ParameterSettings| (p.saturation, p.gravity_compensation, p.stall_release, p.continuous_reentry);
+    let damping = |p: &ParameterSettings| (p.damping, p.posture_lead);
+    gains(a) == gains(b) && rules(a) == rules(b) && damping(a) == damping(b)
 }
 
 fn kick_and_observe(
@@ -145,6 +147,22 @@ mod tests {
         assert!(!bare.settles && bare.amplitude_m > 0.01, "{bare:?}");
         let damped = verdict(&[slow, "robot.joint_damping_n_m_s_per_rad=11.46"], DeadTime::One);
         assert!(damped.settles, "{damped:?}");
+    }
+
+    #[test]
+    fn gains_low_torque_rate_oscillates() {
+        let rate = |value: &str| verdict(&[&format!("supervisor.torque_rate_n_m_per_s={value}")], DeadTime::One);
+        assert_eq!(rate("1e7"), verdict(&[], DeadTime::One), "a limit that never acts");
+        for saturation in ["clip", "scale"] {
+            let saturation = format!("supervisor.torque_saturation={saturation}");
+            let slow = verdict(&["supervisor.torque_rate_n_m_per_s=100", &saturation], DeadTime::One);
+            assert!(!slow.settles && slow.amplitude_m > 0.01, "{saturation}: {slow:?}");
+        }
+        let settings = Settings::load("floor", &["supervisor.torque_rate_n_m_per_s=100".to_owned()]).unwrap();
+        let found = unstable_sets(&settings).unwrap();
+        assert!(!found.is_empty() && found.iter().all(|set| set.settles_without_rate_limit), "{found:?}");
+        let warning = found[0].warning();
+        assert!(warning.ends_with("; raise or remove supervisor.torque_rate_n_m_per_s: without it the limb comes to rest"));
     }
 
     #[test]

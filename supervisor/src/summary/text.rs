@@ -149,7 +149,9 @@ impl Summary {
             writeln!(out, "  injected faults    {}", losses.injected)?;
         }
         if self.timing.discontinuities > 0 {
-            writeln!(out, "  torque             {} discontinuities, in the events of the log", self.timing.discontinuities)?;
+            let (count, above) = (self.timing.discontinuities, self.timing.discontinuity_n_m);
+            let steps = if count == 1 { "step" } else { "steps" };
+            writeln!(out, "  torque             {count} {steps} above {above} N m, in the events of the log")?;
         }
         if self.timing.supervisor_delay_ms > SUPERVISOR_DELAY_MS {
             writeln!(out, "  supervisor         was itself delayed by up to {:.0} ms", self.timing.supervisor_delay_ms)?;

@@ -78,6 +78,8 @@ const SCENARIO_WORDS: &[&str] = &[
     "deadline_us",
     "torque_bandwidth_hz",
     "torque_peak_n_m",
+    "torque_saturation = \"scale\"\n",
+    "torque_rate_n_m_per_s",
     "restart_budget",
     "[realtime]\n",
     "priority_plant",

@@ -157,7 +157,7 @@ pub(super) struct CommandSample {
     pub(super) converging: [bool; 3],
     /// The gate had no valid request of this tick.
     pub(super) missed: bool,
-    /// The peak limited the torque of a joint.
+    /// The peak or the rate limit cut the torque of a joint.
     pub(super) limited: bool,
     /// dx; `None` in a log without it, as for the error.
     pub(super) offset: Option<Vector3<f64>>,
@@ -171,7 +171,7 @@ impl CommandSample {
             active: message.mode == Mode::Active.name(),
             converging: std::array::from_fn(|i| message.converging.get(i).copied().unwrap_or(false)),
             missed: ![Source::Fresh, Source::Suppressed].iter().any(|s| message.source == s.name()),
-            limited: message.limited != 0,
+            limited: message.limited != 0 || message.rate_limited != 0,
             offset: vector_if_any(&message.offset)?,
             error: vector_if_any(&message.error)?,
         })

@@ -51,7 +51,7 @@ pub struct OutsideSummary {
     pub ticks: [u64; 3],
     /// |F_c| was at least 0.999 of the profile's largest force, F_max or K0 x_b: the law was at its limit.
     pub force_limited_ticks: [u64; 3],
-    /// The torque of a joint was limited at its peak.
+    /// The torque of a joint was limited, by its peak or by the rate limit of normal operation.
     pub torque_limited_ticks: [u64; 3],
     /// F_d is not zero and the foot has contact on that axis: dx compensates the distance, force precedes position.
     pub force_held_ticks: [u64; 3],

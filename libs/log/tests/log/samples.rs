@@ -139,6 +139,8 @@ pub(crate) fn command(tick: i64) -> Command {
         joints: JOINTS,
         limited: 0b101,
         ramped: 0b010,
+        rate_limited: 0b001,
+        reserved: 0,
         torque: numbers(tick, 19.0),
         request: standby_request(tick),
     }

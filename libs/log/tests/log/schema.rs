@@ -63,7 +63,7 @@ fn field_names_are_fixed() {
         (
             "hapfic.Command",
             "tick torque_raw torque controller mode state_tick parameters_version error error_rate offset x_max converging \
-             force source severity limited at_rest_ticks ramped",
+             force source severity limited at_rest_ticks ramped taper rate_limited",
         ),
         (
             "hapfic.Operator",

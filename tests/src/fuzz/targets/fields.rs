@@ -203,6 +203,8 @@ impl FieldAccess for Command {
             Codes(from_mut(&mut self.joints)),
             Codes(from_mut(&mut self.limited)),
             Codes(from_mut(&mut self.ramped)),
+            Codes(from_mut(&mut self.rate_limited)),
+            Codes(from_mut(&mut self.reserved)),
             Numbers(&mut self.torque),
         ];
         fields.extend(self.request.fields());

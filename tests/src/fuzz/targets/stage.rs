@@ -56,7 +56,9 @@ impl StackFixture {
             bandwidth_hz: Some(100.0),
             peak: [PEAK; MAX_JOINTS],
             period_s: hapfic_config::PERIOD_S,
+            saturation: settings.supervisor.torque_saturation,
             ramp_rate: settings.supervisor.ramp_rate,
+            torque_rate: settings.supervisor.torque_rate,
             discontinuity: settings.supervisor.discontinuity,
         };
         let mut gate = Gate::new(limits, TorqueCheck::new(chain.clone(), settings.world.gravity_m_per_s2));
