@@ -100,7 +100,10 @@ fn value_wrong_type_rejected() {
             "8: controller.stiffness_n_per_m[1]: found \"x\", expected a number in (0, 1000000]",
         ),
         ("[controller]\ngravity_compensation = 1\n", "7: controller.gravity_compensation: found 1, expected a boolean"),
-        ("[controller]\nsearch = \"sing\"\n", "7: controller.search: found \"sing\", expected one of \"adaptive\", \"tapered\", \"sign\""),
+        (
+            "[controller]\nsearch = \"sing\"\n",
+            "7: controller.search: found \"sing\", expected one of \"adaptive\", \"tapered\", \"sign\"",
+        ),
         ("[controller]\nsearch = 3\n", "7: controller.search: found 3, expected one of \"adaptive\", \"tapered\", \"sign\""),
         ("[plant]\ncontact_substep_us = 1.5\n", "7: plant.contact_substep_us: found 1.5, expected an integer in [1, 20]"),
         ("[supervisor]\ntorque_peak_n_m = true\n", "7: supervisor.torque_peak_n_m: found true, expected a number in"),
@@ -310,7 +313,7 @@ fn values_incompatible_rejected() {
         ),
         (
             "[controller]\nfidelity = \"paper\"\nposture_lead_s = 0\n",
-            "8: controller.posture_lead_s: found 0.0 beside controller.fidelity = \"paper\" (x.toml:7)",
+            "8: controller.posture_lead_s: found 0 beside controller.fidelity = \"paper\" (x.toml:7)",
         ),
         (
             "[realtime]\npriority_gate = 80\n",

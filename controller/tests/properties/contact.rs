@@ -8,9 +8,8 @@ use proptest::prelude::*;
 
 /// K0, F_max and x_b of an axis.
 fn gains() -> impl Strategy<Value = [f64; 3]> {
-    (2.0_f64..4.5, 1.0_f64..400.0, -3.3_f64..-1.0).prop_map(|(stiffness, max_force, position_bound)| {
-        [10_f64.powf(stiffness), max_force, 10_f64.powf(position_bound)]
-    })
+    (2.0_f64..4.5, 1.0_f64..400.0, -3.3_f64..-1.0)
+        .prop_map(|(stiffness, max_force, position_bound)| [10_f64.powf(stiffness), max_force, 10_f64.powf(position_bound)])
 }
 
 fn with([stiffness, max_force, position_bound]: [f64; 3], desired: f64) -> Parameters {
@@ -35,11 +34,7 @@ fn profile(p: &Parameters) -> ForceProfile {
 
 /// Input whose axis 0 is `distance` before its reference and measures a reaction.
 fn touching(distance: f64, measured: f64) -> TaskSpaceInput {
-    TaskSpaceInput {
-        reference_position: [distance, 0.0, 0.0],
-        contact_force: [measured, 0.0, 0.0],
-        ..TaskSpaceInput::default()
-    }
+    TaskSpaceInput { reference_position: [distance, 0.0, 0.0], contact_force: [measured, 0.0, 0.0], ..TaskSpaceInput::default() }
 }
 
 fn run(state: ControllerState, input: &TaskSpaceInput, p: &Parameters) -> TaskSpaceOutput {

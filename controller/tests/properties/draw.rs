@@ -81,7 +81,8 @@ pub fn parameters() -> impl Strategy<Value = Parameters> {
     let scalars = (0.0_f64..1.0, prop_oneof![Just(0.0), 0.0_f64..5.0], 0.0_f64..0.02, 0.0_f64..0.1, 0.0_f64..0.1);
     (gains, policies, scalars).prop_map(
         |((stiffness, max_force, position_bound, desired_force), policies, (taper, damping, lead, scale, resolution))| {
-            let (reset_policy, saturation, search, [offset_anti_windup, stall_release, force_hold, continuous_reentry]) = policies;
+            let (reset_policy, saturation, search, [offset_anti_windup, stall_release, force_hold, continuous_reentry]) =
+                policies;
             Parameters {
                 desired_force,
                 stiffness,
