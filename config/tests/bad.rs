@@ -100,8 +100,11 @@ fn value_wrong_type_rejected() {
             "8: controller.stiffness_n_per_m[1]: found \"x\", expected a number in (0, 1000000]",
         ),
         ("[controller]\ngravity_compensation = 1\n", "7: controller.gravity_compensation: found 1, expected a boolean"),
-        ("[controller]\nsearch = \"sing\"\n", "7: controller.search: found \"sing\", expected one of \"tapered\", \"sign\""),
-        ("[controller]\nsearch = 3\n", "7: controller.search: found 3, expected one of \"tapered\", \"sign\""),
+        (
+            "[controller]\nsearch = \"sing\"\n",
+            "7: controller.search: found \"sing\", expected one of \"adaptive\", \"tapered\", \"sign\"",
+        ),
+        ("[controller]\nsearch = 3\n", "7: controller.search: found 3, expected one of \"adaptive\", \"tapered\", \"sign\""),
         ("[plant]\ncontact_substep_us = 1.5\n", "7: plant.contact_substep_us: found 1.5, expected an integer in [1, 20]"),
         ("[supervisor]\ntorque_peak_n_m = true\n", "7: supervisor.torque_peak_n_m: found true, expected a number in"),
         ("[supervisor.torque_peak_n_m]\n", "6: supervisor.torque_peak_n_m: found a table, expected a number for all joints"),
@@ -135,6 +138,9 @@ fn number_out_of_range_rejected() {
         ("controller", "max_force_n = [0, 1, 1]", "max_force_n[0]: found 0, expected a number in (0, 100000]"),
         ("controller", "position_bound_m = [1, 1, 1.5]", "position_bound_m[2]: found 1.5, expected a number in (0, 1]"),
         ("controller", "taper = 1.1", "taper: found 1.1, expected a number in (0, 1]"),
+        ("controller", "damping = -0.1", "damping_sqrt_kg: found -0.1, expected a number in [0, 100]"),
+        ("controller", "posture_lead = 0.021", "posture_lead_s: found 0.021, expected a number in [0, 0.02]"),
+        ("plant", "force_noise_n = -1", "force_noise_n: found -1, expected a number in [0, 100]"),
         ("planner", "mean_speed = 11", "mean_speed_m_per_s: found 11, expected a number in (0, 10]"),
         ("planner", "max_acceleration = 0.0", "max_acceleration_m_per_s2: found 0, expected a number in (0, 1000]"),
         ("world.floor", "damping_n_s_per_m = -1e-9", "damping_n_s_per_m: found -1e-9, expected a number in [0, 10000000]"),
@@ -333,6 +339,22 @@ fn values_incompatible_rejected() {
         (
             "[controller]\nfidelity = \"paper\"\nstall_release = true\n",
             "8: controller.stall_release: found true beside controller.fidelity = \"paper\" (x.toml:7)",
+        ),
+        (
+            "[controller]\nfidelity = \"paper\"\nforce_hold = true\n",
+            "8: controller.force_hold: found true beside controller.fidelity = \"paper\" (x.toml:7)",
+        ),
+        (
+            "[controller]\nfidelity = \"paper\"\ncontinuous_reentry = true\n",
+            "8: controller.continuous_reentry: found true beside controller.fidelity = \"paper\" (x.toml:7)",
+        ),
+        (
+            "[controller]\nfidelity = \"paper\"\ndamping = 0.1\n",
+            "8: controller.damping_sqrt_kg: found 0.1 beside controller.fidelity = \"paper\" (x.toml:7)",
+        ),
+        (
+            "[controller]\nfidelity = \"paper\"\nposture_lead_s = 0\n",
+            "8: controller.posture_lead_s: found 0 beside controller.fidelity = \"paper\" (x.toml:7)",
         ),
         (
             "[realtime]\npriority_gate = 80\n",

@@ -52,10 +52,11 @@ fn minimal_scenario_has_documented_defaults() {
     assert_eq!((p.target_position, p.desired_force), (None, [0.0; 3]));
     assert_eq!((p.stiffness, p.max_force), ([6000.0, 6000.0, 12_000.0], [150.0, 150.0, 300.0]));
     assert_eq!(p.position_bound, [0.025; 3]);
-    assert_eq!((p.search, p.reset_policy, p.saturation), (Search::Tapered, ResetPolicy::ContactLoss, Saturation::Continuous));
-    assert_eq!((p.taper, p.search_scale, p.force_resolution), (0.2, 0.01, 0.01));
+    assert_eq!((p.search, p.reset_policy, p.saturation), (Search::Adaptive, ResetPolicy::ContactLoss, Saturation::Softening));
+    assert_eq!((p.taper, p.search_scale, p.force_resolution), (0.4, 0.01, 0.01));
     assert!(!p.gravity_compensation);
-    assert!(p.offset_anti_windup && p.stall_release);
+    assert!(p.offset_anti_windup && p.stall_release && p.force_hold && p.continuous_reentry);
+    assert_eq!((p.damping, p.posture_lead), (0.5, 1.5e-3));
     assert_eq!((p.mean_speed, p.max_acceleration), (0.2, 10.0));
     assert!(s.operator.is_empty() && s.faults.is_empty());
     assert_eq!((s.supervisor.deadline_us, s.supervisor.torque_bandwidth_hz), (800, None));
@@ -129,6 +130,10 @@ saturation = "as_printed"
 gravity_compensation = true
 offset_anti_windup = false
 stall_release = false
+force_hold = false
+continuous_reentry = false
+damping = 0
+posture_lead_s = 0.02
 [planner]
 mean_speed = 0.1
 [supervisor]
@@ -163,6 +168,10 @@ force_resolution = 0.5
 gravity_compensation = false
 offset_anti_windup = true
 stall_release = true
+force_hold = true
+continuous_reentry = true
+damping_sqrt_kg = 100
+posture_lead = 0
 mean_speed = 10
 max_acceleration = 1000
 "#;
@@ -187,6 +196,9 @@ max_acceleration = 1000
     assert_eq!((after.stiffness, after.search, after.mean_speed), ([10.0; 3], Search::Tapered, 10.0));
     assert!(!s.initial.offset_anti_windup && !s.initial.stall_release);
     assert!(after.offset_anti_windup && after.stall_release);
+    assert!(!s.initial.force_hold && !s.initial.continuous_reentry && after.force_hold && after.continuous_reentry);
+    assert_eq!((s.initial.damping, s.initial.posture_lead), (0.0, 0.02));
+    assert_eq!((after.damping, after.posture_lead), (100.0, 0.0));
 }
 
 #[test]
@@ -194,7 +206,8 @@ fn fidelity_paper_selects_paper_policies() {
     let s = Settings::load("floor", &["controller.fidelity=paper".to_owned()]).unwrap();
     let p = s.initial;
     assert_eq!((p.search, p.reset_policy, p.saturation), (Search::Sign, ResetPolicy::AsPrinted, Saturation::AsPrinted));
-    assert!(!p.offset_anti_windup && !p.stall_release);
+    assert!(!p.offset_anti_windup && !p.stall_release && !p.force_hold && !p.continuous_reentry);
+    assert_eq!((p.damping, p.posture_lead), (0.0, 0.0));
     assert_eq!(s.fidelity, Fidelity::Paper);
     assert_eq!(again(&s), s);
 }
@@ -279,7 +292,7 @@ fn schema_describes_floor_scenario() {
     assert_described(&schema, &floor, &mut keys);
     assert!(keys > 20, "only {keys} keys seen");
     let controller = &schema["properties"]["controller"]["properties"];
-    assert_eq!(controller["taper"]["default"], 0.2);
+    assert_eq!(controller["taper"]["default"], 0.4);
     assert_eq!(controller["taper"]["maximum"], 1.0);
     assert_eq!(controller["stiffness"]["items"]["exclusiveMinimum"], 0.0);
     assert_eq!(schema["required"], serde_json::json!(["robot"]));

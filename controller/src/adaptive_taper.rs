@@ -40,13 +40,13 @@ impl AdaptiveTaper {
     /// Runs one control tick in contact, under a desired force.
     ///
     /// A change of sign counts from one force error beyond `resolution` [N] to the next one. The taper stays within
-    /// [0.015, `most`], or at `most` if that is smaller. A force error that is not finite changes nothing.
+    /// [0.015, `most`], or at `most` if that is smaller. A number that is not finite changes nothing.
     #[must_use]
     pub fn step(self, force_error: f64, resolution: f64, most: f64, period_s: f64) -> Self {
-        let least = LEAST.min(most);
-        if !force_error.is_finite() {
+        if !force_error.is_finite() || !most.is_finite() {
             return self;
         }
+        let least = LEAST.min(most);
         let started = self.taper > 0.0;
         let size = force_error.abs();
         let (before, slow) = if started { (self.taper, self.slow_error) } else { (START, size) };

@@ -63,10 +63,13 @@ const REENTRY_SLOPE: f64 = 2.5;
 /// The printed law jumps from the force of the convergence to the profile at the tick at which the robot turns back. With
 /// a target out of reach the robot turns back under a force near F_max, is thrown back, and cycles. Here the force rises
 /// from where it is, by 2.5 `F_c(e) / e` per metre, up to the profile; and the next convergence starts from the force
-/// that is there. In contact the jump stays: it is small there, and takes energy out of oscillations on a wall.
+/// that is there. In contact the jump stays: it is small there, and takes energy out of oscillations on a wall. Near the
+/// reference a convergence may brake with more than the profile; divergence starts at the profile then, because that
+/// brake would throw the robot back out.
 ///
 /// The force towards the reference never exceeds the profile's. With a softening profile it lies, on the way out, on or
-/// above its way back, so the net work on the robot over a cycle of the error is not positive.
+/// above its way back, so the net work on the robot over a closed cycle of the error that starts from the default state is
+/// not positive. A part of such a cycle may return some of the energy that the robot gave before.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ContinuousAttractor {
     /// Error at the last change of phase [m]. Starts at 0.
@@ -88,15 +91,17 @@ impl ContinuousAttractor {
         }
         let growth = error * error_rate;
         let converging = growth < 0.0 || (growth == 0.0 && self.converging);
-        // Distances and pulls are along the sign of the error. On the other side of the reference nothing is left of the
-        // past: the profile starts at zero force.
-        let same_side = self.x_max_m != 0.0 && (error < 0.0) == (self.x_max_m < 0.0);
+        // Distances and pulls are along the sign of the error. At the reference and on its other side nothing is left of
+        // the past: the profile starts at zero force.
+        let same_side = error != 0.0 && self.x_max_m != 0.0 && (error < 0.0) == (self.x_max_m < 0.0);
         let (latched, held) = if same_side { (self.x_max_m.abs(), self.x_max_force * self.x_max_m.signum()) } else { (0.0, 0.0) };
         let distance = error.abs();
         let most = profile.force(distance);
         let rise = |jump: f64| {
             let slope = REENTRY_SLOPE * (most / distance.max(MIN_LATCHED_ERROR_M));
-            if latched > 0.0 { (held + jump + slope * (distance - latched)).clamp(-most, most) } else { most }
+            // Where the reference came nearer meanwhile, the force stays. `min` also takes the profile for a NaN of an
+            // overflow.
+            if latched > 0.0 { (held + jump + slope * (distance - latched).max(0.0)).min(most).max(-most) } else { most }
         };
         // The present profile also counts for a force latched under an older one.
         let fall = || {

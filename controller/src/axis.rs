@@ -129,19 +129,22 @@ impl AxisLaw {
         let jump = if free { 0.0 } else { f64::INFINITY };
         let mut attractor = before.attractor;
         let mut error_rate = input.reference_velocity - input.velocity;
-        let mut held = before.offset;
-        if engaged && self.changed(&before) {
+        let bound = self.haptic.position_bound.max(0.0);
+        // What is held counts from the offset that the bound of this tick leaves.
+        let mut held = if self.policies.force_hold { before.offset.clamp(-bound, bound) } else { before.offset };
+        if self.policies.force_hold && engaged {
+            let followed = force_hold::follow(held, input.reference_velocity, bound, self.haptic.period_s);
+            error_rate += (followed - held) / self.haptic.period_s;
+            held = followed;
+        }
+        let changed = engaged && self.changed(&before);
+        if changed {
             let (_, unchanged) = self.attract(attractor, error_at(held), error_rate, f64::INFINITY);
             if let Some(offset) = self.refit(input, before.force, unchanged) {
                 held = offset;
                 // A convergence restarts from here: at its start the force is the profile's.
                 attractor = AttractorState::default();
             }
-        }
-        if self.policies.force_hold && engaged {
-            let followed = force_hold::follow(held, input.reference_velocity, self.haptic.position_bound, self.haptic.period_s);
-            error_rate += (followed - held) / self.haptic.period_s;
-            held = followed;
         }
         let free_s = force_hold::free_time(before.free_s, free, self.haptic.period_s);
         let bounces = self.policies.force_hold && self.desired != 0.0 && force_hold::bounces(free_s);
@@ -151,7 +154,12 @@ impl AxisLaw {
             search = before.search.step(force_error, haptic.force_resolution, haptic.taper, haptic.period_s);
             haptic.taper = search.taper;
         }
-        let mut proposed = HapticSearch { offset_m: held }.step(self.desired, input.measured, &haptic).offset_m;
+        // The reaction of the tick of a change is still that of the old gains: the search would add to the change.
+        let mut proposed = if changed && self.policies.force_hold {
+            held
+        } else {
+            HapticSearch { offset_m: held }.step(self.desired, input.measured, &haptic).offset_m
+        };
         if self.policies.force_hold && !engaged && proposed == 0.0 {
             proposed = if bounces { held } else { force_hold::returned(held, haptic.period_s) };
         }

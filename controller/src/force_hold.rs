@@ -57,15 +57,16 @@ pub(crate) struct Contact {
 }
 
 impl Contact {
-    /// Returns the offset [m] under which new gains leave the reaction between F and F_d; `None` if the present one does.
+    /// Returns the offset [m] under which new gains leave the reaction between F and F_d; `None` if a number overflows.
     ///
     /// The wall balances a change of the attractor's force: the reaction falls by what F_c gains. `distance` is x_d - x
-    /// [m].
+    /// [m]. The profile gives this force at the new offset, and the attractor starts anew there, also where the present
+    /// offset would do: a convergence hides from the prediction what its profile gives at the next divergence.
     #[must_use]
     pub(crate) fn refit(&self, distance: f64, profile: &ForceProfile) -> Option<f64> {
         let predicted = self.measured - (self.unchanged - self.before);
         let kept = predicted.clamp(self.measured.min(self.desired), self.measured.max(self.desired));
-        if kept == predicted || !kept.is_finite() {
+        if !kept.is_finite() {
             return None;
         }
         let force = self.before + (self.measured - kept);

@@ -75,7 +75,8 @@ impl ForceProfile {
             let knee = KNEE * largest;
             let share = ((force.abs() - knee) / (largest - knee)).clamp(0.0, SATURATED_SHARE);
             let linear = if force.abs() > knee { knee + (largest - knee) * share.atanh() } else { force.abs() };
-            return if linear.is_finite() { (linear / self.stiffness).copysign(force) } else { 0.0 };
+            let error = linear / self.stiffness;
+            return if error.is_finite() { error.copysign(force) } else { 0.0 };
         }
         let (linear, knee) = (force.abs().min(self.max_force) / self.stiffness, KNEE * self.position_bound);
         let error = if linear <= knee {

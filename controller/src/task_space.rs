@@ -176,6 +176,7 @@ fn check(state: &ControllerState, input: &TaskSpaceInput, p: &Parameters, period
     check_finite("position_bound", &p.position_bound)?;
     check_finite("taper", &[p.taper])?;
     check_finite("damping", &[p.damping])?;
+    check_finite("posture_lead", &[p.posture_lead])?;
     check_finite("search_scale", &[p.search_scale])?;
     check_finite("force_resolution", &[p.force_resolution])
 }

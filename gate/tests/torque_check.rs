@@ -2,8 +2,10 @@
 #![allow(clippy::unwrap_used, missing_docs)]
 
 use hapfic_config::Settings;
+use hapfic_controller::control_step::{ControlInputs, control_step};
+use hapfic_controller::parameters::parameters;
 use hapfic_gate::TorqueCheck;
-use hapfic_messages::{Parameters, Request, State, ValidationError};
+use hapfic_messages::{ControllerState, Parameters, Process, Request, State, ValidationError};
 use hapfic_robot::Chain;
 use nalgebra::Vector3;
 
@@ -94,5 +96,83 @@ fn torque_check_gravity_compensation_adds_gravity_torque() {
         }
         assert_eq!(case.check.check(&case.state, &request, &compensated).is_ok(), accepted_with, "{times} g(q)");
         assert_eq!(case.check.check(&case.state, &request, &Parameters::default()).is_ok(), accepted_without, "{times} g(q)");
+    }
+}
+
+/// Numbers in [-1, 1), the same in every run.
+struct Numbers(u64);
+
+impl Numbers {
+    fn next(&mut self) -> f64 {
+        // An LCG with Knuth's constants; the upper bits are random enough for postures.
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
+    }
+
+    fn three(&mut self, scale: f64) -> [f64; 3] {
+        core::array::from_fn(|_| scale * self.next())
+    }
+}
+
+#[test]
+fn torque_check_moving_robot_accepts_predicted_posture_only() {
+    let settings = Settings::load("floor", &[]).unwrap();
+    let TorqueCase { check, chain, mut state } = case();
+    let gravity = Vector3::from(settings.world.gravity_m_per_s2);
+    let base = parameters(&settings.initial, 1, 0, [0.0; 3]);
+    assert_eq!(base.posture_lead, 1.5e-3, "the default");
+    let mut numbers = Numbers(1);
+    let mut refused = 0;
+    for round in 0..2000 {
+        state.joint_position[..3].copy_from_slice(&numbers.three(2.0));
+        state.joint_velocity[..3].copy_from_slice(&numbers.three(10.0));
+        state.foot_force = numbers.three(100.0);
+        let leading = Parameters { desired_force: numbers.three(50.0), gravity_compensation: round % 2, ..base };
+        let late = Parameters { posture_lead: 0.0, ..leading };
+        let kin = chain.kinematics(&state.joint_position[..3]);
+        let foot = kin.tip_position();
+        let away = numbers.three(0.05);
+        let request = |parameters: &Parameters| {
+            let inputs = ControlInputs {
+                state: &state,
+                reference_position: [foot.x + away[0], foot.y + away[1], foot.z + away[2]],
+                reference_velocity: [0.0; 3],
+                parameters,
+                previous_state: ControllerState::default(),
+            };
+            control_step(&chain, &gravity, &inputs, Process::Controller).unwrap()
+        };
+        let (predicted, measured) = (request(&leading), request(&late));
+        // The law is the same; only the posture of J^T and g differs.
+        assert_eq!((predicted.force, predicted.state), (measured.force, measured.state));
+        assert_eq!(check.check(&state, &predicted, &leading), Ok(()), "round {round}");
+        assert_eq!(check.check(&state, &measured, &late), Ok(()), "round {round}");
+        let differs = (0..3).any(|i| {
+            let (a, b) = (predicted.torque[i], measured.torque[i]);
+            (a - b).abs() > 1e-5 * (1.0 + a.abs().max(b.abs()))
+        });
+        if differs {
+            assert!(matches!(check.check(&state, &measured, &leading), Err(ValidationError::Torque { .. })), "round {round}");
+            assert!(matches!(check.check(&state, &predicted, &late), Err(ValidationError::Torque { .. })), "round {round}");
+            refused += 1;
+        }
+    }
+    assert!(refused > 1900, "{refused} of 2000 postures tell the two apart");
+}
+
+#[test]
+fn control_step_lead_not_finite_gives_no_request() {
+    let TorqueCase { chain, mut state, .. } = case();
+    state.joint_velocity[..3].copy_from_slice(&[1.0, 0.0, 0.0]);
+    let base = parameters(&Settings::load("floor", &[]).unwrap().initial, 1, 0, [0.0; 3]);
+    for lead in [f64::NAN, f64::INFINITY] {
+        let inputs = ControlInputs {
+            state: &state,
+            reference_position: [0.0; 3],
+            reference_velocity: [0.0; 3],
+            parameters: &Parameters { posture_lead: lead, ..base },
+            previous_state: ControllerState::default(),
+        };
+        assert!(control_step(&chain, &Vector3::zeros(), &inputs, Process::Controller).is_none());
     }
 }

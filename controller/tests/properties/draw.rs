@@ -77,10 +77,12 @@ pub fn parameters() -> impl Strategy<Value = Parameters> {
     let magnitudes = || prop::array::uniform3(moderate().prop_map(f64::abs));
     let gains = (magnitudes(), magnitudes(), magnitudes(), prop::array::uniform3(moderate()));
     // Every combination of policies, among them the defaults and the paper's.
-    let policies = (0_u32..3, 0_u32..2, 0_u32..2, 0_u32..2, 0_u32..2);
-    (gains, policies, 0.0_f64..1.0, 0.0_f64..0.1, 0.0_f64..0.1).prop_map(
-        |((stiffness, max_force, position_bound, desired_force), policies, taper, scale, resolution)| {
-            let (reset_policy, saturation, search, offset_anti_windup, stall_release) = policies;
+    let policies = (0_u32..3, 0_u32..3, 0_u32..3, prop::array::uniform4(0_u32..2));
+    let scalars = (0.0_f64..1.0, prop_oneof![Just(0.0), 0.0_f64..5.0], 0.0_f64..0.02, 0.0_f64..0.1, 0.0_f64..0.1);
+    (gains, policies, scalars).prop_map(
+        |((stiffness, max_force, position_bound, desired_force), policies, (taper, damping, lead, scale, resolution))| {
+            let (reset_policy, saturation, search, [offset_anti_windup, stall_release, force_hold, continuous_reentry]) =
+                policies;
             Parameters {
                 desired_force,
                 stiffness,
@@ -91,13 +93,61 @@ pub fn parameters() -> impl Strategy<Value = Parameters> {
                 search,
                 offset_anti_windup,
                 stall_release,
+                force_hold,
+                continuous_reentry,
                 taper,
+                damping,
+                posture_lead: lead,
                 search_scale: scale,
                 force_resolution: resolution,
                 ..Parameters::default()
             }
         },
     )
+}
+
+/// Any valid state, as from another controller.
+pub fn state() -> impl Strategy<Value = ControllerState> {
+    let vector = || prop::array::uniform3(moderate());
+    let magnitude = || prop::array::uniform3(moderate().prop_map(f64::abs));
+    let ticks = prop::array::uniform3(prop_oneof![0_u32..40, Just(u32::MAX)]);
+    let gains = (magnitude(), magnitude(), magnitude());
+    let learnt = (prop::array::uniform3(0.0_f64..1.0), vector(), magnitude(), prop::array::uniform3(0.0_f64..1.0));
+    ((vector(), vector(), vector(), vector()), gains, learnt, prop::array::uniform3(0_u32..2), ticks).prop_map(
+        |((offset, x_max, force, x_max_force), gains, learnt, converging, at_rest_ticks)| {
+            let (stiffness, max_force, position_bound) = gains;
+            let (taper, force_error, slow_error, free_time) = learnt;
+            ControllerState {
+                offset,
+                x_max,
+                stiffness,
+                max_force,
+                position_bound,
+                force,
+                taper,
+                force_error,
+                slow_error,
+                free_time,
+                x_max_force,
+                converging,
+                at_rest_ticks,
+            }
+        },
+    )
+}
+
+/// Parameters with all improvements.
+pub fn improved(p: Parameters) -> Parameters {
+    Parameters {
+        saturation: Saturation::Softening.code(),
+        search: Search::Adaptive.code(),
+        offset_anti_windup: 1,
+        stall_release: 1,
+        force_hold: 1,
+        continuous_reentry: 1,
+        damping: 0.5,
+        ..p
+    }
 }
 
 /// Ordinary parameter set.
@@ -123,12 +173,13 @@ pub fn place<'a>(
 ) -> Option<&'a mut f64> {
     let search = state.offset.iter_mut().chain(&mut state.x_max);
     let before = state.stiffness.iter_mut().chain(&mut state.max_force).chain(&mut state.position_bound).chain(&mut state.force);
-    let state = search.chain(before);
+    let learnt = state.taper.iter_mut().chain(&mut state.force_error).chain(&mut state.slow_error).chain(&mut state.free_time);
+    let state = search.chain(before).chain(learnt).chain(&mut state.x_max_force);
     let motion = input.position.iter_mut().chain(&mut input.velocity);
     let reference = input.reference_position.iter_mut().chain(&mut input.reference_velocity);
     let gains = p.stiffness.iter_mut().chain(&mut p.max_force).chain(&mut p.position_bound);
     let forces = input.contact_force.iter_mut().chain(&mut p.desired_force);
-    let scalars = [&mut p.taper, &mut p.search_scale, &mut p.force_resolution];
+    let scalars = [&mut p.taper, &mut p.search_scale, &mut p.force_resolution, &mut p.damping, &mut p.posture_lead];
     state.chain(motion).chain(reference).chain(gains).chain(forces).chain(scalars).nth(n)
 }
 

@@ -12,7 +12,7 @@ fn task_space_number_not_finite_rejected() {
         for bad in NOT_FINITE {
             let (mut state, mut input, mut p) = (ControllerState::default(), TaskSpaceInput::default(), ordinary());
             let Some(number) = place(places, &mut state, &mut input, &mut p) else {
-                assert_eq!(places, 48);
+                assert_eq!(places, 65);
                 return;
             };
             *number = bad;
@@ -38,16 +38,22 @@ fn task_space_unknown_policy_or_period_rejected() {
     assert_eq!(step(&p, PERIOD_S), unknown("reset_policy", 2));
     assert_eq!(policies(&p), None);
     let p = Parameters { saturation: 7, ..ordinary() };
-    assert_eq!(step(&p, PERIOD_S), unknown("saturation", 1));
+    assert_eq!(step(&p, PERIOD_S), unknown("saturation", 2));
     assert_eq!(policies(&p), None);
     let p = Parameters { search: 7, ..ordinary() };
-    assert_eq!(step(&p, PERIOD_S), unknown("search", 1));
+    assert_eq!(step(&p, PERIOD_S), unknown("search", 2));
     assert_eq!(policies(&p), None);
     let p = Parameters { offset_anti_windup: 7, ..ordinary() };
     assert_eq!(step(&p, PERIOD_S), unknown("offset_anti_windup", 1));
     assert_eq!(policies(&p), None);
     let p = Parameters { stall_release: 7, ..ordinary() };
     assert_eq!(step(&p, PERIOD_S), unknown("stall_release", 1));
+    assert_eq!(policies(&p), None);
+    let p = Parameters { force_hold: 7, ..ordinary() };
+    assert_eq!(step(&p, PERIOD_S), unknown("force_hold", 1));
+    assert_eq!(policies(&p), None);
+    let p = Parameters { continuous_reentry: 7, ..ordinary() };
+    assert_eq!(step(&p, PERIOD_S), unknown("continuous_reentry", 1));
     assert_eq!(policies(&p), None);
     for period_s in [0.0, -PERIOD_S, f64::NAN, f64::INFINITY] {
         assert!(matches!(step(&ordinary(), period_s), Err(TaskSpaceError::Period { .. })));

@@ -48,7 +48,7 @@ fn pressing() -> (Simulation, ParameterSettings) {
 fn random_change(draw: &mut Draw, original: &ParameterSettings) -> OperatorChange {
     let mut change = OperatorChange::default();
     for _ in 0..draw.whole(1, 4) {
-        match draw.whole(0, 11) {
+        match draw.whole(0, 15) {
             0 => change.stiffness = Some(original.stiffness.map(|k| k * draw.log_uniform(0.05, 3.0))),
             1 => change.max_force = Some(draw.on_each_axis(|draw| draw.log_uniform(1.0, 400.0))),
             2 => change.position_bound = Some(draw.on_each_axis(|draw| draw.log_uniform(1e-3, 0.05))),
@@ -61,12 +61,16 @@ fn random_change(draw: &mut Draw, original: &ParameterSettings) -> OperatorChang
                 let all = [ResetPolicy::ContactLoss, ResetPolicy::AsPrinted, ResetPolicy::Never];
                 change.reset_policy = Some(draw.one_of(&all));
             }
-            5 => change.saturation = Some(draw.one_of(&[Saturation::Continuous, Saturation::AsPrinted])),
-            6 => change.search = Some(draw.one_of(&[Search::Tapered, Search::Sign])),
+            5 => change.saturation = Some(draw.one_of(&[Saturation::Softening, Saturation::Continuous, Saturation::AsPrinted])),
+            6 => change.search = Some(draw.one_of(&[Search::Adaptive, Search::Tapered, Search::Sign])),
             7 => change.offset_anti_windup = Some(draw.one_in(2)),
             8 => change.stall_release = Some(draw.one_in(2)),
             9 => change.taper = Some(draw.log_uniform(0.01, 1.0)),
-            10 => change.mean_speed = Some(draw.log_uniform(0.02, 1.0)),
+            10 => change.force_hold = Some(draw.one_in(2)),
+            11 => change.continuous_reentry = Some(draw.one_in(2)),
+            12 => change.damping = Some(draw.within(0.0, 1.0)),
+            13 => change.posture_lead = Some(draw.within(0.0, 2e-3)),
+            14 => change.mean_speed = Some(draw.log_uniform(0.02, 1.0)),
             _ => change.target_position = original.target_position.map(|t| t.map(|x| x + draw.within(-0.03, 0.03))),
         }
     }
@@ -91,6 +95,10 @@ fn restore(original: &ParameterSettings) -> OperatorChange {
         gravity_compensation: Some(original.gravity_compensation),
         offset_anti_windup: Some(original.offset_anti_windup),
         stall_release: Some(original.stall_release),
+        force_hold: Some(original.force_hold),
+        continuous_reentry: Some(original.continuous_reentry),
+        damping: Some(original.damping),
+        posture_lead: Some(original.posture_lead),
         mean_speed: Some(original.mean_speed),
         max_acceleration: Some(original.max_acceleration),
     }

@@ -1,0 +1,82 @@
+//! The adaptive taper.
+
+use crate::draw::*;
+use hapfic_controller::AdaptiveTaper;
+use proptest::prelude::*;
+
+/// Force errors of a contact: an oscillation about a decaying value, both of random size.
+fn contact() -> impl Strategy<Value = Vec<f64>> {
+    let wave = (-100.0_f64..100.0, 0.0_f64..200.0, 0.0_f64..50.0, 1.0_f64..200.0);
+    (wave, 10_usize..400).prop_map(|((mean, rate, amplitude, period), ticks)| {
+        (0..ticks)
+            .map(|tick| {
+                let t = tick as f64;
+                mean * (-rate * t * PERIOD_S).exp() + amplitude * (core::f64::consts::TAU * t / period).cos()
+            })
+            .collect()
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 512, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn adaptive_taper_any_errors_within_range(
+        errors in prop::collection::vec(any_number(), 1..100),
+        most in any_number(),
+        resolution in 0.0_f64..1.0,
+    ) {
+        let mut state = AdaptiveTaper::default();
+        for error in errors {
+            let before = state;
+            state = state.step(error, resolution, most, PERIOD_S);
+            if error.is_finite() && most.is_finite() {
+                prop_assert!((most.min(0.015)..=most).contains(&state.taper), "{state:?}, at most {most}");
+            } else {
+                prop_assert_eq!(state, before);
+            }
+        }
+    }
+
+    #[test]
+    fn adaptive_taper_contact_halves_at_signs_and_grows_slowly(errors in contact(), most in 0.05_f64..1.0) {
+        const RESOLUTION: f64 = 0.01;
+        let growth = (PERIOD_S / 0.05).exp();
+        let (mut state, mut last) = (AdaptiveTaper::default(), 0.0);
+        for error in errors {
+            let before = state;
+            state = state.step(error, RESOLUTION, most, PERIOD_S);
+            prop_assert!((0.015..=most).contains(&state.taper));
+            prop_assert!(state.taper <= before.taper.max(0.05) * growth * (1.0 + 1e-12), "{before:?}, {state:?}");
+            if error.abs() < RESOLUTION {
+                // The error has no sign, and the last one counts on.
+                prop_assert_eq!(state.force_error, before.force_error);
+                continue;
+            }
+            if before.taper > 0.0 {
+                if last * error < 0.0 {
+                    prop_assert_eq!(state.taper, (0.5 * before.taper).max(0.015));
+                } else if error.abs() >= state.slow_error {
+                    // The error rises.
+                    prop_assert!(state.taper <= before.taper, "{before:?}, {state:?} at {error} N");
+                } else {
+                    prop_assert!(state.taper >= before.taper);
+                }
+            }
+            last = error;
+        }
+    }
+
+    #[test]
+    fn adaptive_taper_decay_rate_decides_on_growth(size in 1.0_f64..100.0, rate in 1.0_f64..100.0) {
+        // Far from the limit of 20 1/s, with the smoothed error settled; 150 ms leave an error beyond the resolution.
+        prop_assume!((rate - 20.0).abs() > 4.0);
+        let mut state = AdaptiveTaper::default();
+        let mut before = state;
+        for tick in 0..150 {
+            before = state;
+            state = state.step(size * (-rate * PERIOD_S * f64::from(tick)).exp(), 1e-9, 1.0, PERIOD_S);
+        }
+        prop_assert_eq!(state.taper > before.taper, rate < 20.0, "{} 1/s: {} -> {}", rate, before.taper, state.taper);
+    }
+}
