@@ -16,7 +16,7 @@ fn gained(knots: &[f64], free: &[bool], profile: &ForceProfile) -> (f64, f64) {
         let ends = [ends[0] * profile.position_bound, ends[1] * profile.position_bound];
         let segments = segments(&ends);
         gained += work(&segments, |error, error_rate| {
-            let (next, force) = state.step(error, error_rate, free[leg % free.len()], profile);
+            let (next, force) = state.step(error, error_rate, if free[leg % free.len()] { 0.0 } else { f64::INFINITY }, profile);
             state = next;
             force
         });
@@ -70,7 +70,7 @@ proptest! {
         let mut last: Option<(f64, f64)> = None;
         let mut steepest = 0.0_f64;
         work(&segments(&knots), |error, error_rate| {
-            let (next, force) = state.step(error, error_rate, true, &profile);
+            let (next, force) = state.step(error, error_rate, 0.0, &profile);
             state = next;
             if let Some((error_before, force_before)) = last {
                 let most = SLOPE * profile.stiffness * (error - error_before).abs();
@@ -99,7 +99,7 @@ proptest! {
         let (mut continuous, mut printed) = (ContinuousAttractor::default(), Attractor::default());
         let mut difference = 0.0_f64;
         work(&segments(&knots), |error, error_rate| {
-            let (a, force) = continuous.step(error, error_rate, true, &profile);
+            let (a, force) = continuous.step(error, error_rate, 0.0, &profile);
             let (b, expected) = printed.step(error, error_rate, &profile);
             (continuous, printed) = (a, b);
             difference = difference.max((force - expected).abs());
@@ -121,7 +121,7 @@ proptest! {
         let (mut continuous, mut printed) = (ContinuousAttractor::default(), Attractor::default());
         for (share, error_rate) in path {
             let error = share * profile.position_bound;
-            let (a, force) = continuous.step(error, error_rate, false, &profile);
+            let (a, force) = continuous.step(error, error_rate, f64::INFINITY, &profile);
             let (b, expected) = printed.step(error, error_rate, &profile);
             (continuous, printed) = (a, b);
             prop_assert!((force - expected).abs() <= 1e-12 * profile.max_force, "{force} N, printed {expected} N at {error}");
@@ -141,9 +141,9 @@ proptest! {
         let bound = profile.position_bound;
         let (mut state, mut pull) = (ContinuousAttractor::default(), 0.0);
         for (share, rate) in [(farthest, 0.1), (farthest, -0.1), (stop * farthest, -0.1), (stop * farthest, 0.1)] {
-            (state, pull) = state.step(share * bound, rate, true, &profile);
+            (state, pull) = state.step(share * bound, rate, 0.0, &profile);
         }
-        let (_, now) = state.step(nearer * stop * farthest * bound, 0.1, true, &profile);
+        let (_, now) = state.step(nearer * stop * farthest * bound, 0.1, 0.0, &profile);
         let most = profile.force(nearer * stop * farthest * bound);
         prop_assert!((now - pull.min(most)).abs() <= 1e-9 * profile.max_force, "{now} N after {pull} N, profile {most} N");
     }
@@ -155,7 +155,7 @@ proptest! {
     ) {
         let mut state = ContinuousAttractor { x_max_m: start.0, x_max_force: start.1, converging: start.2 };
         for (error, error_rate, free, profile) in steps {
-            let (next, force) = state.step(error, error_rate, free, &profile);
+            let (next, force) = state.step(error, error_rate, if free { 0.0 } else { f64::INFINITY }, &profile);
             prop_assert!(force.abs() <= profile.largest(), "{force} N from {state:?} at {error}, {error_rate}");
             prop_assert!(next.x_max_m.is_finite() && next.x_max_force.abs() <= profile.largest(), "{next:?} from {state:?}");
             state = next;
@@ -165,8 +165,8 @@ proptest! {
             let profile = ForceProfile {
                 stiffness: 1e3, max_force: 50.0, position_bound: 0.05, saturation: Saturation::Softening,
             };
-            prop_assert_eq!(broken.step(0.01, -0.1, true, &profile).1, 0.0);
-            prop_assert_eq!(state.step(bad, 0.1, true, &profile).1, 0.0);
+            prop_assert_eq!(broken.step(0.01, -0.1, 0.0, &profile).1, 0.0);
+            prop_assert_eq!(state.step(bad, 0.1, 0.0, &profile).1, 0.0);
         }
     }
 }

@@ -58,7 +58,8 @@ fn field_names_are_fixed() {
         ("hapfic.PlannerState", "ticks axes"),
         (
             "hapfic.Request",
-            "tick state_tick controller parameters_version error error_rate offset x_max converging force torque at_rest_ticks",
+            "tick state_tick controller parameters_version error error_rate offset x_max converging force torque at_rest_ticks \
+             taper",
         ),
         (
             "hapfic.Command",
@@ -69,7 +70,7 @@ fn field_names_are_fixed() {
             "hapfic.Operator",
             "version effective_tick target_position desired_force stiffness max_force position_bound reset_policy \
              saturation search taper mean_speed search_scale force_resolution max_acceleration gravity_compensation \
-             offset_anti_windup stall_release",
+             offset_anti_windup stall_release force_hold continuous_reentry damping posture_lead",
         ),
         ("hapfic.Event", "tick process kind severity detector text"),
         (
