@@ -24,6 +24,10 @@ experiments:
     cargo build --release --workspace
     cargo run --release -q -p hapfic-tests --bin experiments -- docs/experiments.md README.md
 
+# Writes the tables of docs/walls.md: the held force on walls of every stiffness and damping (some minutes).
+walls:
+    cargo run --release -q -p hapfic-tests --bin walls -- docs/walls.md
+
 # Draws the figures of docs/paper-experiments.md from lockstep runs (about a minute).
 figures:
     #!/usr/bin/env bash

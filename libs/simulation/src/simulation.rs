@@ -25,8 +25,19 @@ pub enum DeadTime {
     /// The torque acts from the next tick on.
     #[default]
     One,
-    /// The torque acts two ticks later: a fault.
+    /// The torque acts two ticks later: a fault, as all that follow.
     Two,
+    /// Three ticks later.
+    Three,
+    /// Four ticks later.
+    Four,
+    /// Five ticks later.
+    Five,
+}
+
+impl DeadTime {
+    /// All dead times.
+    pub const ALL: [Self; 6] = [Self::None, Self::One, Self::Two, Self::Three, Self::Four, Self::Five];
 }
 
 /// Messages of a tick k.
@@ -75,8 +86,8 @@ pub struct Simulation {
     /// The planner's plan; `None` before the first tick.
     plan: Option<TickPlan>,
     dead_time: DeadTime,
-    /// command(k - 1) and command(k - 2), for the tick k to come.
-    commands: [Command; 2],
+    /// command(k - 1) to command(k - 5), for the tick k to come.
+    commands: [Command; 5],
     snapshot: Snapshot,
 }
 
@@ -108,7 +119,7 @@ impl Simulation {
             gravity: Vector3::from(settings.world.gravity_m_per_s2),
             plan: None,
             dead_time,
-            commands: [first; 2],
+            commands: [first; 5],
             snapshot: Snapshot { state, reference: Reference::default(), command: first, operator: *schedule.operator() },
             plant,
             gate,
@@ -170,7 +181,8 @@ impl Simulation {
         self.schedule.announce(tick);
         self.drive(tick, &command);
         self.plant.advance()?;
-        self.commands = [command, self.commands[0]];
+        self.commands.rotate_right(1);
+        self.commands[0] = command;
         self.snapshot = Snapshot { state, reference, command, operator };
         Ok(&self.snapshot)
     }
@@ -189,8 +201,7 @@ impl Simulation {
     fn drive(&mut self, tick: i64, now: &Command) {
         let due = match self.dead_time {
             DeadTime::None => now,
-            DeadTime::One => &self.commands[0],
-            DeadTime::Two => &self.commands[1],
+            late => &self.commands[late as usize - 1],
         };
         // The drive expects a dead time of one tick and counts missing commands by their ticks.
         self.plant.take(&Command { tick: tick - 1, ..*due });

@@ -4,6 +4,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stdout, missing_docs)]
 
 mod bits;
+mod conditions;
 mod contact_changes;
 mod draw;
 mod leg_motion;

@@ -1,7 +1,10 @@
 //! Outcome of a case: figures of its simulation.
 
 use crate::case::{Case, STEP_TICK, TICKS};
-use hapfic_simulation::Simulation;
+use hapfic_config::Settings;
+use hapfic_messages::TaskCondition;
+use hapfic_simulation::conditions::TaskWatch;
+use hapfic_simulation::{DeadTime, Simulation};
 
 /// Ticks at the end over which the settled error counts: 0.5 s.
 const SETTLED_TICKS: i64 = 500;
@@ -17,38 +20,44 @@ pub(crate) struct Outcome {
     pub(crate) settled: f64,
     /// Time from the step until the force stays within 2 % of F_d [s]; infinite if it does not.
     pub(crate) settling_s: f64,
-    /// Largest force beyond F_d after it was first reached, share of F_d.
-    pub(crate) overshoot: f64,
+    /// Largest force beyond F_d after it was first reached [N].
+    pub(crate) beyond_n: f64,
     /// Largest force before the step, the landing [N].
-    pub(crate) impact: f64,
-    /// Largest force of the whole case [N].
-    pub(crate) peak: f64,
+    pub(crate) impact_n: f64,
     /// Largest |F_c| / F_max.
     pub(crate) share_of_limit: f64,
-    /// Smallest taper in the last 0.5 s.
-    pub(crate) taper: f64,
+    /// Time from the step until an oscillation of the force is told [s]; infinite if it is not.
+    pub(crate) told_s: f64,
 }
 
 /// Simulates a case.
 pub(crate) fn outcome(case: &Case) -> Result<Outcome, String> {
-    let settings = case.settings();
-    let name = || format!("{case:?}");
-    let mut simulation = Simulation::new(&settings).map_err(|e| format!("{}: {e}", name()))?;
-    let mut out = Outcome { within_reach: case.within_reach(&settings), taper: f64::INFINITY, ..Outcome::default() };
+    outcome_with(case, &case.settings(), DeadTime::default())
+}
+
+/// Simulates a case under changed settings, with a dead time.
+pub(crate) fn outcome_with(case: &Case, settings: &Settings, dead_time: DeadTime) -> Result<Outcome, String> {
+    let failed = |error: hapfic_simulation::SimulationError| format!("{case:?}: {error}");
+    let mut simulation = Simulation::with_dead_time(settings, dead_time).map_err(failed)?;
+    let mut watch = TaskWatch::new(settings, simulation.plant().chain().clone());
+    let oscillates = TaskCondition::ForceOscillates.name();
+    let mut out = Outcome { within_reach: case.within_reach(settings), told_s: f64::INFINITY, ..Outcome::default() };
     let (mut last_outside, mut first_side, mut reached, mut square) = (STEP_TICK, 0.0_f64, false, 0.0);
     for tick in 0..TICKS {
-        let snapshot = simulation.step().map_err(|e| format!("{}: {e}", name()))?;
-        let state = &snapshot.state;
+        let snapshot = simulation.step().map_err(failed)?;
+        let (state, request) = (&snapshot.state, &snapshot.command.request);
+        let events = watch.push(state, &snapshot.reference, &snapshot.command, snapshot.operator.at(tick));
         // The true force: the sensor's may have noise.
         let force: f64 = state.contacts[..state.contact_count as usize].iter().map(|contact| contact.force[2]).sum();
-        out.peak = out.peak.max(force);
-        let request = &snapshot.command.request;
         for (force, limit) in request.force.iter().zip(settings.initial.max_force) {
             out.share_of_limit = out.share_of_limit.max(force.abs() / limit);
         }
         if tick < STEP_TICK {
-            out.impact = out.impact.max(force);
+            out.impact_n = out.impact_n.max(force);
             continue;
+        }
+        if events.iter().any(|event| event.text().starts_with(oscillates)) {
+            out.told_s = out.told_s.min((tick - STEP_TICK) as f64 * 1e-3);
         }
         let error = force - case.force;
         if first_side == 0.0 {
@@ -56,14 +65,13 @@ pub(crate) fn outcome(case: &Case) -> Result<Outcome, String> {
         }
         reached |= error * first_side <= 0.0;
         if reached {
-            out.overshoot = out.overshoot.max(-error * first_side / case.force);
+            out.beyond_n = out.beyond_n.max(-error * first_side);
         }
         if error.abs() > BAND * case.force {
             last_outside = tick + 1;
         }
         if tick >= TICKS - SETTLED_TICKS {
             square += error * error;
-            out.taper = out.taper.min(request.state.taper[2]);
         }
     }
     out.settled = (square / SETTLED_TICKS as f64).sqrt() / case.force;
