@@ -47,7 +47,11 @@ fn make(file: &str) -> Result<Vec<String>, String> {
         Ok::<_, String>(text)
     };
     // Checks all markers before minutes of runs.
-    fill(read()?, [""; 3])?;
+    let before = read()?;
+    if !document::has_marker(&before, "walls") {
+        return Err(format!("{file}: found no line `<!-- walls -->`, expected one before that table"));
+    }
+    fill(before, [""; 3])?;
     let results: Vec<Vec<(Case, Outcome)>> = LAWS.into_iter().map(|law| simulate(&Case::all(law))).collect::<Result<_, _>>()?;
     let margins = margins::table()?;
     let text = fill(read()?, [&table::walls(&results[0]), &table::laws(&results), &margins])?;
