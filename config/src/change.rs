@@ -332,7 +332,7 @@ mod tests {
         let pairs: Vec<&str> = lines.iter().map(String::as_str).collect();
         assert_eq!(ParameterSettings { target_position: None, ..base() }.with(&change(&pairs).change), base());
         let some = parameter_lines(&base(), &["desired_force.z", "taper", "stiffness_n_per_m"]).unwrap();
-        assert_eq!(some, ["desired_force_n.z = 50", "taper = 0.2", "stiffness_n_per_m = [6000, 6000, 12000]"]);
+        assert_eq!(some, ["desired_force_n.z = 50", "taper = 0.4", "stiffness_n_per_m = [6000, 6000, 12000]"]);
         assert_eq!(change(&[&some[0]]).change.desired_force, Some(base().desired_force));
         for (key, words) in [
             ("tapr", "get tapr: found an unknown key, expected one of"),
@@ -348,7 +348,7 @@ mod tests {
 
     #[test]
     fn differences_name_only_changed_values() {
-        let after = base().with(&change(&["desired_force.z=80", "taper=0.2"]).change);
+        let after = base().with(&change(&["desired_force.z=80", "taper=0.4"]).change);
         let expected = ParameterDifference {
             key: "desired_force_n".to_owned(),
             before: "[1, 2, 50]".to_owned(),

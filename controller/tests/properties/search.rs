@@ -56,11 +56,13 @@ proptest! {
             if before.taper > 0.0 {
                 if last * error < 0.0 {
                     prop_assert_eq!(state.taper, (0.5 * before.taper).max(0.015));
-                } else if error.abs() >= state.slow_error {
-                    // The error rises.
-                    prop_assert!(state.taper <= before.taper, "{before:?}, {state:?} at {error} N");
                 } else {
-                    prop_assert!(state.taper >= before.taper);
+                    prop_assert!(state.taper >= before.taper.min(most), "{before:?}, {state:?} at {error} N");
+                }
+                if last * error > 0.0 && error.abs() >= state.slow_error {
+                    // The error does not fall: the search is too slow.
+                    let grown = (before.taper * growth).clamp(0.015, most);
+                    prop_assert!((state.taper - grown).abs() < 1e-12, "{before:?}, {state:?} at {error} N");
                 }
             }
             last = error;

@@ -260,7 +260,7 @@ mod tests {
         for k in 10..30 {
             let s = simulation.step().unwrap();
             let set = s.operator.at(k);
-            assert_eq!((set.taper, set.version), if k < from { (0.2, version - 1) } else { (0.1, version) }, "tick {k}");
+            assert_eq!((set.taper, set.version), if k < from { (0.4, version - 1) } else { (0.1, version) }, "tick {k}");
         }
         assert!((10..30).contains(&from));
     }

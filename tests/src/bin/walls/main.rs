@@ -4,7 +4,7 @@
 //! `walls DOCUMENT` simulates all cases in one process, which gives the same messages as lockstep, and writes each table
 //! into the document between its marker and the next `<!-- end -->`. It ends with 1 and a line for each case of the
 //! default law beyond its limits, and with 2 after a bad file.
-#![allow(clippy::expect_used, clippy::print_stderr)]
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stderr)]
 
 mod case;
 #[path = "../experiments/document.rs"]
