@@ -108,7 +108,7 @@ fn set_dangerous_change_needs_force() {
     let forced = run_command(&stack, &["set", "--force", "target_position.z=5"], 0).out;
     assert!(forced.contains("parameters 2 in force") && forced.contains("danger: set target_position.z=5"), "{forced}");
     let begun = std::time::Instant::now();
-    while !run_command(&stack, &["status", "--once"], 0).out.contains("outside x_b on z") {
+    while !run_command(&stack, &["status", "--once"], 0).out.contains("task: outside_bound on z since ") {
         assert!(begun.elapsed() < TIMEOUT, "the status does not show that the target is not reached");
     }
     // A mere warning needs no consent.
@@ -147,7 +147,7 @@ fn get_prints_values_that_set_accepts() {
 #[test]
 fn run_force_never_reached_says_so_with_its_error() {
     let stack = StackSandbox::new();
-    let slow = ["--duration", "4.2", "--set", "controller.search_scale=0.00001"];
+    let slow = ["--duration", "4.2", "--set", "controller.search=tapered", "--set", "controller.search_scale=0.00001"];
     let run = stack
         .run(&[&["run", "floor", "--clock", "lockstep", "--log", "run.mcap", "--summary-json", "run.json"][..], &slow].concat());
     run.expect(0);

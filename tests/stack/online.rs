@@ -84,7 +84,7 @@ fn set_change_effective_at_one_tick() {
     let version =
         if quickest == effective - requested { version } else { status_at(&stack, 0)["announced_version"].as_i64().unwrap() };
     assert!(set.out.contains("desired_force_n: [0, 0, 0] -> [0, 0, 80]"), "{}", set.out);
-    assert!(set.out.contains("taper: 0.2 -> 0.1"), "{}", set.out);
+    assert!(set.out.contains("taper: 0.4 -> 0.1"), "{}", set.out);
 
     for (pairs, words) in [
         (vec!["taper=2"], vec!["taper", "(0, 1]"]),

@@ -55,7 +55,7 @@ fn simulate_summary_same_as_lockstep() {
 fn study_number_of_jobs_same_result() {
     let stack = StackSandbox::new();
     let study = |jobs: &str, csv: &str| {
-        let sweeps = ["--sweep", "operator.2.desired_force=[0, 0, 20],[0, 0, 80]", "--sweep", "controller.taper=0.1:0.2:3"];
+        let sweeps = ["--sweep", "operator.2.desired_force=[0, 0, 20],[0, 0, 80]", "--sweep", "controller.taper=0.02:0.04:3"];
         let mut all = vec!["simulate", "floor", "--duration", "3.8", "--jobs", jobs, "--csv", csv];
         all.extend(sweeps);
         let out = stack.run(&all).expect(0).out.clone();
@@ -69,8 +69,8 @@ fn study_number_of_jobs_same_result() {
     let lines: Vec<&str> = one_job.lines().collect();
     assert_eq!(lines.len(), 7, "{one_job}");
     assert!(lines[0].starts_with("operator.2.desired_force,controller.taper,completed,error,"), "{}", lines[0]);
-    assert!(lines[1].starts_with("\"[0, 0, 20]\",0.1,true,,3.8,"), "{}", lines[1]);
-    assert!(lines[6].starts_with("\"[0, 0, 80]\",0.2,true,,3.8,"), "{}", lines[6]);
+    assert!(lines[1].starts_with("\"[0, 0, 20]\",0.02,true,,3.8,"), "{}", lines[1]);
+    assert!(lines[6].starts_with("\"[0, 0, 80]\",0.04,true,,3.8,"), "{}", lines[6]);
     let figures: std::collections::BTreeSet<_> = lines[1..].iter().map(|line| line.split_once("true").unwrap().1).collect();
     assert_eq!(figures.len(), 6, "expected other figures for other values, found:\n{one_job}");
 }

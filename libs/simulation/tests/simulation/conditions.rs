@@ -61,11 +61,16 @@ fn conditions_force_beyond_the_limit_is_not_reached_until_it_is() {
     let mut events = Vec::new();
     for tick in 0..7000 {
         let s = simulation.step().unwrap();
-        events.extend(watch.push(&s.state, &s.reference, &s.command, s.operator.at(tick)).iter().map(|e| (e.tick, e.text().into_owned())));
+        events.extend(
+            watch.push(&s.state, &s.reference, &s.command, s.operator.at(tick)).iter().map(|e| (e.tick, e.text().into_owned())),
+        );
     }
     for name in ["force_not_reached", "force_at_limit"] {
         let of: Vec<_> = events.iter().filter(|(_, text)| text.starts_with(name)).collect();
-        assert!(of.len() == 2 && of[0].1.contains(" on z began: ") && of[1].1.contains(" on z ended after "), "{name}: {events:?}");
+        assert!(
+            of.len() == 2 && of[0].1.contains(" on z began: ") && of[1].1.contains(" on z ended after "),
+            "{name}: {events:?}"
+        );
         assert!((3000..5500).contains(&of[0].0) && of[1].0 >= 5500, "{of:?}");
     }
 }
