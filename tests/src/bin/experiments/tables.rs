@@ -44,7 +44,7 @@ fn short(results: &ExperimentResults) -> String {
             digits(axis_figure(results.summary("floor", &settings), &format!("/force/{figure}"), 2), 3)
         };
         let settled = "settled_rms_percent";
-        vec![force.to_string(), figure(0, settled), figure(0, "sliding_rms_percent"), figure(1, settled), figure(2, settled)]
+        vec![force.to_string(), figure(0, settled), figure(0, "sliding_rms_percent"), figure(2, settled), figure(3, settled)]
     };
     table(&head, &FORCES.map(row))
 }
