@@ -179,7 +179,7 @@ wire_enum! {
         ForceAtLimit = 2, "force_at_limit";
         /// The foot is further than x_b from its reference, and does not make up for it by force.
         OutsideBound = 3, "outside_bound";
-        /// The reference rests at its target, and the foot rests further than x_b from it without contact.
+        /// The reference rests at its target, and the foot stays further than x_b from it without contact.
         TargetOutOfReach = 4, "target_out_of_reach";
         /// A joint is at its stop.
         AtJointStop = 5, "at_joint_stop";

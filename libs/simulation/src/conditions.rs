@@ -34,10 +34,8 @@ const OSCILLATES: f64 = 0.03;
 const AT_LIMIT: f64 = 0.98;
 /// Ticks for which a condition of position or force holds before it begins or ends.
 const HOLD: i64 = 50;
-/// Ticks for which foot and reference rest before a target counts as out of reach.
+/// Ticks for which the reference rests and the foot stays away before a target counts as out of reach.
 const REST: i64 = 300;
-/// Speed of a foot at rest [m/s].
-const AT_REST_M_PER_S: f64 = 0.05;
 /// Distance to a joint's limit that counts as at its stop [rad], or [m] for a prismatic joint.
 const STOP: f64 = 2e-3;
 /// Share of the rule's limit from which on the margin is small.
@@ -139,7 +137,6 @@ impl TaskWatch {
         let mut found = Observations { tick, severity: command.severity, events: Vec::new() };
         let target = (0..3).all(|i| (reference.position[i] - p.target_position[i]).abs() < 1e-6);
         self.arrived = if target { self.arrived + 1 } else { 0 };
-        let at_rest = state.foot_velocity.iter().map(|v| v * v).sum::<f64>().sqrt() < AT_REST_M_PER_S;
         let acted = self.acted(state);
         for axis in 0..3 {
             let (force, desired) = (state.foot_force[axis], p.desired_force[axis]);
@@ -171,9 +168,9 @@ impl TaskWatch {
             self.observe(&mut found, TaskCondition::OutsideBound, axis, outside && !held, HOLD, || {
                 format!("{:.1} mm off the reference, x_b {:.1} mm", 1e3 * distance, 1e3 * p.position_bound[axis])
             });
-            let unreachable = outside && !contact && at_rest && self.arrived > REST;
+            let unreachable = outside && !contact && self.arrived > REST;
             self.observe(&mut found, TaskCondition::TargetOutOfReach, axis, unreachable, REST, || {
-                format!("at rest {:.1} mm off the target", 1e3 * distance)
+                format!("{:.1} mm off the target", 1e3 * distance)
             });
             let fall = self.fall(axis, state, reference, acted, &profile);
             let whole = p.max_force[axis] * p.position_bound[axis];
