@@ -100,15 +100,14 @@ impl Watch<'_> {
             if missing.is_empty() {
                 return Ok(true);
             }
-            // Every excuse is asked for, so that all begin anew.
             let late = Instant::now() > deadline;
-            if late
-                && extensions < READY_EXTENSIONS
-                && suspicions.iter_mut().fold(false, |any, s| s.excuse(&self.evidence) || any)
-            {
+            // Every excuse is asked for, so that all begin anew.
+            let excused = late && suspicions.iter_mut().map(|s| u32::from(s.excuse(&self.evidence))).sum::<u32>() > 0;
+            if excused && extensions < READY_EXTENSIONS {
                 extensions += 1;
                 deadline = Instant::now() + timeout;
-                eprintln!("still waiting for {}: the machine is busy and gives no processor", missing.join(", "));
+                let what = format!("still waits for {}: the machine is busy and gives no processor", missing.join(", "));
+                self.report(-1, Process::Supervisor, EventKind::Note, Severity::Nominal, Detector::Start, &what);
             } else if late {
                 for process in missing {
                     self.fault(process, "did not get ready in time".to_owned(), Detector::Start);
