@@ -2,14 +2,20 @@
 
 /// Taper at which the search of a new contact starts.
 const START: f64 = 0.05;
-/// Smallest taper.
+/// Smallest taper, and the smallest one while the force oscillates.
 const LEAST: f64 = 0.015;
+const LEAST_OSCILLATING: f64 = 0.012;
+/// Smoothed force error above which the force oscillates or moves, as a share of F_d.
+const OSCILLATING: f64 = 0.03;
 /// Factor of the taper at each change of sign of the force error.
 const SHRINK: f64 = 0.5;
 /// Time in which the taper grows by e [s].
 const GROWTH_S: f64 = 0.05;
 /// Time constant of the smoothed force error [s].
 const SMOOTHING_S: f64 = 0.02;
+/// Force error below which the taper does not grow, as a share of F_d: what is left is no longer a matter of speed, and
+/// growth would keep up a small oscillation.
+const SMALL: f64 = 0.003;
 /// Rate of decay of the force error below which the taper grows [1/s].
 const SLOW_DECAY_PER_S: f64 = 20.0;
 
@@ -25,7 +31,7 @@ const SLOW_DECAY_PER_S: f64 = 20.0;
 /// with the stiffness k_e of the wall, all damping b_eff, the delay tau and the effective mass m_eff. A soft wall (small
 /// k_e) allows and needs a large k_i, a stiff and lightly damped one allows only a small k_i. Near the limit the force
 /// error changes its sign in every half period; each change halves the taper. It grows otherwise, but not while the error
-/// falls by e in 50 ms or faster: a search that is fast enough keeps its margin.
+/// falls by e in 50 ms or faster, nor below 0.3 % of F_d: a search that is fast enough keeps its margin.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AdaptiveTaper {
     /// Share of the force error that the search removes in 1 ms, as if against K0; 0 before the first contact.
@@ -37,16 +43,18 @@ pub struct AdaptiveTaper {
 }
 
 impl AdaptiveTaper {
-    /// Runs one control tick in contact, under a desired force.
+    /// Runs one control tick in contact, under a desired force F_d and a force error F_d - F [N].
     ///
     /// A change of sign counts from one force error beyond `resolution` [N] to the next one. The taper stays within
-    /// [0.015, `most`], or at `most` if that is smaller. A number that is not finite changes nothing.
+    /// [0.015, `most`], or [0.012, `most`] while the smoothed error is above 3 % of F_d, or at `most` if that is smaller.
+    /// A force error or `most` that is not finite changes nothing.
     #[must_use]
-    pub fn step(self, force_error: f64, resolution: f64, most: f64, period_s: f64) -> Self {
+    pub fn step(self, desired: f64, force_error: f64, resolution: f64, most: f64, period_s: f64) -> Self {
         if !force_error.is_finite() || !most.is_finite() {
             return self;
         }
-        let least = LEAST.min(most);
+        let oscillates = self.slow_error > OSCILLATING * desired.abs();
+        let least = if oscillates { LEAST_OSCILLATING } else { LEAST }.min(most);
         let started = self.taper > 0.0;
         let size = force_error.abs();
         let (before, slow) = if started { (self.taper, self.slow_error) } else { (START, size) };
@@ -59,7 +67,7 @@ impl AdaptiveTaper {
         let falls_fast = size <= (1.0 - SLOW_DECAY_PER_S * SMOOTHING_S) * slow_error;
         let factor = if self.force_error * force_error < 0.0 {
             SHRINK
-        } else if falls_fast {
+        } else if falls_fast || size < SMALL * desired.abs() {
             1.0
         } else {
             (period_s / GROWTH_S).exp()

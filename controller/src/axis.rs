@@ -151,7 +151,7 @@ impl AxisLaw {
         let mut search = if bounces { before.search } else { AdaptiveTaper::default() };
         let mut haptic = self.haptic;
         if haptic.search == Search::Adaptive && engaged {
-            search = before.search.step(force_error, haptic.force_resolution, haptic.taper, haptic.period_s);
+            search = before.search.step(self.desired, force_error, haptic.force_resolution, haptic.taper, haptic.period_s);
             haptic.taper = search.taper;
         }
         // The reaction of the tick of a change is still that of the old gains: the search would add to the change.

@@ -1,14 +1,15 @@
-//! Makes the tables of `docs/walls.md`: the held force on walls of every stiffness and damping, with three laws, and the
-//! margins against dead time and mass.
+//! Makes the tables of `docs/walls.md`: the held force on walls of every stiffness and damping, with three laws, the loss
+//! of contact, and the margins against dead time and mass.
 //!
 //! `walls DOCUMENT` simulates all cases in one process, which gives the same messages as lockstep, and writes each table
 //! into the document between its marker and the next `<!-- end -->`. It ends with 1 and a line for each case of the
-//! default law beyond its limits, and with 2 after a bad file.
+//! default law beyond its limits, and with 2 after a bad file. Without a document it only checks the default law.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stderr)]
 
 mod case;
 #[path = "../experiments/document.rs"]
 mod document;
+mod loss;
 mod margins;
 mod outcome;
 mod table;
@@ -20,11 +21,15 @@ use std::sync::atomic::AtomicBool;
 
 fn main() -> ExitCode {
     let mut arguments = std::env::args().skip(1);
-    let (Some(file), None) = (arguments.next(), arguments.next()) else {
-        eprintln!("walls: expected one argument, the document with the tables; run it as `walls docs/walls.md`");
-        return ExitCode::from(2);
+    let made = match (arguments.next(), arguments.next()) {
+        (None, None) => simulate(&Case::all(LAWS[0])).map(|results| table::shortfalls(&results)),
+        (Some(file), None) => make(&file),
+        _ => {
+            eprintln!("walls: expected at most one argument, the document with the tables, as in `walls docs/walls.md`");
+            return ExitCode::from(2);
+        }
     };
-    match make(&file) {
+    match made {
         Ok(shortfalls) if shortfalls.is_empty() => ExitCode::SUCCESS,
         Ok(shortfalls) => {
             shortfalls.iter().for_each(|shortfall| eprintln!("fell short: {shortfall}"));
@@ -40,8 +45,8 @@ fn main() -> ExitCode {
 /// Simulates everything and writes the tables. Returns the cases beyond their limits.
 fn make(file: &str) -> Result<Vec<String>, String> {
     let read = || std::fs::read_to_string(file).map_err(|error| format!("{file}: cannot be read: {error}"));
-    let fill = |mut text: String, tables: [&str; 3]| {
-        for (name, table) in ["walls", "laws", "margins"].into_iter().zip(tables) {
+    let fill = |mut text: String, tables: [&str; 4]| {
+        for (name, table) in ["walls", "laws", "loss", "margins"].into_iter().zip(tables) {
             text = document::replace(&text, name, table).map_err(|error| format!("{file}: {error}"))?;
         }
         Ok::<_, String>(text)
@@ -51,10 +56,10 @@ fn make(file: &str) -> Result<Vec<String>, String> {
     if !document::has_marker(&before, "walls") {
         return Err(format!("{file}: found no line `<!-- walls -->`, expected one before that table"));
     }
-    fill(before, [""; 3])?;
+    fill(before, [""; 4])?;
     let results: Vec<Vec<(Case, Outcome)>> = LAWS.into_iter().map(|law| simulate(&Case::all(law))).collect::<Result<_, _>>()?;
-    let margins = margins::table()?;
-    let text = fill(read()?, [&table::walls(&results[0]), &table::laws(&results), &margins])?;
+    let (loss, margins) = (loss::table()?, margins::table()?);
+    let text = fill(read()?, [&table::walls(&results[0]), &table::laws(&results), &loss, &margins])?;
     std::fs::write(file, text).map_err(|error| format!("{file}: cannot be written: {error}"))?;
     Ok(table::shortfalls(&results[0]))
 }
