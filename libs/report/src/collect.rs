@@ -6,6 +6,7 @@ use crate::incidents::Incidents;
 use crate::parameters::{ParameterSet, ParameterSets};
 use crate::scene::{self, SceneContent};
 use crate::series::Series;
+use crate::tasks::Tasks;
 use crate::timelines::Timelines;
 use crate::timing::Histogram;
 use crate::{LATEST_TICK, is_plausible, vector};
@@ -70,6 +71,7 @@ pub(crate) struct Collected {
     pub(crate) modes: Timelines,
     pub(crate) events: Events,
     pub(crate) incidents: Incidents,
+    pub(crate) tasks: Tasks,
     pub(crate) latency: Histogram,
     pub(crate) lateness: Histogram,
     pub(crate) frames: SnapshotCandidates,
@@ -95,7 +97,10 @@ impl Collected {
             Record::Reference(reference) => self.reference(reference),
             Record::Command(command) => self.command(command),
             Record::Operator(operator) => self.operator(operator),
-            Record::Event(event) => self.events.push(event),
+            Record::Event(event) => {
+                self.events.push(event);
+                self.tasks.push(event);
+            }
             Record::Timing(timing) => self.timing(timing),
             Record::Request(_) => {}
             Record::Other { schema, data } => self.viewer(schema, data, i64::from(entry.sequence)),

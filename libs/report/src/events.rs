@@ -15,7 +15,7 @@ const PARAMETERS: &str = "parameters";
 /// Other kinds of operator actions.
 const OPERATOR_ACTIONS: [&str; 1] = ["rearmed"];
 /// Kinds of faults.
-const FAULTS: [&str; 8] = ["lost", "rejected", "missed", "timebase_slip", "injected", "differs", "passage", "condition"];
+const FAULTS: [&str; 7] = ["lost", "rejected", "missed", "timebase_slip", "injected", "differs", "passage"];
 /// Kinds of supervisor actions, and of their consequences.
 const ACTIONS: [&str; 4] = ["promoted", "restarted", "joined", "discontinuity"];
 /// Most kinds with a separate count.

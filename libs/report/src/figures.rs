@@ -5,6 +5,7 @@ use crate::color::Color;
 use crate::figure::{Area, Curve, Figure, Panel, PanelContent, Scale, Style, TimelineRow};
 use crate::run::RunInfo;
 use crate::series::Series;
+use crate::timelines::Spans;
 use hapfic_log::Names;
 
 const AXES: [&str; 3] = ["x", "y", "z"];
@@ -25,7 +26,11 @@ pub(crate) fn all(collected: &Collected, run: &RunInfo, names: &Names) -> Vec<Fi
         figure("force", "Contact force on the foot", panels(force, collected)),
         figure("command", "Force of the controller and its limit", panels(command, collected)),
         figure("torque", "Joint torques", torque(collected, names)),
-        figure("contacts", "Contacts and modes", vec![contacts(collected), modes(collected)]),
+        figure(
+            "contacts",
+            "Contacts and modes",
+            [contacts(collected), modes(collected)].into_iter().chain(tasks(collected)).collect(),
+        ),
     ];
     if !collected.objects.is_empty() {
         figures.push(figure("objects", "Free objects", objects(collected)));
@@ -43,6 +48,7 @@ pub(crate) fn overview(collected: &Collected, run: &RunInfo) -> Figure {
     let name = if run.scenario.is_empty() { "run" } else { &run.scenario };
     let mut panels = vec![position(collected, 2), force(collected, 2), contacts(collected)];
     panels.extend(severity(collected));
+    panels.extend(tasks(collected));
     let marks = collected.events.marks();
     for panel in &mut panels {
         panel.marks.clone_from(&marks);
@@ -137,6 +143,17 @@ fn severity(collected: &Collected) -> Option<Panel> {
     };
     let rows: Vec<_> = ["degraded", "brake", "stopped"].into_iter().filter_map(row).collect();
     (!rows.is_empty()).then(|| Panel::over_time("severity", "", PanelContent::Timelines(rows)))
+}
+
+/// Makes the timelines of the conditions of the task; `None` if none was met.
+fn tasks(collected: &Collected) -> Option<Panel> {
+    let row = |(name, spans): (&str, &Spans)| TimelineRow {
+        name: name.replace('_', " "),
+        color: Color::ORANGE,
+        spans: spans.seconds(),
+    };
+    let rows: Vec<_> = collected.tasks.iter().map(row).collect();
+    (!rows.is_empty()).then(|| Panel::over_time("conditions of the task", "", PanelContent::Timelines(rows)))
 }
 
 fn modes(collected: &Collected) -> Panel {

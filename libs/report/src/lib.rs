@@ -35,6 +35,7 @@ mod scene;
 pub mod series;
 mod snapshots;
 mod table;
+mod tasks;
 mod ticks;
 pub mod timelines;
 pub mod timing;

@@ -5,6 +5,7 @@ use crate::error::ReportError;
 use crate::figure::Figure;
 use crate::output::{self, FigureImage, OutputPaths};
 use crate::run::RunInfo;
+use crate::tasks::TaskSummary;
 use crate::{Incident, LoggedEvent, figures, html, snapshots, table};
 use hapfic_log::{Names, Reader};
 use serde_json::{Value, json};
@@ -54,6 +55,7 @@ impl Report {
         }
         run.end(collected.last_tick, collected.messages, cut_off);
         collected.events.sort();
+        collected.tasks.end(collected.last_tick);
         // Every metric is finite, so the conversion to JSON cannot fail.
         let metrics = serde_json::to_value(collected.metrics.summary()).unwrap_or(Value::Null);
         Ok(Self { run, names, metrics, collected })
@@ -134,7 +136,7 @@ impl Report {
         let snapshots = self.snapshots()?;
         Ok(html::page(&html::PageContent {
             run: &self.run,
-            metrics: &self.metrics,
+            metrics: &self.shown(),
             events: &self.collected.events,
             figures: &self.figures(),
             snapshots: snapshots.as_deref(),
@@ -142,7 +144,7 @@ impl Report {
         }))
     }
 
-    /// Makes the JSON for programs: run, metrics, events, incidents and times of the snapshots.
+    /// Makes the JSON for programs: run, metrics, events, conditions of the task, incidents and times of the snapshots.
     #[must_use]
     pub fn json(&self) -> Value {
         let events = &self.collected.events;
@@ -152,15 +154,28 @@ impl Report {
             "run": self.run,
             "metrics": self.metrics,
             "events": { "total": events.total(), "by_kind": events.counts(), "listed": events.kept() },
+            "tasks": self.collected.tasks.summary(),
             "incidents": { "total": self.collected.incidents.total(), "listed": self.incidents() },
             "snapshots": snapshots,
         })
     }
 
+    /// Metrics and conditions of the task, as pages and text show them.
+    fn shown(&self) -> Value {
+        let mut shown = self.metrics.clone();
+        let tasks = self.collected.tasks.summary();
+        if let (Value::Object(sections), false) = (&mut shown, tasks.is_empty()) {
+            let of = |task: &TaskSummary| (task.condition.clone(), json!({ "times": task.times, "total_s": task.total_s }));
+            let rows: serde_json::Map<_, _> = tasks.iter().map(of).collect();
+            sections.insert("task".to_owned(), Value::Object(rows));
+        }
+        shown
+    }
+
     /// Formats run and metrics for the terminal.
     #[must_use]
     pub fn text(&self) -> String {
-        table::text(&self.run, &self.metrics, self.collected.events.total())
+        table::text(&self.run, &self.shown(), self.collected.events.total())
     }
 
     /// Writes the page.

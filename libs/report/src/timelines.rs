@@ -24,13 +24,18 @@ impl Default for Spans {
 impl Spans {
     /// Adds a tick. Ticks out of order are ignored.
     pub fn push(&mut self, tick: i64) {
-        if !(0..=LATEST_TICK).contains(&tick) {
+        self.push_span(tick, tick);
+    }
+
+    /// Adds the ticks `from..=to`. Those that are out of order are ignored.
+    pub(crate) fn push_span(&mut self, from: i64, to: i64) {
+        if from < 0 || to > LATEST_TICK || to < from {
             return;
         }
         match self.spans.last_mut() {
-            Some((_, to)) if tick <= *to => {}
-            Some((_, to)) if tick - *to <= self.gap => *to = tick,
-            _ => self.spans.push((tick, tick)),
+            Some((_, last)) if to <= *last => {}
+            Some((_, last)) if from - *last <= self.gap => *last = to,
+            _ => self.spans.push((from, to)),
         }
         while self.spans.len() > MAX_SPANS {
             self.gap *= 2;
