@@ -163,7 +163,8 @@ impl AxisLaw {
         if self.policies.force_hold && !engaged && proposed == 0.0 {
             proposed = if bounces { held } else { force_hold::returned(held, haptic.period_s) };
         }
-        let offset = if self.policies.offset_anti_windup {
+        // Only a step away from zero can wind up.
+        let offset = if self.policies.offset_anti_windup && proposed.abs() > held.abs() {
             let (_, force) = self.attract(attractor, error_at(held), error_rate, jump);
             conditional_integration(held, proposed, force, self.profile.largest())
         } else {

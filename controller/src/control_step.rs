@@ -2,7 +2,7 @@
 
 use crate::task_space::{self, TaskSpaceInput};
 use hapfic_config::PERIOD_S;
-use hapfic_messages::{ControllerState, MAX_JOINTS, Parameters, Process, Request, State};
+use hapfic_messages::{ControllerState, Parameters, Process, Request, State};
 use hapfic_robot::Chain;
 use nalgebra::Vector3;
 
@@ -32,11 +32,10 @@ pub fn control_step(chain: &Chain, gravity: &Vector3<f64>, inputs: &ControlInput
     if state.joints as usize != n {
         return None;
     }
-    let kin = chain.kinematics(&state.joint_position[..n]);
-    let jacobian = chain.jacobian(&kin);
+    let tip = chain.tip(&state.joint_position);
     let measured = TaskSpaceInput {
-        position: kin.tip_position().into(),
-        velocity: jacobian.linear_mul(&state.joint_velocity[..n]).into(),
+        position: tip.position.into(),
+        velocity: tip.velocity(&state.joint_velocity).into(),
         reference_position: inputs.reference_position,
         reference_velocity: inputs.reference_velocity,
         contact_force: state.foot_force,
@@ -44,15 +43,8 @@ pub fn control_step(chain: &Chain, gravity: &Vector3<f64>, inputs: &ControlInput
     let out = task_space::step(inputs.previous_state, &measured, parameters, PERIOD_S).ok()?;
     // The torque acts later than its state: J^T of the posture that the robot has then.
     let ahead = parameters.predicted_posture(state);
-    let kin = chain.kinematics(&ahead[..n]);
-    let jacobian = chain.jacobian(&kin);
-    let mut torque = jacobian.linear_transpose_mul(&Vector3::from(out.force));
-    if parameters.gravity_compensation == 1 {
-        let hold = chain.gravity_torque(&kin, gravity);
-        for i in 0..MAX_JOINTS {
-            torque[i] += hold[i];
-        }
-    }
+    let gravity = (parameters.gravity_compensation == 1).then_some(gravity);
+    let torque = chain.tip_force_torque(&ahead, &Vector3::from(out.force), gravity);
     Some(Request {
         stamp_ns: 0,
         tick: state.tick,

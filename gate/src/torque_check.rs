@@ -5,7 +5,7 @@
 //! after the control law, as it rejects NaN: by a bit flip, another robot's description, or a programming error in an
 //! external controller.
 
-use hapfic_messages::{MAX_JOINTS, Parameters, Request, State, ValidationError};
+use hapfic_messages::{Parameters, Request, State, ValidationError};
 use hapfic_robot::Chain;
 use nalgebra::Vector3;
 
@@ -36,15 +36,9 @@ impl TorqueCheck {
         if state.joints as usize != n {
             return Err(ValidationError::Count { field: "joints", found: state.joints.into(), expected: n as u64 });
         }
-        let kin = self.chain.kinematics(&parameters.predicted_posture(state)[..n]);
-        let jacobian = self.chain.jacobian(&kin);
-        let mut expected = jacobian.linear_transpose_mul(&Vector3::from(request.force));
-        if parameters.gravity_compensation == 1 {
-            let hold = self.chain.gravity_torque(&kin, &self.gravity);
-            for i in 0..MAX_JOINTS {
-                expected[i] += hold[i];
-            }
-        }
+        let gravity = (parameters.gravity_compensation == 1).then_some(&self.gravity);
+        let ahead = parameters.predicted_posture(state);
+        let expected = self.chain.tip_force_torque(&ahead, &Vector3::from(request.force), gravity);
         let differs = |i: &usize| {
             let (found, expected) = (request.torque[*i], expected[*i]);
             let apart = (found - expected).abs();

@@ -1,6 +1,6 @@
 //! Forward kinematics: poses of all bodies of a chain.
 
-use crate::chain::{Chain, MAX_JOINTS, isometry};
+use crate::chain::{Chain, ChainBody, MAX_JOINTS, isometry};
 use crate::jacobian::Jacobian;
 use nalgebra::{Isometry3, Matrix3, Vector3};
 
@@ -37,9 +37,29 @@ impl Chain {
             tip_position: Vector3::zeros(),
             tip_rotation: Matrix3::zeros(),
         };
+        let (origin, rotation) = self.walk(q, |i, body, axis, origin, rotation| {
+            kin.rotational[i] = body.rotational;
+            kin.axis[i] = axis;
+            kin.origin[i] = origin;
+            kin.rotation[i] = rotation;
+            kin.center[i] = origin + rotation * body.inertia.center_m;
+        });
+        kin.tip_position = origin + rotation * self.tip_position;
+        kin.tip_rotation = rotation * self.tip_rotation;
+        kin
+    }
+
+    /// Calls `visit` for each body from the base on, with its joint's axis, its origin and its rotation at `q`. Returns
+    /// origin and rotation of the last one.
+    #[inline]
+    pub(crate) fn walk(
+        &self,
+        q: &[f64],
+        mut visit: impl FnMut(usize, &ChainBody, Vector3<f64>, Vector3<f64>, Matrix3<f64>),
+    ) -> (Vector3<f64>, Matrix3<f64>) {
         let mut rotation = self.base_rotation;
         let mut origin = self.base_position;
-        for (i, (body, &position)) in self.bodies.iter().zip(&q[..n]).enumerate() {
+        for (i, (body, &position)) in self.bodies.iter().zip(&q[..self.bodies.len()]).enumerate() {
             let axis = rotation * body.axis;
             origin += rotation * body.joint_position;
             let local = if body.rotational {
@@ -51,15 +71,9 @@ impl Chain {
             };
             let turned = rotation * local;
             rotation = turned;
-            kin.rotational[i] = body.rotational;
-            kin.axis[i] = axis;
-            kin.origin[i] = origin;
-            kin.rotation[i] = rotation;
-            kin.center[i] = origin + rotation * body.inertia.center_m;
+            visit(i, body, axis, origin, rotation);
         }
-        kin.tip_position = origin + rotation * self.tip_position;
-        kin.tip_rotation = rotation * self.tip_rotation;
-        kin
+        (origin, rotation)
     }
 
     /// Geometric Jacobian of the tip, linear and angular, world frame.

@@ -55,6 +55,7 @@ mod jacobian;
 mod kinematics;
 mod reach;
 mod settings;
+mod tip;
 mod urdf;
 
 pub use chain::{Chain, Joint, JointKind, JointVector, MAX_JOINTS};
@@ -65,3 +66,4 @@ pub use inertia::RigidInertia;
 pub use jacobian::Jacobian;
 pub use kinematics::Kinematics;
 pub use reach::Reach;
+pub use tip::Tip;

@@ -48,6 +48,25 @@ type Vector8 = nalgebra::SVector<f64, 8>;
 
 proptest! {
     #[test]
+    fn tip_same_bits_as_kinematics_and_jacobian(
+        segments in segments(),
+        motion in motion(),
+        force in triple(100.0).prop_map(Vector3::from),
+        gravity in gravity(),
+    ) {
+        let chain = chain(&segments);
+        let (tip, kin) = (chain.tip(&motion.q), chain.kinematics(&motion.q));
+        let jacobian = chain.jacobian(&kin);
+        prop_assert_eq!(tip.position, kin.tip_position());
+        prop_assert_eq!(tip.velocity(&motion.qd), jacobian.linear_mul(&motion.qd));
+        let torque = jacobian.linear_transpose_mul(&force);
+        prop_assert_eq!(chain.tip_force_torque(&motion.q, &force, None), torque);
+        let hold = chain.gravity_torque(&kin, &gravity);
+        let both: JointVector = core::array::from_fn(|i| torque[i] + hold[i]);
+        prop_assert_eq!(chain.tip_force_torque(&motion.q, &force, Some(&gravity)), both);
+    }
+
+    #[test]
     fn jacobian_is_tip_pose_derivative(segments in segments(), motion in motion()) {
         let chain = chain(&segments);
         let jacobian = chain.jacobian(&chain.kinematics(&motion.q));
