@@ -17,8 +17,7 @@ impl Chain {
         for index in 0..=POSTURES {
             let q = self.posture(index);
             let (smallest, joint) = self.smallest_eigenvalue(&q);
-            // Also for NaN.
-            if !(smallest > SMALLEST) {
+            if smallest.is_nan() || smallest <= SMALLEST {
                 return Err(RobotError::Singular {
                     file: file.to_owned(),
                     posture: q[..self.dof()].to_vec(),
@@ -46,7 +45,7 @@ impl Chain {
     fn smallest_eigenvalue(&self, q: &[f64; MAX_JOINTS]) -> (f64, usize) {
         let n = self.dof();
         let mass = self.mass_matrix(&self.kinematics(q));
-        if let Some(joint) = (0..n).find(|i| !(mass[(*i, *i)] > 0.0)) {
+        if let Some(joint) = (0..n).find(|i| mass[(*i, *i)].is_nan() || mass[(*i, *i)] <= 0.0) {
             return (0.0, joint);
         }
         let scaled = DMatrix::from_fn(n, n, |i, j| mass[(i, j)] / (mass[(i, i)] * mass[(j, j)]).sqrt());
