@@ -9,7 +9,7 @@ use crate::places::Places;
 use crate::policy::{Fidelity, ResetPolicy, Saturation, Search};
 use crate::raw::{PerJoint, RawController, RawFault, RawOperator, RawProcesses, RawRealtime, RawRobot, RawScenario};
 use crate::settings::{
-    ExternalProcesses, MAX_JOINTS, MIN_SPACING_TICKS, OperatorChange, ParameterSettings, PlantSettings, RealtimeSettings,
+    ExternalProcesses, Foot, MAX_JOINTS, MIN_SPACING_TICKS, OperatorChange, ParameterSettings, PlantSettings, RealtimeSettings,
     RecorderSettings, RobotSettings, Settings, SupervisorSettings, Urdf,
 };
 use crate::tree::{Node, describe_number};
@@ -69,6 +69,7 @@ pub(crate) fn settings(mut raw: RawScenario, tree: &Node, urdf: Urdf) -> Result<
         robot: RobotSettings {
             joint_damping: raw.robot.joint_damping_n_m_s_per_rad.map(|value| value.expand(joints)),
             effort_limit: raw.robot.effort_limit_n_m.map(|value| value.expand(joints)),
+            foot: raw.robot.foot.map(|foot| Foot { radius_m: foot.radius_m, offset_m: foot.offset_m }),
             urdf,
             base_link: raw.robot.base_link,
             tip_link: raw.robot.tip_link,

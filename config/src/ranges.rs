@@ -34,6 +34,8 @@ pub(crate) const RANGES: &[(&str, Range)] = &[
     ("robot.start_position_rad", within(-100.0, 100.0)),
     ("robot.joint_damping_n_m_s_per_rad", within(0.0, 1e4)),
     ("robot.effort_limit_n_m", above(0.0, 1e5)),
+    ("robot.foot.radius_m", within(1e-3, 1.0)),
+    ("robot.foot.offset_m", within(-10.0, 10.0)),
     ("world.gravity_m_per_s2", within(-100.0, 100.0)),
     ("world.floor.height_m", within(-100.0, 100.0)),
     ("world.floor.stiffness_n_per_m", above(0.0, 1e9)),

@@ -76,6 +76,17 @@ pub struct RobotSettings {
     pub joint_damping: Option<Vec<f64>>,
     /// Effort limit [N m; N], one number for each joint; `None`: the description's.
     pub effort_limit: Option<Vec<f64>>,
+    /// A sphere in place of the tip link's shapes.
+    pub foot: Option<Foot>,
+}
+
+/// Spherical foot.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Foot {
+    /// Radius [m].
+    pub radius_m: f64,
+    /// Centre in the tip frame [m].
+    pub offset_m: [f64; 3],
 }
 
 /// Loaded robot description.

@@ -16,14 +16,16 @@ pub enum PlantError {
     Robot(#[from] hapfic_robot::RobotError),
     /// The tip link has no collision shape.
     #[error(
-        "link '{link}': found no collision shape, expected a sphere: the tip link must be able to touch the floor and the objects"
+        "link '{link}': found no collision shape, expected a sphere: the tip link must be able to touch the floor and the objects. Hint: robot.foot.radius_m and robot.foot.offset_m give it one"
     )]
     NoFoot {
         /// The tip link.
         link: String,
     },
     /// The foot has a shape for which there is no contact rule.
-    #[error("link '{link}': found {shape:?} as collision shape of the foot, expected a sphere")]
+    #[error(
+        "link '{link}': found {shape:?} as collision shape of the foot, expected a sphere. Hint: robot.foot.radius_m puts one in its place"
+    )]
     FootShape {
         /// The tip link.
         link: String,

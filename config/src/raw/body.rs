@@ -39,6 +39,23 @@ pub(crate) struct RawRobot {
     /// description's. Raising it lets the drive follow larger requests.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) effort_limit_n_m: Option<PerJoint>,
+
+    /// A sphere in place of whatever shapes the tip link has. Needed where the tip has none, or a mesh.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "RawFoot")]
+    pub(crate) foot: Option<RawFoot>,
+}
+
+/// Spherical foot.
+#[derive(Clone, Debug, Deserialize, JsonSchema, Serialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RawFoot {
+    /// Radius [m], in [1e-3, 1].
+    pub(crate) radius_m: f64,
+
+    /// Centre in the tip frame [m], each in [-10, 10].
+    #[serde(default)]
+    pub(crate) offset_m: [f64; 3],
 }
 
 /// Surroundings of the robot.

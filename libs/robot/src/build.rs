@@ -4,10 +4,10 @@ use crate::chain::{Chain, ChainBody, Joint, JointKind, MAX_JOINTS};
 use crate::collision::{Collision, Shape};
 use crate::error::RobotError;
 use crate::inertia::RigidInertia;
-use crate::urdf::{UrdfTree, type_name};
+use crate::urdf::{self, UrdfTree};
+use crate::xml::Element;
 use arrayvec::ArrayVec;
 use nalgebra::{Isometry3, IsometryMatrix3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
-use urdf_rs::{Geometry, JointLimit, JointType, Pose};
 
 /// Tolerance of the checks of inertia, relative to the sum of the principal moments: rounding in the file.
 const INERTIA_TOLERANCE: f64 = 1e-6;
@@ -15,6 +15,19 @@ const INERTIA_TOLERANCE: f64 = 1e-6;
 const SHORTEST_AXIS: f64 = 1e-9;
 /// Largest moment of inertia that counts as zero [kg m^2].
 const ZERO_INERTIA: f64 = 1e-15;
+/// Effort above which a limit is a placeholder [N m or N].
+const PLACEHOLDER_EFFORT: f64 = 1e4;
+
+/// Values of a scenario that replace or complete those of a description, and a foot.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Replacements<'a> {
+    /// Joint damping [N m s/rad; N s/m], base to tip.
+    pub joint_damping: Option<&'a [f64]>,
+    /// Effort limit [N m; N], base to tip.
+    pub effort_limit: Option<&'a [f64]>,
+    /// A sphere in place of whatever shapes the tip link has: radius [m], centre in the tip frame [m].
+    pub foot: Option<(f64, [f64; 3])>,
+}
 
 impl Chain {
     /// The chain from `base_link` to `tip_link` of a URDF; `name_of_source`, such as a path, is for messages.
@@ -22,12 +35,28 @@ impl Chain {
     /// Links that fixed joints connect to a body, on the path or off it, are lumped into that body: their inertia and
     /// their collision shapes. Links off the path behind a movable joint are left out, and so is everything above the
     /// base. Links without `<inertial>` have no mass. The base link does not move, so only its shapes count. It is at
-    /// the world's origin; [`Chain::with_base`] moves it.
+    /// the world's origin; [`Chain::with_base`] moves it. What does not concern the dynamics of the chain is not read.
+    /// What is odd but usable is in [`Chain::warnings`].
     ///
     /// # Errors
     /// Every [`RobotError`]. Names, parents and loops are checked in the whole file, all the rest only in the chain.
     pub fn from_urdf(text: &str, name_of_source: &str, base_link: &str, tip_link: &str) -> Result<Self, RobotError> {
-        let tree = UrdfTree::read(text, name_of_source)?;
+        Self::from_urdf_with(text, name_of_source, base_link, tip_link, &Replacements::default())
+    }
+
+    /// As [`Chain::from_urdf`], with values that replace those of the description.
+    ///
+    /// # Errors
+    /// As [`Chain::from_urdf`], and [`RobotError::PerJoint`] if a list has another length than the chain has joints.
+    pub fn from_urdf_with(
+        text: &str,
+        name_of_source: &str,
+        base_link: &str,
+        tip_link: &str,
+        replacements: &Replacements<'_>,
+    ) -> Result<Self, RobotError> {
+        let document = urdf::parse(text, name_of_source)?;
+        let tree = UrdfTree::read(&document, name_of_source)?;
         let base = tree.find("base", base_link)?;
         let tip = tree.find("tip", tip_link)?;
         let path = tree.path(base, tip)?;
@@ -46,7 +75,20 @@ impl Chain {
             return Err(RobotError::TooManyJoints { file: file(), base, tip, found: movable });
         }
 
-        let mut builder = ChainBuilder { tree: &tree, path: &path, tip_link, joints: ArrayVec::new(), collisions: Vec::new() };
+        for (key, list) in [
+            ("robot.joint_damping_n_m_s_per_rad", replacements.joint_damping),
+            ("robot.effort_limit_n_m", replacements.effort_limit),
+        ] {
+            check_length(key, list, movable, base_link, tip_link)?;
+        }
+        let mut builder = ChainBuilder {
+            tree: &tree,
+            path: &path,
+            replacements,
+            joints: ArrayVec::new(),
+            collisions: Vec::new(),
+            warnings: Vec::new(),
+        };
         let mut bodies: ArrayVec<ChainBody, MAX_JOINTS> = ArrayVec::new();
         // Pose of the current link in the frame of its body.
         let mut pose = IsometryMatrix3::identity();
@@ -54,7 +96,7 @@ impl Chain {
         for (&index, kind) in path.iter().zip(kinds) {
             let joint = tree.joint(index);
             let link = tree.child(index);
-            pose *= builder.pose(&joint.origin, || format!("joint '{}' <origin>", joint.name))?;
+            pose *= builder.pose(joint.element, || format!("joint '{}' <origin>", joint.name))?;
             if let Some(kind) = kind {
                 bodies.push(builder.joint(index, kind, &pose)?);
                 pose = IsometryMatrix3::identity();
@@ -65,39 +107,90 @@ impl Chain {
             }
         }
         builder.check_masses(&bodies)?;
+        if let Some((radius, offset)) = replacements.foot {
+            builder.collisions.retain(|collision| collision.link != tip_link);
+            let center = pose * nalgebra::Point3::from(offset);
+            builder.collisions.push(Collision {
+                link: tip_link.to_owned(),
+                body: bodies.len().checked_sub(1),
+                origin: Isometry3::translation(center.x, center.y, center.z),
+                shape: Shape::Sphere { radius },
+            });
+        }
 
-        Ok(Self {
+        let chain = Self {
             base_link: base_link.to_owned(),
             tip_link: tip_link.to_owned(),
             joints: builder.joints,
             bodies,
             collisions: builder.collisions,
+            warnings: builder.warnings,
             base_position: Vector3::zeros(),
             base_rotation: Matrix3::identity(),
             tip_position: pose.translation.vector,
             tip_rotation: pose.rotation.into_inner(),
-        })
+        };
+        chain.check_mass_matrix(name_of_source)?;
+        Ok(chain)
+    }
+}
+
+/// Principal moments of an inertia that no body can have, ascending, and the violated condition.
+fn impossible(inertia: &Matrix3<f64>) -> Option<([f64; 3], &'static str)> {
+    if *inertia == Matrix3::zeros() {
+        return None;
+    }
+    let Some(eigen) = inertia.try_symmetric_eigen(f64::EPSILON, 1000) else {
+        return Some(([f64::NAN; 3], "numbers that have principal moments"));
+    };
+    let mut principal = [eigen.eigenvalues[0], eigen.eigenvalues[1], eigen.eigenvalues[2]];
+    principal.sort_by(f64::total_cmp);
+    let [small, middle, large] = principal;
+    let tolerance = INERTIA_TOLERANCE * inertia.trace().abs().max(large.abs());
+    if small < -tolerance {
+        Some((principal, "none of them negative"))
+    } else if large > small + middle + tolerance {
+        Some((principal, "none of them above the sum of the other two"))
+    } else {
+        None
+    }
+}
+
+/// Checks the length of a list with a value for each joint.
+pub(crate) fn check_length(
+    key: &'static str,
+    list: Option<&[f64]>,
+    joints: usize,
+    base: &str,
+    tip: &str,
+) -> Result<(), RobotError> {
+    match list {
+        Some(list) if list.len() != joints => {
+            Err(RobotError::PerJoint { key, found: list.len(), joints, base: base.to_owned(), tip: tip.to_owned() })
+        }
+        _ => Ok(()),
     }
 }
 
 /// Kind of a joint on the path; `None` if it is fixed.
 fn kind(tree: &UrdfTree<'_>, index: usize) -> Result<Option<JointKind>, RobotError> {
     let joint = tree.joint(index);
-    let kind = match joint.joint_type {
-        JointType::Fixed => return Ok(None),
-        JointType::Revolute => JointKind::Revolute,
-        JointType::Continuous => JointKind::Continuous,
-        JointType::Prismatic => JointKind::Prismatic,
-        JointType::Floating | JointType::Planar | JointType::Spherical => {
+    let kind = match joint.kind {
+        "fixed" => return Ok(None),
+        "revolute" => JointKind::Revolute,
+        "continuous" => JointKind::Continuous,
+        "prismatic" => JointKind::Prismatic,
+        found => {
             return Err(RobotError::UnsupportedJoint {
-                file: tree.file().to_owned(),
-                joint: joint.name.clone(),
-                found: type_name(&joint.joint_type),
+                file: joint.element.place(),
+                joint: joint.name.to_owned(),
+                found: found.to_owned(),
             });
         }
     };
-    if let Some(mimic) = &joint.mimic {
-        return Err(RobotError::Mimic { file: tree.file().to_owned(), joint: joint.name.clone(), mimicked: mimic.joint.clone() });
+    if let Some(mimic) = joint.element.child("mimic") {
+        let mimicked = mimic.attribute("joint").unwrap_or_default().to_owned();
+        return Err(RobotError::Mimic { file: mimic.place(), joint: joint.name.to_owned(), mimicked });
     }
     Ok(Some(kind))
 }
@@ -106,9 +199,10 @@ fn kind(tree: &UrdfTree<'_>, index: usize) -> Result<Option<JointKind>, RobotErr
 struct ChainBuilder<'t> {
     tree: &'t UrdfTree<'t>,
     path: &'t [usize],
-    tip_link: &'t str,
+    replacements: &'t Replacements<'t>,
     joints: ArrayVec<Joint, MAX_JOINTS>,
     collisions: Vec<Collision>,
+    warnings: Vec<String>,
 }
 
 impl ChainBuilder<'_> {
@@ -119,56 +213,54 @@ impl ChainBuilder<'_> {
     /// Adds a movable joint whose frame is at `pose` in the previous body; returns its body, still without mass.
     fn joint(&mut self, index: usize, kind: JointKind, pose: &IsometryMatrix3<f64>) -> Result<ChainBody, RobotError> {
         let joint = self.tree.joint(index);
-        let name = &joint.name;
-        let written = joint.axis.xyz.0;
+        let (name, element) = (joint.name, joint.element);
+        let axis_place = || format!("joint '{name}' <axis xyz>");
+        let written = match element.child("axis") {
+            Some(axis) => axis.triple("xyz", axis_place)?.unwrap_or([1.0, 0.0, 0.0]),
+            None => [1.0, 0.0, 0.0],
+        };
         let length = Vector3::from(written).norm();
         if !length.is_finite() || length < SHORTEST_AXIS {
-            return Err(RobotError::Axis { file: self.file(), joint: name.clone(), found: written });
+            return Err(RobotError::Axis { file: element.place(), joint: name.to_owned(), found: written });
         }
         let axis = Vector3::from(written) / length;
 
-        let limit = &joint.limit;
-        // The reader fills a missing <limit> with zeros, which are invalid anyway.
-        if *limit == JointLimit::default() {
-            let expected = match kind {
-                JointKind::Continuous => "<limit effort=.. velocity=../>",
-                JointKind::Revolute | JointKind::Prismatic => "<limit lower=.. upper=.. effort=.. velocity=../>",
-            };
-            let kind = type_name(&joint.joint_type);
-            return Err(RobotError::MissingLimit { file: self.file(), joint: name.clone(), kind, expected });
-        }
+        let limit = element.child("limit");
         let (lower, upper) = if kind == JointKind::Continuous {
             (f64::NEG_INFINITY, f64::INFINITY)
         } else {
-            self.finite(limit.lower, || format!("joint '{name}' <limit lower>"))?;
-            self.finite(limit.upper, || format!("joint '{name}' <limit upper>"))?;
-            if limit.lower > limit.upper {
-                let (lower, upper) = (limit.lower, limit.upper);
-                return Err(RobotError::LimitsReversed { file: self.file(), joint: name.clone(), lower, upper });
+            let Some(limit) = limit.filter(|limit| limit.attribute("lower").is_some() || limit.attribute("upper").is_some())
+            else {
+                let expected = "<limit lower=.. upper=.. effort=.. velocity=../>";
+                let (file, kind) = (element.place(), joint.kind.to_owned());
+                return Err(RobotError::MissingLimit { file, joint: name.to_owned(), kind, expected });
+            };
+            let bound = |attribute: &'static str| {
+                let place = || format!("joint '{name}' <limit {attribute}>");
+                let value = limit.number(attribute, place)?.unwrap_or(0.0);
+                limit.finite(value, place).map(|()| value)
+            };
+            let (lower, upper) = (bound("lower")?, bound("upper")?);
+            if lower > upper {
+                return Err(RobotError::LimitsReversed { file: limit.place(), joint: name.to_owned(), lower, upper });
             }
-            (limit.lower, limit.upper)
+            (lower, upper)
         };
-        self.finite(limit.effort, || format!("joint '{name}' <limit effort>"))?;
-        if limit.effort <= 0.0 {
-            return Err(RobotError::Effort { file: self.file(), joint: name.clone(), found: limit.effort });
-        }
-        // URDF 1.2 defines an omitted speed limit as infinite.
-        if limit.velocity != f64::INFINITY {
-            self.not_negative(limit.velocity, || format!("joint '{name}' <limit velocity>"))?;
-        }
-        let damping = joint.dynamics.as_ref().map_or(0.0, |dynamics| dynamics.damping);
-        self.not_negative(damping, || format!("joint '{name}' <dynamics damping>"))?;
+        let effort = self.effort(name, element, limit)?;
+        let velocity_limit = self.velocity(name, limit)?;
+        let damping = match (self.replacements.joint_damping, element.child("dynamics")) {
+            (Some(list), _) => list[self.joints.len()],
+            (None, Some(dynamics)) => {
+                let place = || format!("joint '{name}' <dynamics damping>");
+                let damping = dynamics.number("damping", place)?.unwrap_or(0.0);
+                dynamics.not_negative(damping, place)?;
+                damping
+            }
+            (None, None) => 0.0,
+        };
 
-        self.joints.push(Joint {
-            name: name.clone(),
-            child_link: joint.child.link.clone(),
-            kind,
-            lower,
-            upper,
-            effort: limit.effort,
-            velocity_limit: limit.velocity,
-            damping,
-        });
+        let child_link = joint.child.to_owned();
+        self.joints.push(Joint { name: name.to_owned(), child_link, kind, lower, upper, effort, velocity_limit, damping });
         let rotation = *pose.rotation.matrix();
         let cross = axis.cross_matrix();
         Ok(ChainBody {
@@ -182,6 +274,49 @@ impl ChainBuilder<'_> {
         })
     }
 
+    /// Largest torque of a joint: the scenario's, else the description's.
+    fn effort(&mut self, name: &str, joint: Element<'_>, limit: Option<Element<'_>>) -> Result<f64, RobotError> {
+        if let Some(list) = self.replacements.effort_limit {
+            return Ok(list[self.joints.len()]);
+        }
+        let place = || format!("joint '{name}' <limit effort>");
+        let at = limit.unwrap_or(joint);
+        let effort = match limit {
+            Some(limit) => limit.number("effort", place)?,
+            None => None,
+        };
+        if let Some(found) = effort {
+            at.finite(found, place)?;
+        }
+        match effort {
+            Some(effort) if effort > PLACEHOLDER_EFFORT => {
+                self.warn(at, format!("{}: {effort} is a placeholder, expected the peak torque of the drive", place()));
+                Ok(effort)
+            }
+            Some(effort) if effort > 0.0 => Ok(effort),
+            found => Err(RobotError::Effort { file: at.place(), joint: name.to_owned(), found }),
+        }
+    }
+
+    /// Largest speed of a joint; infinite if none is given (URDF 1.2), or zero, as many files have it.
+    fn velocity(&mut self, name: &str, limit: Option<Element<'_>>) -> Result<f64, RobotError> {
+        let Some(limit) = limit else { return Ok(f64::INFINITY) };
+        let place = || format!("joint '{name}' <limit velocity>");
+        match limit.number("velocity", place)? {
+            None => Ok(f64::INFINITY),
+            Some(f64::INFINITY) => Ok(f64::INFINITY),
+            Some(0.0) => {
+                self.warn(limit, format!("{}: found 0, taken as no limit", place()));
+                Ok(f64::INFINITY)
+            }
+            Some(velocity) => limit.not_negative(velocity, place).map(|()| velocity),
+        }
+    }
+
+    fn warn(&mut self, at: Element<'_>, text: String) {
+        self.warnings.push(format!("{}: {text}", at.place()));
+    }
+
     /// Lumps a link at `pose` in a body's frame with all links fixed to it off the path.
     ///
     /// Adds their collision shapes and returns their inertia in the body's frame.
@@ -191,79 +326,105 @@ impl ChainBuilder<'_> {
         let mut open = vec![(link, pose)];
         while let Some((index, pose)) = open.pop() {
             let link = tree.link(index);
-            inertia = inertia.plus(&self.inertia(index)?.placed(&pose));
-            for collision in &link.collision {
-                let own = self.pose(&collision.origin, || format!("link '{}' <collision><origin>", link.name))?;
-                // Only the tip needs an exact shape; other meshes are left out.
-                if matches!(collision.geometry, Geometry::Mesh { .. }) && link.name != self.tip_link {
-                    continue;
+            let own = self.inertia(index);
+            if let Some((principal, expected)) = own.as_ref().ok().and_then(|own| impossible(&own.inertia_kg_m2)) {
+                let found = format!("link '{}' <inertia>: found the principal moments {principal:?} kg m^2", link.name);
+                let use_of = if body.is_some() { "what is fixed to each other counts" } else { "the base does not move" };
+                self.warn(link.element, format!("{found}, expected {expected} ({use_of})"));
+            }
+            match (own, body) {
+                (Ok(own), Some(_)) => inertia = inertia.plus(&own.placed(&pose)),
+                (Err(error), Some(_)) => return Err(error),
+                (Err(error), None) => self.warnings.push(format!("{error} (ignored: the base does not move)")),
+                (Ok(_), None) => {}
+            }
+            for collision in link.element.children("collision") {
+                match self.collision(link.name, collision, body, &pose) {
+                    Ok(collision) => self.collisions.push(collision),
+                    // A shape stops no load: dynamics needs none.
+                    Err(error) => self.warnings.push(format!("{error} (left out)")),
                 }
-                let shape = self.shape(&link.name, &collision.geometry)?;
-                let placed = pose * own;
-                let origin = Isometry3::from_parts(placed.translation, UnitQuaternion::from_rotation_matrix(&placed.rotation));
-                self.collisions.push(Collision { link: link.name.clone(), body, origin, shape });
             }
             // Reversed, so that the stack returns them in the order of the file.
             for &below in tree.below(index).iter().rev() {
                 let joint = tree.joint(below);
-                if joint.joint_type == JointType::Fixed && !self.path.contains(&below) {
-                    let own = self.pose(&joint.origin, || format!("joint '{}' <origin>", joint.name))?;
-                    open.push((tree.child(below), pose * own));
+                if joint.kind == "fixed" && !self.path.contains(&below) {
+                    match self.pose(joint.element, || format!("joint '{}' <origin>", joint.name)) {
+                        Ok(own) => open.push((tree.child(below), pose * own)),
+                        Err(error) if body.is_none() => {
+                            self.warnings
+                                .push(format!("{error} (left out with all that is fixed to it: the base does not move)"));
+                        }
+                        Err(error) => return Err(error),
+                    }
                 }
             }
         }
         Ok(inertia)
     }
 
-    /// The checked inertia of one link, in its own frame.
+    /// The inertia of one link, in its own frame; its numbers are finite.
     fn inertia(&self, index: usize) -> Result<RigidInertia, RobotError> {
         let link = self.tree.link(index);
-        let name = &link.name;
-        let inertial = &link.inertial;
-        let pose = self.pose(&inertial.origin, || format!("link '{name}' <inertial><origin>"))?;
-        let mass_kg = inertial.mass.value;
-        self.not_negative(mass_kg, || format!("link '{name}' <mass value>"))?;
-        let i = &inertial.inertia;
-        for (value, attribute) in [(i.ixx, "ixx"), (i.ixy, "ixy"), (i.ixz, "ixz"), (i.iyy, "iyy"), (i.iyz, "iyz"), (i.izz, "izz")]
-        {
-            self.finite(value, || format!("link '{name}' <inertia {attribute}>"))?;
+        let name = link.name;
+        let Some(inertial) = link.element.child("inertial") else { return Ok(RigidInertia::zero()) };
+        let pose = self.pose(inertial, || format!("link '{name}' <inertial><origin>"))?;
+        let mass_place = || format!("link '{name}' <mass value>");
+        let mass_kg = match inertial.child("mass") {
+            Some(mass) => {
+                let value = mass.number("value", mass_place)?.unwrap_or(0.0);
+                mass.not_negative(value, mass_place)?;
+                value
+            }
+            None => 0.0,
+        };
+        let mut moments = [0.0; 6];
+        if let Some(inertia) = inertial.child("inertia") {
+            for (moment, attribute) in moments.iter_mut().zip(["ixx", "ixy", "ixz", "iyy", "iyz", "izz"]) {
+                let place = || format!("link '{name}' <inertia {attribute}>");
+                *moment = inertia.number(attribute, place)?.unwrap_or(0.0);
+                inertia.bounded(*moment, place)?;
+            }
         }
-        let inertia = Matrix3::new(i.ixx, i.ixy, i.ixz, i.ixy, i.iyy, i.iyz, i.ixz, i.iyz, i.izz);
-        self.check_moments(name, &inertia)?;
-        let about_center = RigidInertia { mass_kg, center_m: Vector3::zeros(), inertia_kg_m2: inertia };
-        Ok(about_center.placed(&pose))
+        let [xx, xy, xz, yy, yz, zz] = moments;
+        let inertia_kg_m2 = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz);
+        Ok(RigidInertia { mass_kg, center_m: Vector3::zeros(), inertia_kg_m2 }.placed(&pose))
     }
 
-    /// Checks that no principal moment is negative or above the sum of the other two.
-    fn check_moments(&self, link: &str, inertia: &Matrix3<f64>) -> Result<(), RobotError> {
-        let reject = |principal: [f64; 3], expected: &'static str| {
-            Err(RobotError::Inertia { file: self.file(), link: link.to_owned(), principal, expected })
-        };
-        if *inertia == Matrix3::zeros() {
-            return Ok(());
-        }
-        let Some(eigen) = inertia.try_symmetric_eigen(f64::EPSILON, 1000) else {
-            return reject([f64::NAN; 3], "numbers that have principal moments");
-        };
-        let mut principal = [eigen.eigenvalues[0], eigen.eigenvalues[1], eigen.eigenvalues[2]];
-        principal.sort_by(f64::total_cmp);
-        let [small, middle, large] = principal;
-        let tolerance = INERTIA_TOLERANCE * inertia.trace().abs().max(large.abs());
-        if small < -tolerance {
-            return reject(principal, "none of them negative");
-        }
-        if large > small + middle + tolerance {
-            return reject(principal, "none of them above the sum of the other two");
-        }
-        Ok(())
+    /// A collision shape of a link at `pose` on a body.
+    fn collision(
+        &self,
+        link: &str,
+        collision: Element<'_>,
+        body: Option<usize>,
+        pose: &IsometryMatrix3<f64>,
+    ) -> Result<Collision, RobotError> {
+        let own = self.pose(collision, || format!("link '{link}' <collision><origin>"))?;
+        let missing = || collision.unreadable(format!("link '{link}' <collision> has no <geometry> with a shape"));
+        let geometry = collision.child("geometry").and_then(Element::first).ok_or_else(missing)?;
+        let shape = self.shape(link, geometry)?;
+        let placed = pose * own;
+        let origin = Isometry3::from_parts(placed.translation, UnitQuaternion::from_rotation_matrix(&placed.rotation));
+        Ok(Collision { link: link.to_owned(), body, origin, shape })
     }
 
-    /// Checks that the mass matrix is not singular.
+    /// File and line of a link.
+    fn place_of(&self, link: &str) -> String {
+        self.tree.find("child", link).map_or_else(|_| self.file(), |index| self.tree.link(index).element.place())
+    }
+
+    /// Checks the inertia of each body, and that the last joints move some.
     fn check_masses(&self, bodies: &[ChainBody]) -> Result<(), RobotError> {
         for (body, joint) in bodies.iter().zip(&self.joints) {
-            if body.inertia.mass_kg <= 0.0 {
+            if let Some((principal, expected)) = impossible(&body.inertia.inertia_kg_m2) {
+                let file = self.place_of(&joint.child_link);
+                return Err(RobotError::Inertia { file, link: joint.child_link.clone(), principal, expected });
+            }
+        }
+        for (i, joint) in self.joints.iter().enumerate() {
+            if bodies[i..].iter().all(|body| body.inertia.mass_kg <= 0.0) {
                 return Err(RobotError::Massless {
-                    file: self.file(),
+                    file: self.place_of(&joint.child_link),
                     joint: joint.name.clone(),
                     link: joint.child_link.clone(),
                 });
@@ -275,7 +436,7 @@ impl ChainBuilder<'_> {
             let found = body.inertia.about_axis(&axis);
             if body.rotational && found <= ZERO_INERTIA {
                 return Err(RobotError::NoInertia {
-                    file: self.file(),
+                    file: self.place_of(&joint.child_link),
                     joint: joint.name.clone(),
                     link: joint.child_link.clone(),
                     found,
@@ -285,69 +446,42 @@ impl ChainBuilder<'_> {
         Ok(())
     }
 
-    /// The checked shape of a collision element.
-    fn shape(&self, link: &str, geometry: &Geometry) -> Result<Shape, RobotError> {
-        let place = |attribute: &'static str| move || format!("link '{link}' <collision> {attribute}");
-        match *geometry {
-            Geometry::Sphere { radius } => {
-                self.positive(radius, place("sphere radius"))?;
-                Ok(Shape::Sphere { radius })
+    /// The checked shape of a geometry.
+    fn shape(&self, link: &str, geometry: Element<'_>) -> Result<Shape, RobotError> {
+        let length = |attribute: &'static str| {
+            let place = || format!("link '{link}' <collision> {} {attribute}", geometry.tag());
+            let value = geometry.number(attribute, place)?.unwrap_or(0.0);
+            geometry.positive(value, place).map(|()| value)
+        };
+        match geometry.tag() {
+            "sphere" => Ok(Shape::Sphere { radius: length("radius")? }),
+            "cylinder" => Ok(Shape::Cylinder { radius: length("radius")?, length: length("length")? }),
+            "capsule" => Ok(Shape::Capsule { radius: length("radius")?, length: length("length")? }),
+            "box" => {
+                let place = || format!("link '{link}' <collision> box size");
+                let size = geometry.triple("size", place)?.unwrap_or([0.0; 3]);
+                size.iter().try_for_each(|edge| geometry.positive(*edge, place))?;
+                Ok(Shape::Box { size })
             }
-            Geometry::Cylinder { radius, length } => {
-                self.positive(radius, place("cylinder radius"))?;
-                self.positive(length, place("cylinder length"))?;
-                Ok(Shape::Cylinder { radius, length })
+            "mesh" => {
+                let mesh = geometry.attribute("filename").unwrap_or_default().to_owned();
+                Err(RobotError::Mesh { file: geometry.place(), link: link.to_owned(), mesh })
             }
-            Geometry::Capsule { radius, length } => {
-                self.positive(radius, place("capsule radius"))?;
-                self.positive(length, place("capsule length"))?;
-                Ok(Shape::Capsule { radius, length })
-            }
-            Geometry::Box { size } => {
-                for edge in size.0 {
-                    self.positive(edge, place("box size"))?;
-                }
-                Ok(Shape::Box { size: size.0 })
-            }
-            Geometry::Mesh { ref filename, .. } => {
-                Err(RobotError::Mesh { file: self.file(), link: link.to_owned(), mesh: filename.clone() })
-            }
+            other => Err(geometry.unreadable(format!("link '{link}' <collision> has the unknown shape <{other}>"))),
         }
     }
 
-    /// A checked `<origin>`.
-    fn pose(&self, pose: &Pose, place: impl Fn() -> String) -> Result<IsometryMatrix3<f64>, RobotError> {
-        for value in pose.xyz.0 {
-            self.finite(value, || format!("{} xyz", place()))?;
-        }
-        for value in pose.rpy.0 {
-            self.finite(value, || format!("{} rpy", place()))?;
-        }
-        let [roll, pitch, yaw] = pose.rpy.0;
-        let translation = Translation3::from(Vector3::from(pose.xyz.0));
+    /// The checked `<origin>` in an element; the identity if there is none.
+    fn pose(&self, element: Element<'_>, place: impl Fn() -> String) -> Result<IsometryMatrix3<f64>, RobotError> {
+        let Some(origin) = element.child("origin") else { return Ok(IsometryMatrix3::identity()) };
+        let read = |attribute: &'static str| {
+            let place = || format!("{} {attribute}", place());
+            let values = origin.triple(attribute, place)?.unwrap_or([0.0; 3]);
+            values.iter().try_for_each(|value| origin.bounded(*value, place))?;
+            Ok(values)
+        };
+        let (xyz, [roll, pitch, yaw]) = (read("xyz")?, read("rpy")?);
+        let translation = Translation3::from(Vector3::from(xyz));
         Ok(IsometryMatrix3::from_parts(translation, Rotation3::from_euler_angles(roll, pitch, yaw)))
-    }
-
-    fn finite(&self, found: f64, place: impl FnOnce() -> String) -> Result<(), RobotError> {
-        if found.is_finite() {
-            return Ok(());
-        }
-        Err(RobotError::NotFinite { file: self.file(), place: place(), found })
-    }
-
-    fn not_negative(&self, found: f64, place: impl Fn() -> String) -> Result<(), RobotError> {
-        self.finite(found, &place)?;
-        if found >= 0.0 {
-            return Ok(());
-        }
-        Err(RobotError::Negative { file: self.file(), place: place(), found })
-    }
-
-    fn positive(&self, found: f64, place: impl Fn() -> String) -> Result<(), RobotError> {
-        self.finite(found, &place)?;
-        if found > 0.0 {
-            return Ok(());
-        }
-        Err(RobotError::NotPositive { file: self.file(), place: place(), found })
     }
 }

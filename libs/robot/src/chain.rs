@@ -75,6 +75,7 @@ pub struct Chain {
     pub(crate) joints: ArrayVec<Joint, MAX_JOINTS>,
     pub(crate) bodies: ArrayVec<ChainBody, MAX_JOINTS>,
     pub(crate) collisions: Vec<Collision>,
+    pub(crate) warnings: Vec<String>,
     pub(crate) base_position: Vector3<f64>,
     pub(crate) base_rotation: Matrix3<f64>,
     /// Tip frame in the frame of the last body.
@@ -111,6 +112,12 @@ impl Chain {
     #[must_use]
     pub fn collisions(&self) -> &[Collision] {
         &self.collisions
+    }
+
+    /// What is odd in the description but usable, each with file, line and link or joint.
+    #[must_use]
+    pub fn warnings(&self) -> &[String] {
+        &self.warnings
     }
 
     /// Name of the base link.

@@ -99,7 +99,7 @@ pub enum RobotError {
         /// The joint.
         joint: String,
         /// Its type.
-        found: &'static str,
+        found: String,
     },
     /// A joint that follows another one.
     #[error(
@@ -145,15 +145,15 @@ pub enum RobotError {
         /// What is written.
         found: [f64; 3],
     },
-    /// A movable joint without limits.
-    #[error("{file}: {kind} joint '{joint}' has no <limit> (or only zeros in it); expected {expected}: add it")]
+    /// A movable joint without limits of its position.
+    #[error("{file}: {kind} joint '{joint}' has no <limit> with lower and upper; expected {expected}: add it")]
     MissingLimit {
         /// Name of the source.
         file: String,
         /// The joint.
         joint: String,
         /// Its type.
-        kind: &'static str,
+        kind: String,
         /// The attributes it needs.
         expected: &'static str,
     },
@@ -171,15 +171,54 @@ pub enum RobotError {
     },
     /// A peak torque that is not above zero.
     #[error(
-        "{file}: joint '{joint}' <limit effort>: found {found}; expected above zero: give the peak torque (N m) or force (N) of the drive"
+        "{file}: joint '{joint}' <limit effort>: found {}; expected above zero: give the peak torque (N m) or force (N) of the drive, or set robot.effort_limit_n_m in the scenario",
+        found.map_or("none".to_owned(), |found| found.to_string())
     )]
     Effort {
         /// Name of the source.
         file: String,
         /// The joint.
         joint: String,
+        /// What is written; `None` if nothing is.
+        found: Option<f64>,
+    },
+    /// A word where a number belongs, or another number of numbers.
+    #[error("{file}: {place}: found \"{found}\"; expected {expected}: correct it")]
+    Number {
+        /// Name of the source, and line.
+        file: String,
+        /// Element and attribute.
+        place: String,
+        /// What is written.
+        found: String,
+        /// What belongs there.
+        expected: &'static str,
+    },
+    /// A number so large that products of it overflow.
+    #[error("{file}: {place}: found {found}; expected at most {most} in size: correct it")]
+    TooLarge {
+        /// Name of the source, and line.
+        file: String,
+        /// Element and attribute.
+        place: String,
         /// What is written.
         found: f64,
+        /// Largest size.
+        most: f64,
+    },
+    /// The mass matrix is singular at a posture.
+    #[error(
+        "{file}: the mass matrix is singular at the posture {posture:?} (smallest eigenvalue of the scaled matrix {smallest:.1e}), in the motion of joint '{joint}'; expected mass or inertia behind every joint: give the links behind it an <inertial>, or make a joint fixed"
+    )]
+    Singular {
+        /// Name of the source.
+        file: String,
+        /// Joint positions [rad or m].
+        posture: Vec<f64>,
+        /// The joint that moves least mass there.
+        joint: String,
+        /// Smallest eigenvalue of the mass matrix, scaled to ones on its diagonal.
+        smallest: f64,
     },
     /// A number is NaN or infinite.
     #[error("{file}: {place}: found {found}; expected a finite number: write one")]

@@ -48,6 +48,7 @@
 mod build;
 mod chain;
 mod collision;
+mod definite;
 mod dynamics;
 mod error;
 mod inertia;
@@ -57,7 +58,9 @@ mod reach;
 mod settings;
 mod tip;
 mod urdf;
+mod xml;
 
+pub use build::Replacements;
 pub use chain::{Chain, Joint, JointKind, JointVector, MAX_JOINTS};
 pub use collision::{Collision, Shape};
 pub use dynamics::MassMatrix;

@@ -1,18 +1,36 @@
 //! Checked tree of links of a URDF: names resolved, one parent per link, no loop.
 
 use crate::error::RobotError;
+use crate::xml::Element;
+use roxmltree::Document;
 use std::collections::HashMap;
-use urdf_rs::{Joint, JointType, Link, Robot};
 
 /// Largest number of links of which an error lists all names; of more it lists the nearest.
 const LISTED_NAMES: usize = 12;
 /// Number of nearest names that an error lists.
 const NEAR_NAMES: usize = 5;
 
+/// A link: its name, and its element.
+pub(crate) struct Link<'d> {
+    pub(crate) name: &'d str,
+    pub(crate) element: Element<'d>,
+}
+
+/// A joint. What only matters in the chain is read there.
+pub(crate) struct Joint<'d> {
+    pub(crate) name: &'d str,
+    /// Its type, as written.
+    pub(crate) kind: &'d str,
+    pub(crate) child: &'d str,
+    parent: &'d str,
+    pub(crate) element: Element<'d>,
+}
+
 /// Links and joints by index, in the order of the file.
-pub(crate) struct UrdfTree<'a> {
-    file: &'a str,
-    robot: Robot,
+pub(crate) struct UrdfTree<'d> {
+    file: &'d str,
+    links: Vec<Link<'d>>,
+    joints: Vec<Joint<'d>>,
     /// Parent and child link of each joint.
     ends: Vec<(usize, usize)>,
     /// The joint above each link.
@@ -21,59 +39,79 @@ pub(crate) struct UrdfTree<'a> {
     below: Vec<Vec<usize>>,
 }
 
-impl<'a> UrdfTree<'a> {
-    /// Reads and checks a URDF; `file` is its name in messages.
-    pub(crate) fn read(text: &str, file: &'a str) -> Result<Self, RobotError> {
-        let robot = urdf_rs::read_from_string(text)
-            .map_err(|error| RobotError::Parse { file: file.to_owned(), reason: error.to_string() })?;
-        let links = unique(file, "link", robot.links.iter().map(|link| link.name.as_str()))?;
-        unique(file, "joint", robot.joints.iter().map(|joint| joint.name.as_str()))?;
+/// Reads the XML of a URDF; `file` is its name in messages.
+pub(crate) fn parse<'d>(text: &'d str, file: &str) -> Result<Document<'d>, RobotError> {
+    let options = roxmltree::ParsingOptions { allow_dtd: true, ..roxmltree::ParsingOptions::default() };
+    Document::parse_with_options(text, options)
+        .map_err(|error| RobotError::Parse { file: format!("{file}:{}", error.pos().row), reason: error.to_string() })
+}
 
-        let mut ends = Vec::with_capacity(robot.joints.len());
-        let mut above: Vec<Option<usize>> = vec![None; robot.links.len()];
-        let mut below = vec![Vec::new(); robot.links.len()];
-        for (index, joint) in robot.joints.iter().enumerate() {
+impl<'d> UrdfTree<'d> {
+    /// Checks names and links of a URDF; `file` is its name in messages.
+    pub(crate) fn read(document: &'d Document<'d>, file: &'d str) -> Result<Self, RobotError> {
+        let root = Element::new(document.root_element(), file);
+        if root.tag() != "robot" {
+            return Err(root.unreadable(format!("the root element is <{}>", root.tag())));
+        }
+        let links = root.children("link").map(|element| Ok(Link { name: element.name()?, element }));
+        let links = links.collect::<Result<Vec<_>, RobotError>>()?;
+        let end = |element: Element<'d>, tag: &'static str| {
+            let missing = || element.unreadable(format!("<joint> has no <{tag}>"));
+            element.child(tag).ok_or_else(missing)?.required("link")
+        };
+        let joints = root.children("joint").map(|element| {
+            let (name, kind) = (element.name()?, element.required("type")?);
+            Ok(Joint { name, kind, parent: end(element, "parent")?, child: end(element, "child")?, element })
+        });
+        let joints = joints.collect::<Result<Vec<_>, RobotError>>()?;
+        let indices = unique("link", links.iter().map(|link| (link.name, link.element)))?;
+        unique("joint", joints.iter().map(|joint| (joint.name, joint.element)))?;
+
+        let mut ends = Vec::with_capacity(joints.len());
+        let mut above: Vec<Option<usize>> = vec![None; links.len()];
+        let mut below = vec![Vec::new(); links.len()];
+        for (index, joint) in joints.iter().enumerate() {
             let index_of = |end: &'static str, link: &str| {
-                links.get(link).copied().ok_or_else(|| RobotError::DanglingJoint {
-                    file: file.to_owned(),
-                    joint: joint.name.clone(),
+                indices.get(link).copied().ok_or_else(|| RobotError::DanglingJoint {
+                    file: joint.element.place(),
+                    joint: joint.name.to_owned(),
                     end,
                     link: link.to_owned(),
-                    expected: names_like(&robot.links, link),
+                    expected: names_like(&links, link),
                 })
             };
-            let parent = index_of("parent", &joint.parent.link)?;
-            let child = index_of("child", &joint.child.link)?;
+            let parent = index_of("parent", joint.parent)?;
+            let child = index_of("child", joint.child)?;
             if let Some(first) = above[child] {
                 return Err(RobotError::TwoParents {
-                    file: file.to_owned(),
-                    link: joint.child.link.clone(),
-                    first: robot.joints[first].name.clone(),
-                    second: joint.name.clone(),
+                    file: joint.element.place(),
+                    link: joint.child.to_owned(),
+                    first: joints[first].name.to_owned(),
+                    second: joint.name.to_owned(),
                 });
             }
             above[child] = Some(index);
             below[parent].push(index);
             ends.push((parent, child));
         }
-        let tree = Self { file, robot, ends, above, below };
+        let tree = Self { file, links, joints, ends, above, below };
         tree.check_acyclic()?;
         Ok(tree)
     }
 
     /// Name of the source, for messages.
-    pub(crate) fn file(&self) -> &'a str {
+    pub(crate) fn file(&self) -> &'d str {
         self.file
     }
 
     /// A link by its index.
-    pub(crate) fn link(&self, index: usize) -> &Link {
-        &self.robot.links[index]
+    pub(crate) fn link(&self, index: usize) -> &Link<'d> {
+        &self.links[index]
     }
 
     /// A joint by its index.
-    pub(crate) fn joint(&self, index: usize) -> &Joint {
-        &self.robot.joints[index]
+    pub(crate) fn joint(&self, index: usize) -> &Joint<'d> {
+        &self.joints[index]
     }
 
     /// The link that a joint moves.
@@ -88,11 +126,11 @@ impl<'a> UrdfTree<'a> {
 
     /// Index of a link by name; `role` is for the error.
     pub(crate) fn find(&self, role: &'static str, name: &str) -> Result<usize, RobotError> {
-        self.robot.links.iter().position(|link| link.name == name).ok_or_else(|| RobotError::UnknownLink {
+        self.links.iter().position(|link| link.name == name).ok_or_else(|| RobotError::UnknownLink {
             file: self.file.to_owned(),
             role,
             name: name.to_owned(),
-            expected: names_like(&self.robot.links, name),
+            expected: names_like(&self.links, name),
         })
     }
 
@@ -105,8 +143,8 @@ impl<'a> UrdfTree<'a> {
             let Some(joint) = self.above[link] else {
                 return Err(RobotError::NotBelow {
                     file: self.file.to_owned(),
-                    base: self.link(base).name.clone(),
-                    tip: self.link(tip).name.clone(),
+                    base: self.link(base).name.to_owned(),
+                    tip: self.link(tip).name.to_owned(),
                     ancestors: ancestors.join(", "),
                 });
             };
@@ -120,14 +158,14 @@ impl<'a> UrdfTree<'a> {
 
     /// Checks that no link is its own ancestor.
     fn check_acyclic(&self) -> Result<(), RobotError> {
-        for start in 0..self.robot.links.len() {
+        for start in 0..self.links.len() {
             let mut link = start;
             let mut steps = 0;
             while let Some(joint) = self.above[link] {
                 link = self.ends[joint].0;
                 steps += 1;
-                if steps > self.robot.links.len() {
-                    return Err(RobotError::Cycle { file: self.file.to_owned(), link: self.link(link).name.clone() });
+                if steps > self.links.len() {
+                    return Err(RobotError::Cycle { file: self.file.to_owned(), link: self.link(link).name.to_owned() });
                 }
             }
         }
@@ -135,40 +173,26 @@ impl<'a> UrdfTree<'a> {
     }
 }
 
-/// Name of a joint type in URDF.
-pub(crate) fn type_name(joint_type: &JointType) -> &'static str {
-    match joint_type {
-        JointType::Revolute => "revolute",
-        JointType::Continuous => "continuous",
-        JointType::Prismatic => "prismatic",
-        JointType::Fixed => "fixed",
-        JointType::Floating => "floating",
-        JointType::Planar => "planar",
-        JointType::Spherical => "spherical",
-    }
-}
-
 /// Indices by name; rejects a duplicate name.
-fn unique<'n>(
-    file: &str,
+fn unique<'d>(
     what: &'static str,
-    names: impl Iterator<Item = &'n str>,
-) -> Result<HashMap<String, usize>, RobotError> {
+    names: impl Iterator<Item = (&'d str, Element<'d>)>,
+) -> Result<HashMap<&'d str, usize>, RobotError> {
     let mut indices = HashMap::new();
-    for (index, name) in names.enumerate() {
-        if indices.insert(name.to_owned(), index).is_some() {
-            return Err(RobotError::Duplicate { file: file.to_owned(), what, name: name.to_owned() });
+    for (index, (name, element)) in names.enumerate() {
+        if indices.insert(name, index).is_some() {
+            return Err(RobotError::Duplicate { file: element.place(), what, name: name.to_owned() });
         }
     }
     Ok(indices)
 }
 
 /// Expected link names for a message: all, or the nearest of many.
-fn names_like(links: &[Link], name: &str) -> String {
+fn names_like(links: &[Link<'_>], name: &str) -> String {
     if links.is_empty() {
         return "a file with links, this one has none".to_owned();
     }
-    let mut names: Vec<&str> = links.iter().map(|link| link.name.as_str()).collect();
+    let mut names: Vec<&str> = links.iter().map(|link| link.name).collect();
     let intro = if names.len() <= LISTED_NAMES {
         "one of"
     } else {

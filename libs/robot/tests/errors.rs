@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use hapfic_robot::{Chain, JointKind, RobotError, Shape};
+use hapfic_robot::{Chain, JointKind, Replacements, RobotError, Shape};
 
 const VALID: &str = r#"<robot name="arm">
   <link name="base"><collision><geometry><box size="1 2 3"/></geometry></collision></link>
@@ -49,7 +49,7 @@ fn rejected(text: &str, parts: &[&str]) -> RobotError {
 
 fn assert_message(error: &RobotError, parts: &[&str]) {
     let message = error.to_string();
-    assert!(message.starts_with("arm.urdf: "), "{message}");
+    assert!(message.starts_with("arm.urdf:"), "{message}");
     for part in parts {
         assert!(message.contains(part), "'{part}' is missing in: {message}");
     }
@@ -88,8 +88,11 @@ fn urdf_malformed_xml_is_rejected() {
 
 #[test]
 fn urdf_word_as_number_is_rejected() {
-    let error = rejected(&with(r#"<mass value="1.5"/>"#, r#"<mass value="heavy"/>"#), &["cannot be read as URDF"]);
-    assert!(matches!(error, RobotError::Parse { .. }));
+    let parts = ["arm.urdf:9: ", "link 'upper' <mass value>", "\"heavy\"", "a number"];
+    let error = rejected(&with(r#"<mass value="1.5"/>"#, r#"<mass value="heavy"/>"#), &parts);
+    assert!(matches!(error, RobotError::Number { .. }));
+    let parts = ["arm.urdf:5: ", "joint 'turn' <axis xyz>", "\"0 2\"", "three numbers"];
+    rejected(&with(r#"<axis xyz="0 0 2"/>"#, r#"<axis xyz="0 2"/>"#), &parts);
 }
 
 #[test]
@@ -214,9 +217,13 @@ fn joint_missing_limits_is_rejected() {
     assert!(matches!(error, RobotError::MissingLimit { .. }));
     let text = with(r#"<limit lower="-1" upper="1" effort="5" velocity="2"/>"#, "");
     rejected(&text, &["revolute joint 'turn' has no <limit>"]);
-    // A continuous joint needs no position limits, but a peak torque.
+    // A continuous joint needs no position limits, but a peak torque: here, or in the scenario.
     let text = text.replace(r#""turn" type="revolute""#, r#""turn" type="continuous""#);
-    rejected(&text, &["continuous joint 'turn' has no <limit>", "<limit effort=.. velocity=../>"]);
+    rejected(&text, &["joint 'turn' <limit effort>: found none", "robot.effort_limit_n_m"]);
+    let replacements = Replacements { effort_limit: Some(&[7.0, 8.0]), ..Replacements::default() };
+    let chain = Chain::from_urdf_with(&text, "arm.urdf", "base", "tip", &replacements).unwrap();
+    assert_eq!(chain.joints().iter().map(|joint| joint.effort).collect::<Vec<_>>(), [7.0, 8.0]);
+    assert_eq!(chain.joints()[0].velocity_limit, f64::INFINITY);
 }
 
 #[test]
@@ -246,12 +253,6 @@ fn urdf_non_finite_number_is_rejected() {
         (r#"<origin xyz="0 0.1 0"/><mass"#, r#"<origin xyz="0 inf 0"/><mass"#, "link 'upper' <inertial><origin> xyz"),
         (r#"mass value="1.5""#, r#"mass value="nan""#, "link 'upper' <mass value>"),
         (r#"iyy="0.03""#, r#"iyy="inf""#, "link 'upper' <inertia iyy>"),
-        (r#"radius="0.02""#, r#"radius="nan""#, "link 'lower' <collision> capsule radius"),
-        (
-            "<collision><geometry><capsule",
-            r#"<collision><origin xyz="nan 0 0"/><geometry><capsule"#,
-            "link 'lower' <collision><origin> xyz",
-        ),
     ];
     for (from, to, place) in cases {
         let error = rejected(&with(from, to), &[place, "finite"]);
@@ -263,8 +264,10 @@ fn urdf_non_finite_number_is_rejected() {
 fn link_invalid_mass_is_rejected() {
     let error = rejected(&with(r#"mass value="1.5""#, r#"mass value="-1.5""#), &["link 'upper' <mass value>", "-1.5"]);
     assert!(matches!(error, RobotError::Negative { .. }));
-    let error = rejected(&with(r#"mass value="1.5""#, r#"mass value="0""#), &["joint 'turn'", "link 'upper'", "0 kg"]);
+    let error = rejected(&with(r#"mass value="0.5""#, r#"mass value="0""#), &["joint 'slide'", "link 'lower'", "0 kg"]);
     assert!(matches!(error, RobotError::Massless { .. }));
+    // A link without mass moves what is behind it.
+    read(&with(r#"mass value="1.5""#, r#"mass value="0""#)).unwrap();
 }
 
 #[test]
@@ -293,6 +296,12 @@ fn joint_last_without_inertia_is_rejected() {
 fn link_impossible_inertia_is_rejected() {
     let error = rejected(&with(r#"izz="0.04""#, r#"izz="0.06""#), &["link 'upper' <inertia>", "sum of the other two"]);
     assert!(matches!(error, RobotError::Inertia { .. }));
+    // What is fixed to each other counts: a part with the rest of the moments mends it, with a warning.
+    let part = r#"<joint name="lid" type="fixed"><parent link="upper"/><child link="box"/></joint><link name="box">
+        <inertial><mass value="1"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link></robot>"#;
+    let chain = read(&with(r#"izz="0.04""#, r#"izz="0.06""#).replace("</robot>", part)).unwrap();
+    assert_eq!(chain.warnings().len(), 1);
+    assert!(chain.warnings()[0].starts_with("arm.urdf:8: link 'upper' <inertia>"), "{:?}", chain.warnings());
     rejected(&with(r#"ixx="0.02""#, r#"ixx="-0.02""#), &["link 'upper' <inertia>", "none of them negative"]);
     // A negative moment through a product of inertia.
     let text = with(r#"izz="0.04" ixy="0""#, r#"izz="0.04" ixy="0.03""#);
@@ -302,24 +311,100 @@ fn link_impossible_inertia_is_rejected() {
     read(&with(r#"izz="0.04""#, r#"izz="0.05000001""#)).unwrap();
 }
 
-#[test]
-fn mesh_is_rejected_on_tip_alone() {
-    let mesh = r#"<collision><geometry><mesh filename="cover.stl"/></geometry></collision>"#;
-    let text = with(r#"<link name="tip"/>"#, &format!(r#"<link name="tip">{mesh}</link>"#));
-    let error = rejected(&text, &["link 'tip'", "mesh 'cover.stl'", "meshes are not supported"]);
-    assert!(matches!(error, RobotError::Mesh { .. }));
-    // Other meshes are left out: most descriptions of real arms have meshes on every link.
-    let text = with(r#"<link name="cover"/>"#, &format!(r#"<link name="cover">{mesh}</link>"#));
-    assert_eq!(read(&text).unwrap(), read(VALID).unwrap());
-    let text = with("<capsule radius=\"0.02\" length=\"0.1\"/>", r#"<mesh filename="lower.stl"/>"#);
-    let (without, valid) = (read(&text).unwrap(), read(VALID).unwrap());
-    assert_eq!(without.collisions().len() + 1, valid.collisions().len());
+/// Warnings of a description that is read.
+fn warned(text: &str, parts: &[&str]) -> Chain {
+    let chain = read(text).unwrap();
+    let [warning] = chain.warnings() else { panic!("{:?}", chain.warnings()) };
+    for part in parts {
+        assert!(warning.contains(part), "'{part}' is missing in: {warning}");
+    }
+    chain
 }
 
 #[test]
-fn shape_zero_size_is_rejected() {
-    let error = rejected(&with(r#"radius="0.02""#, r#"radius="0""#), &["link 'lower' <collision> capsule radius", "found 0"]);
-    assert!(matches!(error, RobotError::NotPositive { .. }));
-    rejected(&with(r#"length="0.1""#, r#"length="-0.1""#), &["link 'lower' <collision> capsule length", "-0.1"]);
-    rejected(&with(r#"size="1 2 3""#, r#"size="1 0 3""#), &["link 'base' <collision> box size"]);
+fn shapes_unusable_are_left_out_with_a_warning() {
+    let shapes = |chain: &Chain| chain.collisions().iter().map(|c| c.link.clone()).collect::<Vec<_>>();
+    let mesh = r#"<collision><geometry><mesh filename="cover.stl"/></geometry></collision>"#;
+    for link in ["tip", "cover"] {
+        let text = with(&format!(r#"<link name="{link}"/>"#), &format!(r#"<link name="{link}">{mesh}</link>"#));
+        assert_eq!(shapes(&warned(&text, &[&format!("link '{link}'"), "mesh 'cover.stl'", "left out"])), ["base", "lower"]);
+    }
+    let cases = [
+        (r#"radius="0.02""#, r#"radius="0""#, "arm.urdf:19: link 'lower' <collision> capsule radius: found 0"),
+        (r#"radius="0.02""#, r#"radius="nan""#, "link 'lower' <collision> capsule radius: found NaN"),
+        (r#"length="0.1""#, r#"length="-0.1""#, "link 'lower' <collision> capsule length: found -0.1"),
+        (r#"<capsule radius="0.02" length="0.1"/>"#, r#"<torus radius="0.02"/>"#, "unknown shape <torus>"),
+        ("<geometry><capsule", r#"<origin xyz="nan 0 0"/><geometry><capsule"#, "link 'lower' <collision><origin> xyz"),
+    ];
+    for (from, to, part) in cases {
+        assert_eq!(shapes(&warned(&with(from, to), &[part, "left out"])), ["base"], "{to}");
+    }
+    assert_eq!(shapes(&warned(&with(r#"size="1 2 3""#, r#"size="1 0 3""#), &["link 'base' <collision> box size"])), ["lower"]);
+}
+
+#[test]
+fn foot_replaces_shapes_of_tip() {
+    let replacements = Replacements { foot: Some((0.03, [0.0, 0.0, 0.01])), ..Replacements::default() };
+    let shape = r#"<link name="tip"><collision><geometry><box size="1 1 1"/></geometry></collision></link>"#;
+    let text = with(r#"<link name="tip"/>"#, shape);
+    let chain = Chain::from_urdf_with(&text, "arm.urdf", "base", "tip", &replacements).unwrap();
+    let foot = chain.collisions().last().unwrap();
+    assert_eq!((foot.link.as_str(), foot.body, foot.shape), ("tip", Some(1), Shape::Sphere { radius: 0.03 }));
+    assert_eq!(foot.origin.translation.vector, nalgebra::Vector3::new(0.0, 0.1, 0.01));
+    assert_eq!(chain.collisions().len(), 3);
+}
+
+#[test]
+fn placeholders_are_pointed_out() {
+    let chain = warned(&with(r#"velocity="2""#, r#"velocity="0""#), &["joint 'turn' <limit velocity>: found 0"]);
+    assert_eq!(chain.joints()[0].velocity_limit, f64::INFINITY);
+    warned(&with(r#"effort="5""#, r#"effort="1e6""#), &["arm.urdf:6: joint 'turn' <limit effort>: 1000000 is a placeholder"]);
+}
+
+#[test]
+fn numbers_too_large_are_rejected() {
+    for (from, to) in [
+        (r#"xyz="0 0 0.1""#, r#"xyz="0 0 1e200""#),
+        (r#"mass value="1.5""#, r#"mass value="1e300""#),
+        (r#"iyy="0.03""#, r#"iyy="1e300""#),
+    ] {
+        assert!(matches!(rejected(&with(from, to), &["at most 1000000000 in size"]), RobotError::TooLarge { .. }));
+    }
+}
+
+#[test]
+fn mass_matrix_singular_names_posture_and_joint() {
+    // Two joints about one axis, with nothing between them.
+    let text = with(
+        r#"<joint name="slide" type="prismatic">
+    <parent link="upper"/>"#,
+        r#"<joint name="again" type="continuous"><parent link="upper"/><child link="ring"/><axis xyz="0 0 1"/>
+        <limit effort="1"/></joint><link name="ring"/>
+        <joint name="slide" type="prismatic"><parent link="ring"/>"#,
+    );
+    let text = text.replace(r#"<mass value="1.5"/>"#, r#"<mass value="0"/>"#).replace(r#"ixx="0.02" iyy="0.03" izz="0.04""#, "");
+    let error = rejected(&text, &["mass matrix is singular at the posture [", "in the motion of joint"]);
+    assert!(matches!(error, RobotError::Singular { .. }));
+}
+
+/// Descriptions as they are found: what does not concern the chain stops no load.
+#[test]
+fn foreign_parts_are_not_read() {
+    let parts = [
+        r#"<material name="a"><texture/></material><material name="a"/>"#,
+        r#"<link name="eye"><inertial><mass value="x"/></inertial></link>
+           <joint name="eye" type="floating"><parent link="upper"/><child link="eye"/><origin xyz="0 0"/></joint>"#,
+        r#"<gazebo reference="upper"><sensor type="camera"/></gazebo><transmission name="t"><joint name="turn"/></transmission>"#,
+    ];
+    for part in parts {
+        let chain = read(&VALID.replace("</robot>", &format!("{part}</robot>"))).unwrap();
+        assert_eq!(chain, read(VALID).unwrap(), "{part}");
+    }
+    // Fixed to the base, which does not move: left out with a warning.
+    let part = r#"<joint name="eye" type="fixed"><parent link="base"/><child link="eye"/><origin xyz="0 0"/></joint>
+        <link name="eye"/></robot>"#;
+    warned(&VALID.replace("</robot>", part), &["joint 'eye' <origin> xyz", "the base does not move"]);
+    let inertial = r#"<inertial><mass value="1e-6"/><inertia ixx="1e-6" ixy="1e-6" ixz="1e-6" iyy="1e-6" iyz="1e-6" izz="1e-6"/></inertial>"#;
+    let text = with(r#"<link name="cover"/>"#, &format!(r#"<link name="cover">{inertial}</link>"#));
+    warned(&text, &["link 'cover' <inertia>", "the base does not move"]);
 }

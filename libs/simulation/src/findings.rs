@@ -37,18 +37,21 @@ pub struct Finding {
     pub dangerous: bool,
     /// What makes it; findings of one cause are one.
     cause: String,
+    /// Whether what was found is the whole text: a warning of the robot description, with its place.
+    whole_text: bool,
 }
 
 impl Finding {
     fn new(diagnostic: Diagnostic, dangerous: bool) -> Self {
         let cause = format!("{} {}", diagnostic.found, diagnostic.expected);
-        Self { diagnostic, dangerous, cause }
+        Self { diagnostic, dangerous, cause, whole_text: false }
     }
 }
 
 impl fmt::Display for Finding {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}: {}", if self.dangerous { "danger" } else { "warning" }, self.diagnostic)
+        let level = if self.dangerous { "danger" } else { "warning" };
+        if self.whole_text { write!(f, "{level}: {}", self.diagnostic.found) } else { write!(f, "{level}: {}", self.diagnostic) }
     }
 }
 
@@ -149,6 +152,7 @@ impl Advisor {
     #[must_use]
     pub fn scenario(&self) -> Vec<Finding> {
         let mut findings = self.script();
+        findings.extend(self.chain.warnings().iter().map(|text| self.description(text)));
         let mut set = self.settings.initial;
         let mut scene = self.start.clone();
         let all = everything(&set);
@@ -166,6 +170,14 @@ impl Advisor {
             reach = next;
         }
         sorted(findings)
+    }
+
+    /// A warning about the robot description.
+    fn description(&self, text: &str) -> Finding {
+        let place = Location::File { name: self.settings.robot.urdf.name.as_str().into(), line: None };
+        let [key, expected, help] = [const { String::new() }; 3];
+        let diagnostic = Diagnostic { place, key, found: text.to_owned(), expected, help };
+        Finding { whole_text: true, ..Finding::new(diagnostic, false) }
     }
 
     /// Findings of a set, and its posture. `known` is the posture of an unchanged target.
