@@ -113,6 +113,7 @@ base_position_m = [0.1, 1e-300, -3]
 base_orientation_rpy_rad = [0.3333333333333333, 0, 0]
 start_position_rad = [0, 0.6, -1.2]
 joint_damping_n_m_s_per_rad = 11.46
+foot = { radius_m = 0.03, offset_m = [0.0, 0.0, 0.01] }
 effort_limit_n_m = [80, 70, 60.5]
 [world]
 gravity_m_per_s2 = [0, 0, -1.62]
@@ -179,6 +180,7 @@ max_acceleration = 1000
     assert_eq!(again(&s), s);
     assert_eq!((s.duration_ticks, s.seed), (2000, 9_223_372_036_854_775_807));
     assert_eq!(s.robot.joint_damping.as_deref(), Some([11.46; 3].as_slice()));
+    assert_eq!(s.robot.foot, Some(hapfic_config::Foot { radius_m: 0.03, offset_m: [0.0, 0.0, 0.01] }));
     assert_eq!(s.robot.effort_limit.as_deref(), Some([80.0, 70.0, 60.5].as_slice()));
     assert_eq!(s.supervisor.torque_peak.as_deref(), Some([40.0; 3].as_slice()));
     assert_eq!((s.supervisor.standby, s.supervisor.tick_timeout_ms), (false, 50));

@@ -162,5 +162,12 @@ fn run_force_never_reached_says_so_with_its_error() {
     let sweep = stack.run(&[&["simulate", "floor", "--sweep", "seed=1,2"][..], &slow].concat()).expect(0).out.clone();
     assert_eq!(sweep.matches("not reached").count(), 2, "{sweep}");
     stack.run(&["report", "run.mcap", "--json", "report.json"]).expect(0);
-    assert!(std::fs::read_to_string(stack.path("report.json")).unwrap().contains("not_reached_error_n"));
+    let report: Value = serde_json::from_str(&std::fs::read_to_string(stack.path("report.json")).unwrap()).unwrap();
+    assert!(report["metrics"]["force"]["not_reached_error_n"][2].is_number());
+    // The condition is no fault, and its time is in the report.
+    let tasks = report["tasks"].as_array().unwrap();
+    let task = tasks.iter().find(|task| task["condition"] == "force_not_reached on z").unwrap();
+    assert!(task["times"] == 1 && task["total_s"].as_f64().unwrap() > 0.1, "{task}");
+    let listed = report["events"]["listed"].as_array().unwrap();
+    assert!(listed.iter().filter(|event| event["kind"] == "condition").all(|event| event["fault"] == false), "{listed:?}");
 }

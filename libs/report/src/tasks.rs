@@ -6,7 +6,7 @@ use hapfic_log::proto;
 use serde::Serialize;
 
 /// Kind of their events.
-pub(crate) const CONDITION: &str = "condition";
+const CONDITION: &str = "condition";
 /// Separates the name of a condition from what was found, in the text of an event.
 const BEGAN: &str = " began: ";
 const ENDED: &str = " ended after ";

@@ -1,16 +1,15 @@
-//! Builds a chain from a checked URDF tree: picks the path, lumps fixed links, checks every number.
+//! Builds a chain from a checked URDF tree: picks the path, lumps fixed links, checks the whole.
 
 use crate::chain::{Chain, ChainBody, Joint, JointKind, MAX_JOINTS};
 use crate::collision::{Collision, Shape};
 use crate::error::RobotError;
 use crate::inertia::RigidInertia;
+use crate::parts;
 use crate::urdf::{self, UrdfTree};
 use crate::xml::Element;
 use arrayvec::ArrayVec;
-use nalgebra::{Isometry3, IsometryMatrix3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, IsometryMatrix3, Matrix3, Vector3};
 
-/// Tolerance of the checks of inertia, relative to the sum of the principal moments: rounding in the file.
-const INERTIA_TOLERANCE: f64 = 1e-6;
 /// Length below which an axis has no direction.
 const SHORTEST_AXIS: f64 = 1e-9;
 /// Largest moment of inertia that counts as zero [kg m^2].
@@ -96,7 +95,7 @@ impl Chain {
         for (&index, kind) in path.iter().zip(kinds) {
             let joint = tree.joint(index);
             let link = tree.child(index);
-            pose *= builder.pose(joint.element, || format!("joint '{}' <origin>", joint.name))?;
+            pose *= parts::pose(joint.element, || format!("joint '{}' <origin>", joint.name))?;
             if let Some(kind) = kind {
                 bodies.push(builder.joint(index, kind, &pose)?);
                 pose = IsometryMatrix3::identity();
@@ -132,27 +131,6 @@ impl Chain {
         };
         chain.check_mass_matrix(name_of_source)?;
         Ok(chain)
-    }
-}
-
-/// Principal moments of an inertia that no body can have, ascending, and the violated condition.
-fn impossible(inertia: &Matrix3<f64>) -> Option<([f64; 3], &'static str)> {
-    if *inertia == Matrix3::zeros() {
-        return None;
-    }
-    let Some(eigen) = inertia.try_symmetric_eigen(f64::EPSILON, 1000) else {
-        return Some(([f64::NAN; 3], "numbers that have principal moments"));
-    };
-    let mut principal = [eigen.eigenvalues[0], eigen.eigenvalues[1], eigen.eigenvalues[2]];
-    principal.sort_by(f64::total_cmp);
-    let [small, middle, large] = principal;
-    let tolerance = INERTIA_TOLERANCE * inertia.trace().abs().max(large.abs());
-    if small < -tolerance {
-        Some((principal, "none of them negative"))
-    } else if large > small + middle + tolerance {
-        Some((principal, "none of them above the sum of the other two"))
-    } else {
-        None
     }
 }
 
@@ -326,8 +304,8 @@ impl ChainBuilder<'_> {
         let mut open = vec![(link, pose)];
         while let Some((index, pose)) = open.pop() {
             let link = tree.link(index);
-            let own = self.inertia(index);
-            if let Some((principal, expected)) = own.as_ref().ok().and_then(|own| impossible(&own.inertia_kg_m2)) {
+            let own = parts::inertia(link);
+            if let Some((principal, expected)) = own.as_ref().ok().and_then(|own| parts::impossible(&own.inertia_kg_m2)) {
                 let found = format!("link '{}' <inertia>: found the principal moments {principal:?} kg m^2", link.name);
                 let use_of = if body.is_some() { "what is fixed to each other counts" } else { "the base does not move" };
                 self.warn(link.element, format!("{found}, expected {expected} ({use_of})"));
@@ -339,7 +317,7 @@ impl ChainBuilder<'_> {
                 (Ok(_), None) => {}
             }
             for collision in link.element.children("collision") {
-                match self.collision(link.name, collision, body, &pose) {
+                match parts::collision(link.name, collision, body, &pose) {
                     Ok(collision) => self.collisions.push(collision),
                     // A shape stops no load: dynamics needs none.
                     Err(error) => self.warnings.push(format!("{error} (left out)")),
@@ -349,7 +327,7 @@ impl ChainBuilder<'_> {
             for &below in tree.below(index).iter().rev() {
                 let joint = tree.joint(below);
                 if joint.kind == "fixed" && !self.path.contains(&below) {
-                    match self.pose(joint.element, || format!("joint '{}' <origin>", joint.name)) {
+                    match parts::pose(joint.element, || format!("joint '{}' <origin>", joint.name)) {
                         Ok(own) => open.push((tree.child(below), pose * own)),
                         Err(error) if body.is_none() => {
                             self.warnings
@@ -363,51 +341,6 @@ impl ChainBuilder<'_> {
         Ok(inertia)
     }
 
-    /// The inertia of one link, in its own frame; its numbers are finite.
-    fn inertia(&self, index: usize) -> Result<RigidInertia, RobotError> {
-        let link = self.tree.link(index);
-        let name = link.name;
-        let Some(inertial) = link.element.child("inertial") else { return Ok(RigidInertia::zero()) };
-        let pose = self.pose(inertial, || format!("link '{name}' <inertial><origin>"))?;
-        let mass_place = || format!("link '{name}' <mass value>");
-        let mass_kg = match inertial.child("mass") {
-            Some(mass) => {
-                let value = mass.number("value", mass_place)?.unwrap_or(0.0);
-                mass.not_negative(value, mass_place)?;
-                value
-            }
-            None => 0.0,
-        };
-        let mut moments = [0.0; 6];
-        if let Some(inertia) = inertial.child("inertia") {
-            for (moment, attribute) in moments.iter_mut().zip(["ixx", "ixy", "ixz", "iyy", "iyz", "izz"]) {
-                let place = || format!("link '{name}' <inertia {attribute}>");
-                *moment = inertia.number(attribute, place)?.unwrap_or(0.0);
-                inertia.bounded(*moment, place)?;
-            }
-        }
-        let [xx, xy, xz, yy, yz, zz] = moments;
-        let inertia_kg_m2 = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz);
-        Ok(RigidInertia { mass_kg, center_m: Vector3::zeros(), inertia_kg_m2 }.placed(&pose))
-    }
-
-    /// A collision shape of a link at `pose` on a body.
-    fn collision(
-        &self,
-        link: &str,
-        collision: Element<'_>,
-        body: Option<usize>,
-        pose: &IsometryMatrix3<f64>,
-    ) -> Result<Collision, RobotError> {
-        let own = self.pose(collision, || format!("link '{link}' <collision><origin>"))?;
-        let missing = || collision.unreadable(format!("link '{link}' <collision> has no <geometry> with a shape"));
-        let geometry = collision.child("geometry").and_then(Element::first).ok_or_else(missing)?;
-        let shape = self.shape(link, geometry)?;
-        let placed = pose * own;
-        let origin = Isometry3::from_parts(placed.translation, UnitQuaternion::from_rotation_matrix(&placed.rotation));
-        Ok(Collision { link: link.to_owned(), body, origin, shape })
-    }
-
     /// File and line of a link.
     fn place_of(&self, link: &str) -> String {
         self.tree.find("child", link).map_or_else(|_| self.file(), |index| self.tree.link(index).element.place())
@@ -416,7 +349,7 @@ impl ChainBuilder<'_> {
     /// Checks the inertia of each body, and that the last joints move some.
     fn check_masses(&self, bodies: &[ChainBody]) -> Result<(), RobotError> {
         for (body, joint) in bodies.iter().zip(&self.joints) {
-            if let Some((principal, expected)) = impossible(&body.inertia.inertia_kg_m2) {
+            if let Some((principal, expected)) = parts::impossible(&body.inertia.inertia_kg_m2) {
                 let file = self.place_of(&joint.child_link);
                 return Err(RobotError::Inertia { file, link: joint.child_link.clone(), principal, expected });
             }
@@ -444,44 +377,5 @@ impl ChainBuilder<'_> {
             }
         }
         Ok(())
-    }
-
-    /// The checked shape of a geometry.
-    fn shape(&self, link: &str, geometry: Element<'_>) -> Result<Shape, RobotError> {
-        let length = |attribute: &'static str| {
-            let place = || format!("link '{link}' <collision> {} {attribute}", geometry.tag());
-            let value = geometry.number(attribute, place)?.unwrap_or(0.0);
-            geometry.positive(value, place).map(|()| value)
-        };
-        match geometry.tag() {
-            "sphere" => Ok(Shape::Sphere { radius: length("radius")? }),
-            "cylinder" => Ok(Shape::Cylinder { radius: length("radius")?, length: length("length")? }),
-            "capsule" => Ok(Shape::Capsule { radius: length("radius")?, length: length("length")? }),
-            "box" => {
-                let place = || format!("link '{link}' <collision> box size");
-                let size = geometry.triple("size", place)?.unwrap_or([0.0; 3]);
-                size.iter().try_for_each(|edge| geometry.positive(*edge, place))?;
-                Ok(Shape::Box { size })
-            }
-            "mesh" => {
-                let mesh = geometry.attribute("filename").unwrap_or_default().to_owned();
-                Err(RobotError::Mesh { file: geometry.place(), link: link.to_owned(), mesh })
-            }
-            other => Err(geometry.unreadable(format!("link '{link}' <collision> has the unknown shape <{other}>"))),
-        }
-    }
-
-    /// The checked `<origin>` in an element; the identity if there is none.
-    fn pose(&self, element: Element<'_>, place: impl Fn() -> String) -> Result<IsometryMatrix3<f64>, RobotError> {
-        let Some(origin) = element.child("origin") else { return Ok(IsometryMatrix3::identity()) };
-        let read = |attribute: &'static str| {
-            let place = || format!("{} {attribute}", place());
-            let values = origin.triple(attribute, place)?.unwrap_or([0.0; 3]);
-            values.iter().try_for_each(|value| origin.bounded(*value, place))?;
-            Ok(values)
-        };
-        let (xyz, [roll, pitch, yaw]) = (read("xyz")?, read("rpy")?);
-        let translation = Translation3::from(Vector3::from(xyz));
-        Ok(IsometryMatrix3::from_parts(translation, Rotation3::from_euler_angles(roll, pitch, yaw)))
     }
 }

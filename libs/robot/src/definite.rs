@@ -8,8 +8,8 @@ use nalgebra::DMatrix;
 const SMALLEST: f64 = 1e-10;
 /// Postures that are tried.
 const POSTURES: u32 = 64;
-/// Range of a joint without limits, to each side [rad].
-const FREE_RANGE: f64 = core::f64::consts::PI;
+/// Range that is tried of a joint with wider limits, or none, to each side [rad or m].
+const RANGE: f64 = core::f64::consts::PI;
 
 impl Chain {
     /// Checks that the mass matrix is positive definite over the range of the joints, at postures that fill it evenly.
@@ -35,8 +35,8 @@ impl Chain {
         let mut q = [0.0; MAX_JOINTS];
         for ((q, joint), prime) in q.iter_mut().zip(&self.joints).zip(PRIMES) {
             let share = (f64::from(index) * prime.sqrt() + 0.5).fract();
-            let (lower, upper) = (joint.lower.max(-FREE_RANGE), joint.upper.min(FREE_RANGE));
-            *q = lower + share * (upper - lower);
+            let lower = joint.lower.max(-RANGE).min(joint.upper);
+            *q = lower + share * (joint.upper - lower).min(2.0 * RANGE);
         }
         q
     }
@@ -52,5 +52,29 @@ impl Chain {
         let eigen = scaled.symmetric_eigen();
         let (index, smallest) = eigen.eigenvalues.argmin();
         (smallest, eigen.eigenvectors.column(index).iamax())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+
+    #[test]
+    fn posture_any_limits_within_them() {
+        let all =
+            [("-0.5", "0.25"), ("4", "5"), ("-5", "-4"), ("-6.3", "6.3"), ("-1e16", "1e16"), ("0", "0"), ("-1e16", "-3e15")];
+        for (lower, upper) in all {
+            let text = format!(
+                r#"<robot name="r"><link name="a"/><joint name="j" type="revolute"><parent link="a"/><child link="b"/>
+                <limit lower="{lower}" upper="{upper}" effort="1"/></joint><link name="b"><inertial><mass value="1"/>
+                <inertia ixx="1" iyy="1" izz="1"/></inertial></link></robot>"#
+            );
+            let chain = Chain::from_urdf(&text, "r.urdf", "a", "b").unwrap();
+            let tried: Vec<f64> = (0..=POSTURES).map(|index| chain.posture(index)[0]).collect();
+            let joint = &chain.joints()[0];
+            assert!(tried.iter().all(|q| (joint.lower..=joint.upper).contains(q)), "{lower} to {upper}: {tried:?}");
+        }
     }
 }

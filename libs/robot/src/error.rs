@@ -10,7 +10,7 @@ pub enum RobotError {
     /// The text is not a URDF: XML that does not parse, a missing element or attribute, a word where a number belongs.
     #[error("{file}: cannot be read as URDF: {reason}; expected <robot> with <link> and <joint> elements: correct the file")]
     Parse {
-        /// Name of the source.
+        /// Name of the source, with the line of the element if there is one.
         file: String,
         /// Message of the URDF reader.
         reason: String,
@@ -18,7 +18,7 @@ pub enum RobotError {
     /// Base or tip link does not exist.
     #[error("{file}: {role} link '{name}' does not exist; expected {expected}: correct the name")]
     UnknownLink {
-        /// Name of the source.
+        /// Name of the source, with the line of the element if there is one.
         file: String,
         /// `base` or `tip`.
         role: &'static str,
@@ -32,7 +32,7 @@ pub enum RobotError {
         "{file}: joint '{joint}': its {end} link '{link}' is not in the file; expected {expected}: declare it or correct the name"
     )]
     DanglingJoint {
-        /// Name of the source.
+        /// Name of the source, with the line of the element if there is one.
         file: String,
         /// The joint.
         joint: String,
@@ -46,7 +46,7 @@ pub enum RobotError {
     /// Two links or two joints have the same name.
     #[error("{file}: there are two {what}s '{name}'; expected every name once: rename one")]
     Duplicate {
-        /// Name of the source.
+        /// Name of the source, with the line of the element if there is one.
         file: String,
         /// `link` or `joint`.
         what: &'static str,
@@ -58,7 +58,7 @@ pub enum RobotError {
         "{file}: link '{link}' is the child of joint '{first}' and of joint '{second}'; expected a tree, one parent a link: remove one joint"
     )]
     TwoParents {
-        /// Name of the source.
+        /// Name of the source, with the line of the element if there is one.
         file: String,
         /// The link.
         link: String,
@@ -70,7 +70,7 @@ pub enum RobotError {
     /// A link is its own ancestor.
     #[error("{file}: link '{link}' is its own ancestor; expected a tree: remove a joint of this loop")]
     Cycle {
-        /// Name of the source.
+        /// Name of the source, with the line of the element if there is one.
         file: String,
         /// A link of the loop.
         link: String,
@@ -80,7 +80,7 @@ pub enum RobotError {
         "{file}: tip link '{tip}' is not below base link '{base}'; expected a base among the tip and its ancestors, {ancestors}: choose one of these, or another tip"
     )]
     NotBelow {
-        /// Name of the source.
+        /// Name of the source, with the line of the element if there is one.
         file: String,
         /// Base link.
         base: String,
@@ -94,7 +94,7 @@ pub enum RobotError {
         "{file}: joint '{joint}' on the path from base to tip is {found}; expected revolute, continuous, prismatic or fixed: choose a chain without it"
     )]
     UnsupportedJoint {
-        /// Name of the source.
+        /// Name of the source, with the line of the element if there is one.
         file: String,
         /// The joint.
         joint: String,
@@ -106,7 +106,7 @@ pub enum RobotError {
         "{file}: joint '{joint}' on the path from base to tip mimics joint '{mimicked}'; expected independent joints: remove its <mimic>"
     )]
     Mimic {
-        /// Name of the source.
+        /// Name of the source, with the line of the element if there is one.
         file: String,
         /// The joint.
         joint: String,
@@ -116,7 +116,7 @@ pub enum RobotError {
     /// No joint between base and tip can move.
     #[error("{file}: no joint between '{base}' and '{tip}' can move; expected 1 to {max}: choose links further apart", max = crate::MAX_JOINTS)]
     NoMovableJoint {
-        /// Name of the source.
+        /// Name of the source, with the line of the element if there is one.
         file: String,
         /// Base link.
         base: String,
@@ -126,7 +126,7 @@ pub enum RobotError {
     /// Too many joints between base and tip.
     #[error("{file}: {found} joints between '{base}' and '{tip}' can move; expected 1 to {max}: choose links closer together", max = crate::MAX_JOINTS)]
     TooManyJoints {
-        /// Name of the source.
+        /// Name of the source, with the line of the element if there is one.
         file: String,
         /// Base link.
         base: String,
@@ -138,7 +138,7 @@ pub enum RobotError {
     /// A movable joint without a direction.
     #[error("{file}: joint '{joint}' <axis xyz>: found {found:?}; expected a finite vector that is not zero: give the direction")]
     Axis {
-        /// Name of the source.
+        /// Name of the source, with the line of the element if there is one.
         file: String,
         /// The joint.
         joint: String,
@@ -148,7 +148,7 @@ pub enum RobotError {
     /// A movable joint without limits of its position.
     #[error("{file}: {kind} joint '{joint}' has no <limit> with lower and upper; expected {expected}: add it")]
     MissingLimit {
-        /// Name of the source.
+        /// Name of the source, with the line of the element if there is one.
         file: String,
         /// The joint.
         joint: String,
@@ -160,7 +160,7 @@ pub enum RobotError {
     /// The lower limit is above the upper one.
     #[error("{file}: joint '{joint}' <limit>: found lower = {lower} above upper = {upper}; expected lower <= upper: swap them")]
     LimitsReversed {
-        /// Name of the source.
+        /// Name of the source, with the line of the element if there is one.
         file: String,
         /// The joint.
         joint: String,
@@ -175,7 +175,7 @@ pub enum RobotError {
         found.map_or("none".to_owned(), |found| found.to_string())
     )]
     Effort {
-        /// Name of the source.
+        /// Name of the source, with the line of the element if there is one.
         file: String,
         /// The joint.
         joint: String,
@@ -185,7 +185,7 @@ pub enum RobotError {
     /// A word where a number belongs, or another number of numbers.
     #[error("{file}: {place}: found \"{found}\"; expected {expected}: correct it")]
     Number {
-        /// Name of the source, and line.
+        /// Name of the source, with the line of the element if there is one.
         file: String,
         /// Element and attribute.
         place: String,
@@ -197,7 +197,7 @@ pub enum RobotError {
     /// A number so large that products of it overflow.
     #[error("{file}: {place}: found {found}; expected at most {most} in size: correct it")]
     TooLarge {
-        /// Name of the source, and line.
+        /// Name of the source, with the line of the element if there is one.
         file: String,
         /// Element and attribute.
         place: String,
@@ -211,7 +211,7 @@ pub enum RobotError {
         "{file}: the mass matrix is singular at the posture {posture:?} (smallest eigenvalue of the scaled matrix {smallest:.1e}), in the motion of joint '{joint}'; expected mass or inertia behind every joint: give the links behind it an <inertial>, or make a joint fixed"
     )]
     Singular {
-        /// Name of the source.
+        /// Name of the source, with the line of the element if there is one.
         file: String,
         /// Joint positions [rad or m].
         posture: Vec<f64>,
@@ -223,7 +223,7 @@ pub enum RobotError {
     /// A number is NaN or infinite.
     #[error("{file}: {place}: found {found}; expected a finite number: write one")]
     NotFinite {
-        /// Name of the source.
+        /// Name of the source, with the line of the element if there is one.
         file: String,
         /// Element and attribute.
         place: String,
@@ -233,7 +233,7 @@ pub enum RobotError {
     /// A number that must not be negative.
     #[error("{file}: {place}: found {found}; expected zero or more: correct it")]
     Negative {
-        /// Name of the source.
+        /// Name of the source, with the line of the element if there is one.
         file: String,
         /// Element and attribute.
         place: String,
@@ -243,7 +243,7 @@ pub enum RobotError {
     /// A shape without extent.
     #[error("{file}: {place}: found {found}; expected above zero: correct it")]
     NotPositive {
-        /// Name of the source.
+        /// Name of the source, with the line of the element if there is one.
         file: String,
         /// Element and attribute.
         place: String,
@@ -255,7 +255,7 @@ pub enum RobotError {
         "{file}: joint '{joint}' moves no mass of its own: found 0 kg in link '{link}' and what is fixed to it; expected above zero, or the mass matrix is singular: give one of them an <inertial>, or make the joint fixed"
     )]
     Massless {
-        /// Name of the source.
+        /// Name of the source, with the line of the element if there is one.
         file: String,
         /// The joint.
         joint: String,
@@ -267,7 +267,7 @@ pub enum RobotError {
         "{file}: joint '{joint}', the last one, turns a body whose moment of inertia about its axis is {found} kg m^2; expected above zero, or the mass matrix is singular: correct the <inertia> of link '{link}'"
     )]
     NoInertia {
-        /// Name of the source.
+        /// Name of the source, with the line of the element if there is one.
         file: String,
         /// The joint.
         joint: String,
@@ -281,7 +281,7 @@ pub enum RobotError {
         "{file}: link '{link}' <inertia>: found the principal moments {principal:?} kg m^2; expected {expected}: correct it (it is about the centre of mass)"
     )]
     Inertia {
-        /// Name of the source.
+        /// Name of the source, with the line of the element if there is one.
         file: String,
         /// The link.
         link: String,
@@ -295,7 +295,7 @@ pub enum RobotError {
         "{file}: link '{link}' <collision>: found mesh '{mesh}'; expected box, sphere, cylinder or capsule, meshes are not supported: replace it by such shapes"
     )]
     Mesh {
-        /// Name of the source.
+        /// Name of the source, with the line of the element if there is one.
         file: String,
         /// The link.
         link: String,

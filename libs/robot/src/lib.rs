@@ -54,6 +54,7 @@ mod error;
 mod inertia;
 mod jacobian;
 mod kinematics;
+mod parts;
 mod reach;
 mod settings;
 mod tip;

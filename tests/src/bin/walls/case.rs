@@ -16,6 +16,10 @@ pub(crate) const RATIOS: [Option<f64>; 5] = [Some(0.03), Some(0.1), Some(0.3), S
 /// Desired forces [N].
 pub(crate) const FORCES: [f64; 6] = [5.0, 10.0, 20.0, 50.0, 100.0, 200.0];
 
+/// Walls and forces between those above: the constants of the law were not chosen on them.
+const BETWEEN: ([f64; 4], [Option<f64>; 2], [f64; 2], [f64; 3]) =
+    ([3e3, 3e4, 3e5, 3e6], [Some(0.05), Some(0.2)], [0.0, 0.25], [7.0, 35.0, 150.0]);
+
 /// A law under test, with its settings.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Law {
@@ -89,6 +93,19 @@ impl Case {
                     cases.extend(FORCES.map(|force| Self { friction, force, ..plain }));
                 }
                 cases.extend(Condition::DISTURBED.map(|condition| Self { condition, ..plain }));
+            }
+        }
+        cases
+    }
+
+    /// Cases on walls between, without disturbance.
+    pub(crate) fn between(law: Law) -> Vec<Self> {
+        let (stiffnesses, ratios, frictions, forces) = BETWEEN;
+        let mut cases = Vec::new();
+        for (stiffness, ratio) in stiffnesses.into_iter().flat_map(|k| ratios.map(|ratio| (k, ratio))) {
+            for friction in frictions {
+                let case = |force| Self { law, stiffness, ratio, friction, force, condition: Condition::Plain };
+                cases.extend(forces.map(case));
             }
         }
         cases

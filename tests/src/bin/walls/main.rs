@@ -45,8 +45,8 @@ fn main() -> ExitCode {
 /// Simulates everything and writes the tables. Returns the cases beyond their limits.
 fn make(file: &str) -> Result<Vec<String>, String> {
     let read = || std::fs::read_to_string(file).map_err(|error| format!("{file}: cannot be read: {error}"));
-    let fill = |mut text: String, tables: [&str; 4]| {
-        for (name, table) in ["walls", "laws", "loss", "margins"].into_iter().zip(tables) {
+    let fill = |mut text: String, tables: [&str; 5]| {
+        for (name, table) in ["walls", "between", "laws", "loss", "margins"].into_iter().zip(tables) {
             text = document::replace(&text, name, table).map_err(|error| format!("{file}: {error}"))?;
         }
         Ok::<_, String>(text)
@@ -56,10 +56,11 @@ fn make(file: &str) -> Result<Vec<String>, String> {
     if !document::has_marker(&before, "walls") {
         return Err(format!("{file}: found no line `<!-- walls -->`, expected one before that table"));
     }
-    fill(before, [""; 4])?;
+    fill(before, [""; 5])?;
     let results: Vec<Vec<(Case, Outcome)>> = LAWS.into_iter().map(|law| simulate(&Case::all(law))).collect::<Result<_, _>>()?;
+    let between = table::between(&simulate(&Case::between(LAWS[0]))?);
     let (loss, margins) = (loss::table()?, margins::table()?);
-    let text = fill(read()?, [&table::walls(&results[0]), &table::laws(&results), &loss, &margins])?;
+    let text = fill(read()?, [&table::walls(&results[0]), &between, &table::laws(&results), &loss, &margins])?;
     std::fs::write(file, text).map_err(|error| format!("{file}: cannot be written: {error}"))?;
     Ok(table::shortfalls(&results[0]))
 }

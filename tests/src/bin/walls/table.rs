@@ -72,6 +72,17 @@ pub(crate) fn walls(results: &Results) -> String {
     text
 }
 
+/// Table of the default law on walls between.
+pub(crate) fn between(results: &Results) -> String {
+    let mut text = "| k, N/m | damping ratio | settled, % | settling, s: at most |\n|---|---|---|---|\n".to_owned();
+    for wall in walls_of(results) {
+        let plain = plain(wall);
+        let (settled, settling) = (largest(&plain, |o| o.settled), largest(&plain, |o| o.settling_s));
+        text.push_str(&format!("| {} | {} | {} |\n", name(&wall[0].0), percent(settled), seconds(settling)));
+    }
+    text
+}
+
 /// Smallest force of the comparison [N]: with a fixed taper 5 N are not left of their preload when the settled window begins.
 const COMPARED_N: f64 = 10.0;
 
