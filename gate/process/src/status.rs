@@ -145,6 +145,8 @@ pub struct RecorderReport {
     pub failed_connections: AtomicU32,
     /// Rounds in which the recorder has received all messages.
     pub rounds: AtomicU64,
+    /// Messages that the writer thread has taken up.
+    pub written: AtomicU64,
     /// Snapshot for the terminal; no real-time thread locks it.
     pub snapshot: Mutex<StatusSnapshot>,
     /// Latencies from state to command.

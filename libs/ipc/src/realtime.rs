@@ -225,6 +225,12 @@ pub fn may_fifo(priority: i32) -> bool {
     tried.is_ok_and(|thread| thread.join().unwrap_or(false))
 }
 
+/// Whether this process has the right to a priority, whatever its control group gives.
+fn may_rise(priority: i32) -> bool {
+    let limit = getrlimit(Resource::Rtprio).current;
+    capable(CapabilitySet::SYS_NICE) || limit.is_none_or(|most| most >= u64::from(priority.unsigned_abs()))
+}
+
 /// Guard that keeps the processors out of idle states with a long exit latency.
 #[derive(Debug)]
 pub struct CpuLatencyGuard(#[allow(dead_code)] File);
@@ -267,7 +273,11 @@ pub fn privileges(priority: i32) -> Vec<Privilege> {
             note: note(
                 fifo,
                 format!("priority up to {priority}"),
-                "needs CAP_SYS_NICE, or `@realtime - rtprio 98` in /etc/security/limits.conf",
+                if may_rise(priority) {
+                    "has the right, but not the processor time: the control group has no real-time runtime (cpu.rt_runtime_us)"
+                } else {
+                    "needs CAP_SYS_NICE, or `@realtime - rtprio 98` in /etc/security/limits.conf"
+                },
             ),
         },
         Privilege {

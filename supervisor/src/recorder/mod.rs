@@ -22,9 +22,10 @@ use hapfic_simulation::conditions::TaskFollower;
 use incident::PostMortem;
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
 use std::sync::mpsc::{channel, sync_channel};
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use viewer_frames::ViewerFrames;
 use write::WriterThread;
 
@@ -113,7 +114,13 @@ pub struct Recorder {
     drain: JoinHandle<Result<(), IpcError>>,
     write: JoinHandle<WriterResult>,
     latest: Arc<LatestMessages>,
+    shared: Arc<SharedStatus>,
 }
+
+/// Time without a message written after which the end no longer waits for the recorder: a disk that hangs.
+const GIVE_UP: Duration = Duration::from_secs(30);
+/// Interval at which the end looks whether the recorder is done.
+const FINISH_POLL: Duration = Duration::from_millis(2);
 
 impl Recorder {
     /// Starts both threads; returns when the ports are open.
@@ -125,7 +132,7 @@ impl Recorder {
         let (recycle, empty_batches) = sync_channel(EMPTY_BATCHES);
         let (ready, connected) = channel();
         let RecorderStart { domain, clock, credit_ticks, writer, viewer, chain, tasks, flush_every, log, shared, latest } = start;
-        let drain_status = Arc::clone(&shared);
+        let [drain_status, at_end] = [Arc::clone(&shared), Arc::clone(&shared)];
         let [latest_tasks, latest_at_end] = [Arc::clone(&latest), Arc::clone(&latest)];
         let drain = std::thread::Builder::new()
             .name("hapfic-recorder".to_owned())
@@ -163,7 +170,7 @@ impl Recorder {
             })
             .context("cannot start the recorder")?;
         connected.recv().context("the recorder ended immediately")??;
-        Ok(Self { drain, write, latest: latest_at_end })
+        Ok(Self { drain, write, latest: latest_at_end, shared: at_end })
     }
 
     /// Whether a thread of the recorder has ended early, which only an error causes.
@@ -178,11 +185,24 @@ impl Recorder {
         Arc::clone(&self.latest)
     }
 
-    /// Waits for both threads to end, which [`RunOrders::drain`](hapfic_gate_process::status::RunOrders::drain) requests.
+    /// Waits for both threads to end, which [`RunOrders::drain`](hapfic_gate_process::status::RunOrders::drain) requests;
+    /// no longer than 30 s in which no message is written. The log then ends where the disk hung; `hapfic recover`
+    /// reads it.
     ///
     /// Returns the result, the brakes and stops, and the first error.
     #[must_use]
     pub fn finish(self) -> (Option<RecordingResult>, Option<IncidentSummary>, Option<String>) {
+        let written = || self.shared.recorder.written.load(Ordering::Relaxed);
+        let (mut last, mut since) = (written(), Instant::now());
+        while !(self.drain.is_finished() && self.write.is_finished()) {
+            if last != written() {
+                (last, since) = (written(), Instant::now());
+            } else if since.elapsed() >= GIVE_UP {
+                let what = format!("the log could not be finished: no message was written for {} s", GIVE_UP.as_secs());
+                return (None, None, Some(what));
+            }
+            std::thread::sleep(FINISH_POLL);
+        }
         let drained = match self.drain.join() {
             Ok(Ok(())) => None,
             Ok(Err(e)) => Some(e.to_string()),

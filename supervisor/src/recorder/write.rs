@@ -43,6 +43,7 @@ impl WriterThread {
                 Ok(mut batch) => {
                     let mut sync = false;
                     for record in &batch {
+                        self.shared.recorder.written.fetch_add(1, Ordering::Relaxed);
                         let written = self.record(record, failed.is_none());
                         failed = failed.or(written.err());
                         sync |= self.incidents.observe(record, &self.shared);

@@ -17,7 +17,8 @@ impl Summary {
     fn write(&self, out: &mut String) -> std::fmt::Result {
         let end = if self.completed { "completed" } else { "NOT COMPLETED" };
         if self.ticks.last.is_none() {
-            writeln!(out, "{} ({}): {end}, no tick was done; log: {}", self.scenario, self.clock, self.log.display())?;
+            let ticks = if self.launch_s > 0.0 { "no tick was recorded" } else { "no tick was done" };
+            writeln!(out, "{} ({}): {end}, {ticks}; log: {}", self.scenario, self.clock, self.log.display())?;
             return self.write_faults(out);
         }
         writeln!(
