@@ -11,9 +11,25 @@ const CONTROLLER: &[(&str, &str)] = &[
     ("force_resolution", "force_resolution_n"),
     ("damping", "damping_sqrt_kg"),
     ("posture_lead", "posture_lead_s"),
+    ("rotation_stiffness", "rotation_stiffness_n_m_per_rad"),
+    ("max_moment", "max_moment_n_m"),
+    ("rotation_bound", "rotation_bound_rad"),
+    ("rotation_damping", "rotation_damping_sqrt_kg_m"),
+    ("moment_resolution", "moment_resolution_n_m"),
+    ("posture", "posture_rad"),
+    ("posture_stiffness", "posture_stiffness_n_m_per_rad"),
+    ("posture_damping", "posture_damping_n_m_s_per_rad"),
+    ("joint_damping", "joint_damping_n_m_s_per_rad"),
+    ("limit_margin", "limit_margin_rad"),
+    ("limit_stiffness", "limit_stiffness_n_m_per_rad"),
 ];
 
-const PLANNER: &[(&str, &str)] = &[("mean_speed", "mean_speed_m_per_s"), ("max_acceleration", "max_acceleration_m_per_s2")];
+const PLANNER: &[(&str, &str)] = &[
+    ("mean_speed", "mean_speed_m_per_s"),
+    ("max_acceleration", "max_acceleration_m_per_s2"),
+    ("mean_turn_speed", "mean_turn_speed_rad_per_s"),
+    ("max_turn_acceleration", "max_turn_acceleration_rad_per_s2"),
+];
 
 const OPERATOR: &[(&str, &str)] = &[
     ("at", "at_s"),
@@ -27,6 +43,15 @@ const OPERATOR: &[(&str, &str)] = &[
     ("posture_lead", "posture_lead_s"),
     ("mean_speed", "mean_speed_m_per_s"),
     ("max_acceleration", "max_acceleration_m_per_s2"),
+    ("target_orientation", "target_orientation_rpy_rad"),
+    ("desired_moment", "desired_moment_n_m"),
+    ("rotation_stiffness", "rotation_stiffness_n_m_per_rad"),
+    ("max_moment", "max_moment_n_m"),
+    ("rotation_bound", "rotation_bound_rad"),
+    ("rotation_damping", "rotation_damping_sqrt_kg_m"),
+    ("moment_resolution", "moment_resolution_n_m"),
+    ("mean_turn_speed", "mean_turn_speed_rad_per_s"),
+    ("max_turn_acceleration", "max_turn_acceleration_rad_per_s2"),
 ];
 
 /// Aliases in a section, each with the name of its key.

@@ -62,6 +62,10 @@ impl OperatorChange {
         let relative = !entry.axes.is_empty();
         entry.keys.insert("at_s".to_owned(), Node { place: place.clone(), value: Value::Float(0.0) });
         let change = read_one(&only_entry("operator", entry.keys, &place)).map_err(|error| plain_keys(error, ENTRY))?;
+        if let (Some(key), None) = (change.and_then(|change| change.rotation_key()), base.rotation) {
+            let help = "start the run with controller.task=pose";
+            return Err(override_error(&place, key, "a key of the orientation in a position task", "a pose task", help));
+        }
         match change {
             Some(change) => Ok(RequestedChange { change, relative }),
             None => Err(override_error(&place, "", "no change", "at least one KEY=VALUE", "name what to change")),

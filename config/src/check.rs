@@ -1,12 +1,14 @@
 //! Conditions between several values, and the conversion of a raw scenario into [`Settings`].
 
 mod fault;
+mod task;
 mod world;
 
 use crate::error::{ConfigError, Diagnostic};
 use crate::fault::Fault;
 use crate::places::Places;
 use crate::policy::{Fidelity, ResetPolicy, Saturation, Search};
+use task::{ARM_JOINTS, rotation};
 use crate::raw::{PerJoint, RawController, RawFault, RawOperator, RawProcesses, RawRealtime, RawRobot, RawScenario};
 use crate::settings::{
     ExternalProcesses, Foot, MAX_JOINTS, MIN_SPACING_TICKS, OperatorChange, ParameterSettings, PlantSettings, RealtimeSettings,
@@ -24,13 +26,18 @@ const POSTURE_LEAD_S: f64 = 1.5e-3;
 const TARGET_MAX_M: f64 = 100.0;
 /// Longest desired force [N].
 const DESIRED_FORCE_MAX_N: f64 = 1e4;
+/// Largest desired moment [N m].
+const DESIRED_MOMENT_MAX_N_M: f64 = 1e3;
 
 /// Checks the conditions between the values of a scenario whose numbers are in their ranges.
 pub(crate) fn settings(mut raw: RawScenario, tree: &Node, urdf: Urdf) -> Result<Settings, ConfigError> {
     let at = ScenarioCheck { tree };
     let policies = at.policies(&mut raw.controller)?;
     let duration_ticks = ticks(raw.duration_s);
+    let joints = at.joints(&raw.robot)?;
     let mut operator = at.timeline(&raw.operator)?;
+    at.rotation_keys(&raw, &operator)?;
+    let gravity_compensation = *raw.controller.gravity_compensation.get_or_insert(joints > ARM_JOINTS);
     let mut initial = ParameterSettings {
         target_position: None,
         desired_force: [0.0; 3],
@@ -43,7 +50,7 @@ pub(crate) fn settings(mut raw: RawScenario, tree: &Node, urdf: Urdf) -> Result<
         taper: raw.controller.taper,
         search_scale: raw.controller.search_scale,
         force_resolution: raw.controller.force_resolution_n,
-        gravity_compensation: raw.controller.gravity_compensation,
+        gravity_compensation,
         offset_anti_windup: policies.offset_anti_windup,
         stall_release: policies.stall_release,
         force_hold: policies.force_hold,
@@ -52,12 +59,13 @@ pub(crate) fn settings(mut raw: RawScenario, tree: &Node, urdf: Urdf) -> Result<
         posture_lead: policies.posture_lead,
         mean_speed: raw.planner.mean_speed_m_per_s,
         max_acceleration: raw.planner.max_acceleration_m_per_s2,
+        rotation: rotation(&mut raw.controller, &mut raw.planner),
+        joint_space: at.joint_space(&mut raw.controller, &raw.robot.start_position_rad)?,
     };
     let starts = operator.first().is_some_and(|change| change.at_tick == 0);
     if starts {
         initial = initial.with(&operator.remove(0));
     }
-    let joints = at.joints(&raw.robot)?;
     let effective = toml::to_string(&raw).map_err(|error| {
         ConfigError::Combination(at.diagnostic("", &error.to_string(), "settings that TOML can hold", "report this"))
     })?;
@@ -67,8 +75,11 @@ pub(crate) fn settings(mut raw: RawScenario, tree: &Node, urdf: Urdf) -> Result<
         duration_ticks: duration_ticks.unsigned_abs(),
         seed: raw.seed,
         robot: RobotSettings {
-            joint_damping: raw.robot.joint_damping_n_m_s_per_rad.map(|value| value.expand(joints)),
-            effort_limit: raw.robot.effort_limit_n_m.map(|value| value.expand(joints)),
+            joint_damping: raw.robot.joint_damping_n_m_s_per_rad.map(|value| value.values(joints)),
+            effort_limit: raw.robot.effort_limit_n_m.map(|value| value.values(joints)),
+            velocity_limit: raw.robot.velocity_limit_rad_per_s.map(|value| value.values(joints)),
+            joint_friction: raw.robot.joint_friction_n_m.map(|value| value.values(joints)),
+            armature: raw.robot.armature_kg_m2.map(|value| value.values(joints)),
             foot: raw.robot.foot.map(|foot| Foot { radius_m: foot.radius_m, offset_m: foot.offset_m }),
             urdf,
             base_link: raw.robot.base_link,
@@ -259,11 +270,11 @@ impl ScenarioCheck<'_> {
         const KEY: &str = "supervisor.torque_peak_n_m";
         const POSTURE: &str = "robot.start_position_rad";
         let Some(value) = value else { return Ok(None) };
-        let numbers = value.expand(joints);
+        let numbers = value.expand(joints).unwrap_or_default();
         if numbers.len() == joints {
             return Ok(Some(numbers));
         }
-        let found = format!("a list of {}", numbers.len());
+        let found = if numbers.is_empty() { self.found(KEY) } else { format!("a list of {}", numbers.len()) };
         let expected = format!("a number for all joints, or a list of {joints}, as {POSTURE} ({}) has", self.tree.place(POSTURE));
         let help = "correct the list that has another length than the robot has joints";
         Err(ConfigError::WrongLength(self.diagnostic(KEY, &found, &expected, help)))
@@ -335,6 +346,9 @@ impl ScenarioCheck<'_> {
             if let Some(force) = change.desired_force {
                 self.short_enough(&format!("{path}.desired_force_n"), force, DESIRED_FORCE_MAX_N)?;
             }
+            if let Some(moment) = change.desired_moment {
+                self.short_enough(&format!("{path}.desired_moment_n_m"), moment, DESIRED_MOMENT_MAX_N_M)?;
+            }
             changes.push(change);
         }
         Ok(changes)
@@ -377,5 +391,14 @@ fn change(raw: &RawOperator) -> OperatorChange {
         posture_lead: raw.posture_lead_s,
         mean_speed: raw.mean_speed_m_per_s,
         max_acceleration: raw.max_acceleration_m_per_s2,
+        target_orientation: raw.target_orientation_rpy_rad,
+        desired_moment: raw.desired_moment_n_m,
+        rotation_stiffness: raw.rotation_stiffness_n_m_per_rad,
+        max_moment: raw.max_moment_n_m,
+        rotation_bound: raw.rotation_bound_rad,
+        rotation_damping: raw.rotation_damping_sqrt_kg_m,
+        moment_resolution: raw.moment_resolution_n_m,
+        mean_turn_speed: raw.mean_turn_speed_rad_per_s,
+        max_turn_acceleration: raw.max_turn_acceleration_rad_per_s2,
     }
 }

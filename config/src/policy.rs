@@ -44,6 +44,17 @@ pub enum Saturation {
     AsPrinted,
 }
 
+/// What the task-space law controls at the tip.
+#[derive(Clone, Copy, Debug, Default, Deserialize, Eq, JsonSchema, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Task {
+    /// The position: three axes of the world frame, and forces alone.
+    #[default]
+    Position,
+    /// Position and orientation: six axes, forces and moments. Needs six joints.
+    Pose,
+}
+
 /// Treatment of joint torques beyond their peak.
 #[derive(Clone, Copy, Debug, Default, Deserialize, Eq, JsonSchema, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]

@@ -34,6 +34,9 @@ pub(crate) const RANGES: &[(&str, Range)] = &[
     ("robot.start_position_rad", within(-100.0, 100.0)),
     ("robot.joint_damping_n_m_s_per_rad", within(0.0, 1e4)),
     ("robot.effort_limit_n_m", above(0.0, 1e5)),
+    ("robot.velocity_limit_rad_per_s", above(0.0, 1e4)),
+    ("robot.joint_friction_n_m", within(0.0, 1e4)),
+    ("robot.armature_kg_m2", within(0.0, 1e3)),
     ("robot.foot.radius_m", within(1e-3, 1.0)),
     ("robot.foot.offset_m", within(-10.0, 10.0)),
     ("world.gravity_m_per_s2", within(-100.0, 100.0)),
@@ -68,6 +71,19 @@ pub(crate) const RANGES: &[(&str, Range)] = &[
     ("controller.posture_lead_s", within(0.0, 0.02)),
     ("controller.search_scale", above(0.0, 1.0)),
     ("controller.force_resolution_n", above(0.0, 100.0)),
+    ("controller.rotation_stiffness_n_m_per_rad", above(0.0, 1e4)),
+    ("controller.max_moment_n_m", above(0.0, 1e4)),
+    ("controller.rotation_bound_rad", above(0.0, 1.5)),
+    ("controller.rotation_damping_sqrt_kg_m", within(0.0, 10.0)),
+    ("controller.moment_resolution_n_m", above(0.0, 10.0)),
+    ("controller.posture_rad", within(-100.0, 100.0)),
+    ("controller.posture_stiffness_n_m_per_rad", within(0.0, 1e4)),
+    ("controller.posture_damping_n_m_s_per_rad", within(0.0, 1e3)),
+    ("controller.joint_damping_n_m_s_per_rad", within(0.0, 1e3)),
+    ("controller.limit_margin_rad", within(0.0, 1.0)),
+    ("controller.limit_stiffness_n_m_per_rad", within(0.0, 1e4)),
+    ("planner.mean_turn_speed_rad_per_s", above(0.0, 30.0)),
+    ("planner.max_turn_acceleration_rad_per_s2", above(0.0, 3000.0)),
     ("planner.mean_speed_m_per_s", above(0.0, 10.0)),
     ("planner.max_acceleration_m_per_s2", above(0.0, 1000.0)),
     ("supervisor.deadline_us", whole(50, 950)),
@@ -100,6 +116,8 @@ pub(crate) const RANGES: &[(&str, Range)] = &[
     ("operator.at_s", within(0.0, 86_400.0)),
     ("operator.target_position_m", within(-100.0, 100.0)),
     ("operator.desired_force_n", within(-1e4, 1e4)),
+    ("operator.target_orientation_rpy_rad", within(-10.0, 10.0)),
+    ("operator.desired_moment_n_m", within(-1e3, 1e3)),
     ("fault.at_s", within(0.0, 86_400.0)),
     ("fault.for_ms", whole(1, 600_000)),
     ("fault.by_us", whole(1, 100_000)),
@@ -157,6 +175,10 @@ pub(crate) fn check(node: &Node) -> Result<(), ConfigError> {
 
 fn walk(node: &Node, key: &str, path: &str) -> Result<(), ConfigError> {
     match &node.value {
+        // A table of numbers by name.
+        Value::Table(table) if of(key).is_some() => {
+            table.iter().try_for_each(|(name, child)| walk(child, key, &join(path, name)))
+        }
         Value::Table(table) => table.iter().try_for_each(|(name, child)| walk(child, &join(key, name), &join(path, name))),
         Value::List(items) => items.iter().enumerate().try_for_each(|(index, item)| walk(item, key, &format!("{path}[{index}]"))),
         _ => of(key).map_or(Ok(()), |range| leaf(node, range, path)),

@@ -8,7 +8,7 @@ use crate::policy::{Fidelity, OnLoss, Placement, ResetPolicy, Saturation, Search
 pub const PERIOD_S: f64 = 0.001;
 
 /// Most joints a robot may have.
-pub const MAX_JOINTS: usize = 8;
+pub const MAX_JOINTS: usize = 16;
 
 /// Most objects a world may have.
 pub const MAX_OBJECTS: usize = 4;
@@ -71,13 +71,28 @@ pub struct RobotSettings {
     /// q at the start, base to tip [rad; m for prismatic joints]; 1 to [`MAX_JOINTS`] numbers. The robot model compares
     /// their number with the description.
     pub start_position: Vec<f64>,
-    /// Joint damping [N m s/rad; N s/m], one number for each joint; `None`: the description's. The robot model compares
-    /// the number of values with the description, here and below.
-    pub joint_damping: Option<Vec<f64>>,
-    /// Effort limit [N m; N], one number for each joint; `None`: the description's.
-    pub effort_limit: Option<Vec<f64>>,
+    /// Joint damping [N m s/rad; N s/m]; `None`: the description's. The robot model compares the number of values, or the
+    /// names, with the description, here and below.
+    pub joint_damping: Option<JointValues>,
+    /// Effort limit [N m; N]; `None`: the description's.
+    pub effort_limit: Option<JointValues>,
+    /// Speed limit [rad/s; m/s]; `None`: the description's.
+    pub velocity_limit: Option<JointValues>,
+    /// Coulomb friction [N m; N]; `None`: the description's.
+    pub joint_friction: Option<JointValues>,
+    /// Inertia of the rotors at the joints [kg m^2; kg]; `None`: none.
+    pub armature: Option<JointValues>,
     /// A sphere in place of the tip link's shapes.
     pub foot: Option<Foot>,
+}
+
+/// Numbers for the joints of a robot.
+#[derive(Clone, Debug, PartialEq)]
+pub enum JointValues {
+    /// One for each, base to tip.
+    InOrder(Vec<f64>),
+    /// Some by the names of the joints.
+    ByName(Vec<(String, f64)>),
 }
 
 /// Spherical foot.
@@ -231,6 +246,72 @@ pub struct ParameterSettings {
     pub mean_speed: f64,
     /// Largest acceleration a_max [m/s^2].
     pub max_acceleration: f64,
+    /// The axes of rotation; `None` in a position task.
+    #[serde(flatten)]
+    pub rotation: Option<RotationSettings>,
+    /// The law in joint space, which no operator changes.
+    #[serde(skip)]
+    pub joint_space: JointSpaceSettings,
+}
+
+/// Parameters of a pose task's axes of rotation. Axes of the world frame, through the tip.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct RotationSettings {
+    /// Wished orientation: roll, pitch, yaw [rad]; `None`: that of the tip at the start.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub target_orientation: Option<[f64; 3]>,
+    /// Wished moment [N m].
+    pub desired_moment: [f64; 3],
+    /// K_R [N m/rad].
+    pub rotation_stiffness: [f64; 3],
+    /// T_max [N m].
+    pub max_moment: [f64; 3],
+    /// x_b,R [rad].
+    pub rotation_bound: [f64; 3],
+    /// Damping over the square root of K_R [kg^1/2 m].
+    pub rotation_damping: f64,
+    /// Sigma as the moment threshold [N m].
+    pub moment_resolution: f64,
+    /// Desired mean speed of a turn [rad/s].
+    pub mean_turn_speed: f64,
+    /// Largest angular acceleration of the reference [rad/s^2].
+    pub max_turn_acceleration: f64,
+}
+
+/// The law in joint space: posture in the null space, damping, and springs at the limits.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct JointSpaceSettings {
+    /// Wished posture q_n [rad; m], base to tip.
+    pub posture: [f64; MAX_JOINTS],
+    /// Joints that count in it.
+    pub joints: u32,
+    /// K_n [N m/rad].
+    pub stiffness: f64,
+    /// D_n [N m s/rad].
+    pub damping: f64,
+    /// Damping of every joint [N m s/rad].
+    pub joint_damping: f64,
+    /// Distance from a joint's limit at which its spring begins [rad].
+    pub limit_margin: f64,
+    /// Stiffness of the limit springs [N m/rad].
+    pub limit_stiffness: f64,
+}
+
+impl RotationSettings {
+    /// Returns these parameters after a change.
+    fn with(self, change: &OperatorChange) -> Self {
+        Self {
+            target_orientation: change.target_orientation.or(self.target_orientation),
+            desired_moment: change.desired_moment.unwrap_or(self.desired_moment),
+            rotation_stiffness: change.rotation_stiffness.unwrap_or(self.rotation_stiffness),
+            max_moment: change.max_moment.unwrap_or(self.max_moment),
+            rotation_bound: change.rotation_bound.unwrap_or(self.rotation_bound),
+            rotation_damping: change.rotation_damping.unwrap_or(self.rotation_damping),
+            moment_resolution: change.moment_resolution.unwrap_or(self.moment_resolution),
+            mean_turn_speed: change.mean_turn_speed.unwrap_or(self.mean_turn_speed),
+            max_turn_acceleration: change.max_turn_acceleration.unwrap_or(self.max_turn_acceleration),
+        }
+    }
 }
 
 /// A change by the operator at a tick; `None` keeps the value. Units as in [`ParameterSettings`].
@@ -278,6 +359,44 @@ pub struct OperatorChange {
     pub mean_speed: Option<f64>,
     /// Largest acceleration a_max [m/s^2].
     pub max_acceleration: Option<f64>,
+    /// Wished orientation of the tip: roll, pitch, yaw [rad].
+    pub target_orientation: Option<[f64; 3]>,
+    /// Wished moment [N m].
+    pub desired_moment: Option<[f64; 3]>,
+    /// K_R [N m/rad].
+    pub rotation_stiffness: Option<[f64; 3]>,
+    /// T_max [N m].
+    pub max_moment: Option<[f64; 3]>,
+    /// x_b,R [rad].
+    pub rotation_bound: Option<[f64; 3]>,
+    /// Damping over the square root of K_R [kg^1/2 m].
+    pub rotation_damping: Option<f64>,
+    /// Sigma as the moment threshold [N m].
+    pub moment_resolution: Option<f64>,
+    /// Desired mean speed of a turn [rad/s].
+    pub mean_turn_speed: Option<f64>,
+    /// Largest angular acceleration of the reference [rad/s^2].
+    pub max_turn_acceleration: Option<f64>,
+}
+
+impl OperatorChange {
+    /// Name of a parameter of the rotation that this changes, as in an operator's entry; `None` if it changes none.
+    #[must_use]
+    pub fn rotation_key(&self) -> Option<&'static str> {
+        [
+            (self.target_orientation.is_some(), "target_orientation_rpy_rad"),
+            (self.desired_moment.is_some(), "desired_moment_n_m"),
+            (self.rotation_stiffness.is_some(), "rotation_stiffness_n_m_per_rad"),
+            (self.max_moment.is_some(), "max_moment_n_m"),
+            (self.rotation_bound.is_some(), "rotation_bound_rad"),
+            (self.rotation_damping.is_some(), "rotation_damping_sqrt_kg_m"),
+            (self.moment_resolution.is_some(), "moment_resolution_n_m"),
+            (self.mean_turn_speed.is_some(), "mean_turn_speed_rad_per_s"),
+            (self.max_turn_acceleration.is_some(), "max_turn_acceleration_rad_per_s2"),
+        ]
+        .into_iter()
+        .find_map(|(given, key)| given.then_some(key))
+    }
 }
 
 impl ParameterSettings {
@@ -305,6 +424,8 @@ impl ParameterSettings {
             posture_lead: change.posture_lead.unwrap_or(self.posture_lead),
             mean_speed: change.mean_speed.unwrap_or(self.mean_speed),
             max_acceleration: change.max_acceleration.unwrap_or(self.max_acceleration),
+            rotation: self.rotation.map(|rotation| rotation.with(change)),
+            joint_space: self.joint_space,
         }
     }
 }

@@ -1,8 +1,10 @@
 //! Control step of one tick: from the inputs of tick k to request(k), without a clock or a bus.
 
+use crate::joint_space::requested_torque;
+use crate::orientation::orientation_error;
 use crate::task_space::{self, TaskSpaceInput};
 use hapfic_config::PERIOD_S;
-use hapfic_messages::{ControllerState, Parameters, Process, Request, State};
+use hapfic_messages::{ControllerState, Parameters, Process, Reference, Request, RotationRequest, State};
 use hapfic_robot::Chain;
 use nalgebra::Vector3;
 
@@ -11,14 +13,67 @@ use nalgebra::Vector3;
 pub struct ControlInputs<'a> {
     /// state(k).
     pub state: &'a State,
-    /// x_d of reference(k) [m].
-    pub reference_position: [f64; 3],
-    /// x_d' of reference(k) [m/s].
-    pub reference_velocity: [f64; 3],
+    /// Setpoint of reference(k).
+    pub setpoint: ReferenceSetpoint,
     /// Parameters of tick k.
     pub parameters: &'a Parameters,
-    /// State of the controller in command(k - 1).
-    pub previous_state: ControllerState,
+    /// States of the controller in command(k - 1).
+    pub previous: PreviousStates,
+}
+
+/// Reference of a tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ReferenceSetpoint {
+    /// x_d [m].
+    pub position: [f64; 3],
+    /// x_d' [m/s].
+    pub velocity: [f64; 3],
+    /// R_d: unit quaternion x y z w; not read in a position task.
+    pub orientation: [f64; 4],
+    /// omega_d [rad/s].
+    pub angular_velocity: [f64; 3],
+}
+
+/// What the law remembers from tick to tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PreviousStates {
+    /// The axes of position.
+    pub translation: ControllerState,
+    /// The axes of rotation.
+    pub rotation: ControllerState,
+}
+
+impl ReferenceSetpoint {
+    /// The setpoint of a reference.
+    #[must_use]
+    pub fn of(reference: &Reference) -> Self {
+        Self {
+            position: reference.position,
+            velocity: reference.velocity,
+            orientation: reference.orientation,
+            angular_velocity: reference.angular_velocity,
+        }
+    }
+
+    /// At rest at the tip of a state.
+    #[must_use]
+    pub fn at_tip(state: &State) -> Self {
+        Self { position: state.foot_position, orientation: state.foot_orientation, ..Self::default() }
+    }
+
+    /// The same pose, at rest.
+    #[must_use]
+    pub fn held(self) -> Self {
+        Self { velocity: [0.0; 3], angular_velocity: [0.0; 3], ..self }
+    }
+}
+
+impl PreviousStates {
+    /// The states that a request carries.
+    #[must_use]
+    pub fn of(request: &Request) -> Self {
+        Self { translation: request.state, rotation: request.rotation.state }
+    }
 }
 
 /// Runs one tick of the control law, a pure function of its inputs.
@@ -27,7 +82,7 @@ pub struct ControlInputs<'a> {
 /// the world frame [m/s^2]. The request carries the code of `controller` and a `stamp_ns` of zero.
 #[must_use]
 pub fn control_step(chain: &Chain, gravity: &Vector3<f64>, inputs: &ControlInputs<'_>, controller: Process) -> Option<Request> {
-    let ControlInputs { state, parameters, .. } = *inputs;
+    let ControlInputs { state, parameters, setpoint, previous } = *inputs;
     let n = chain.dof();
     if state.joints as usize != n {
         return None;
@@ -36,15 +91,20 @@ pub fn control_step(chain: &Chain, gravity: &Vector3<f64>, inputs: &ControlInput
     let measured = TaskSpaceInput {
         position: tip.position.into(),
         velocity: tip.velocity(&state.joint_velocity).into(),
-        reference_position: inputs.reference_position,
-        reference_velocity: inputs.reference_velocity,
+        reference_position: setpoint.position,
+        reference_velocity: setpoint.velocity,
         contact_force: state.foot_force,
     };
-    let out = task_space::step(inputs.previous_state, &measured, parameters, PERIOD_S).ok()?;
-    // The torque acts later than its state: J^T of the posture that the robot has then.
-    let ahead = parameters.predicted_posture(state);
-    let gravity = (parameters.gravity_compensation == 1).then_some(gravity);
-    let torque = chain.tip_force_torque(&ahead, &Vector3::from(out.force), gravity);
+    let out = task_space::step(previous.translation, &measured, parameters, PERIOD_S).ok()?;
+    let rotation = if parameters.is_pose() { turn(chain, inputs)? } else { RotationRequest::default() };
+    let torque = requested_torque(
+        chain,
+        gravity,
+        state,
+        parameters,
+        &Vector3::from(out.force),
+        &Vector3::from(rotation.moment),
+    );
     Some(Request {
         stamp_ns: 0,
         tick: state.tick,
@@ -52,10 +112,31 @@ pub fn control_step(chain: &Chain, gravity: &Vector3<f64>, inputs: &ControlInput
         parameters_version: parameters.version,
         controller: controller.code(),
         joints: n as u32,
+        limbs: 1,
+        reserved: 0,
         error: out.error,
         error_rate: out.error_rate,
         force: out.force,
-        torque,
+        torque: torque.total,
+        joint_space_torque: torque.joint_space,
         state: out.state,
+        rotation,
     })
+}
+
+/// Runs the law on the axes of rotation: the same law on the rotation vector from the tip to its reference.
+fn turn(chain: &Chain, inputs: &ControlInputs<'_>) -> Option<RotationRequest> {
+    let ControlInputs { state, parameters, setpoint, previous } = *inputs;
+    let kin = chain.kinematics(&state.joint_position);
+    let velocity = chain.jacobian(&kin).angular_mul(&state.joint_velocity);
+    // The axes' origin is the tip's orientation, so their reference is the error itself.
+    let measured = TaskSpaceInput {
+        position: [0.0; 3],
+        velocity: velocity.into(),
+        reference_position: orientation_error(&setpoint.orientation, &kin.tip_rotation(), &previous.rotation.force),
+        reference_velocity: setpoint.angular_velocity,
+        contact_force: state.foot_moment,
+    };
+    let out = task_space::step(previous.rotation, &measured, &parameters.of_rotation(), PERIOD_S).ok()?;
+    Some(RotationRequest { error: out.error, error_rate: out.error_rate, moment: out.force, state: out.state })
 }

@@ -30,6 +30,8 @@ pub mod control_step;
 mod damping;
 mod force_hold;
 mod haptic;
+pub mod joint_space;
+pub mod orientation;
 pub mod parameters;
 mod profile;
 mod stall_release;

@@ -5,7 +5,7 @@ use crate::limits::GateLimits;
 use crate::protocol::{Choice, ControllerSlot, GateInputs, Observation, Protocol, TickAction, WaitPolicy};
 use crate::torque_check::TorqueCheck;
 use hapfic_messages::{
-    Check, Command, ControllerState, MAX_JOINTS, Mode, Parameters, Process, Request, Severity, Source, State, ValidationError,
+    Check, Command, ControllerState, MAX_JOINTS, Mode, Parameters, Process, Request, RotationRequest, Severity, Source, State, ValidationError,
 };
 
 /// A step of a joint's torque from one tick to the next, larger than [`GateLimits::discontinuity`].
@@ -38,11 +38,13 @@ impl Gate {
             source: Source::None.code(),
             severity: Severity::Nominal.code(),
             joints: limits.joints as u32,
+            limbs: 1,
             request: Request {
                 tick: -1,
                 state_tick: -1,
                 controller: Process::Supervisor.code(),
                 joints: limits.joints as u32,
+                limbs: 1,
                 ..Request::default()
             },
             ..Command::default()
@@ -182,7 +184,9 @@ impl Gate {
         let mut request = self.last.request;
         request.state = ControllerState::default();
         request.torque = [0.0; MAX_JOINTS];
+        request.joint_space_torque = [0.0; MAX_JOINTS];
         request.force = [0.0; 3];
+        request.rotation = RotationRequest::default();
         self.publish(Command {
             mode: mode.code(),
             source: source.code(),

@@ -1,7 +1,7 @@
 //! Schedule of the operator's parameters: announced some ticks ahead, so that all processes change at the same tick.
 
 use hapfic_config::{MIN_SPACING_TICKS, OperatorChange, ParameterSettings, Settings};
-use hapfic_controller::parameters;
+use hapfic_controller::parameters::{self, TipPose};
 use hapfic_messages::Operator;
 use std::collections::VecDeque;
 
@@ -14,8 +14,8 @@ pub struct ParameterSchedule {
     operator: Operator,
     /// Configuration from which `operator.next` was made.
     next: ParameterSettings,
-    /// Default target: initial position of the foot [m].
-    start_position: [f64; 3],
+    /// Default target: pose of the foot at the start.
+    start: TipPose,
     waiting: VecDeque<OperatorChange>,
 }
 
@@ -42,13 +42,13 @@ pub struct ScheduleSlot {
 }
 
 impl ParameterSchedule {
-    /// Schedule with a scenario's script. `start_position` is that of the foot [m], and its first target.
+    /// Schedule with a scenario's script. `start` is the pose of the foot, and its first target.
     #[must_use]
-    pub fn new(settings: &Settings, start_position: [f64; 3]) -> Self {
-        let first = parameters::parameters(&settings.initial, 1, 0, start_position);
+    pub fn new(settings: &Settings, start: TipPose) -> Self {
+        let first = parameters::parameters(&settings.initial, 1, 0, &start);
         let mut waiting = VecDeque::with_capacity(settings.operator.len() + CAPACITY);
         waiting.extend(settings.operator.iter().copied());
-        Self { operator: Operator { current: first, next: first }, next: settings.initial, start_position, waiting }
+        Self { operator: Operator { current: first, next: first }, next: settings.initial, start, waiting }
     }
 
     /// Parameters in force and announced.
@@ -65,7 +65,7 @@ impl ParameterSchedule {
         let change = self.waiting.pop_front()?;
         let current = *self.operator.at(tick + 1);
         self.next = self.next.with(&change);
-        let next = parameters::parameters(&self.next, current.version + 1, change.at_tick, self.start_position);
+        let next = parameters::parameters(&self.next, current.version + 1, change.at_tick, &self.start);
         self.operator = Operator { current, next };
         Some(&self.operator)
     }
@@ -117,7 +117,7 @@ mod tests {
         let mut settings = Settings::load("floor", &[]).unwrap();
         settings.initial.desired_force = [0.0, 0.0, 1.0];
         settings.operator = script.iter().map(|(at_tick, f)| force(*at_tick, *f)).collect();
-        ParameterSchedule::new(&settings, [0.1, 0.2, 0.3])
+        ParameterSchedule::new(&settings, TipPose { position: [0.1, 0.2, 0.3], rpy: [0.0; 3] })
     }
 
     #[test]

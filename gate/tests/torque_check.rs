@@ -2,10 +2,10 @@
 #![allow(clippy::unwrap_used, missing_docs)]
 
 use hapfic_config::Settings;
-use hapfic_controller::control_step::{ControlInputs, control_step};
-use hapfic_controller::parameters::parameters;
+use hapfic_controller::control_step::{ControlInputs, PreviousStates, ReferenceSetpoint, control_step};
+use hapfic_controller::parameters::{TipPose, parameters};
 use hapfic_gate::TorqueCheck;
-use hapfic_messages::{ControllerState, Parameters, Process, Request, State, ValidationError};
+use hapfic_messages::{Parameters, Process, Request, State, ValidationError};
 use hapfic_robot::Chain;
 use nalgebra::Vector3;
 
@@ -119,7 +119,7 @@ fn torque_check_moving_robot_accepts_predicted_posture_only() {
     let settings = Settings::load("floor", &[]).unwrap();
     let TorqueCase { check, chain, mut state } = case();
     let gravity = Vector3::from(settings.world.gravity_m_per_s2);
-    let base = parameters(&settings.initial, 1, 0, [0.0; 3]);
+    let base = parameters(&settings.initial, 1, 0, &TipPose::default());
     assert_eq!(base.posture_lead, 1.5e-3, "the default");
     let mut numbers = Numbers(1);
     let mut refused = 0;
@@ -135,10 +135,9 @@ fn torque_check_moving_robot_accepts_predicted_posture_only() {
         let request = |parameters: &Parameters| {
             let inputs = ControlInputs {
                 state: &state,
-                reference_position: [foot.x + away[0], foot.y + away[1], foot.z + away[2]],
-                reference_velocity: [0.0; 3],
+                setpoint: ReferenceSetpoint { position: [foot.x + away[0], foot.y + away[1], foot.z + away[2]], ..ReferenceSetpoint::default() },
                 parameters,
-                previous_state: ControllerState::default(),
+                previous: PreviousStates::default(),
             };
             control_step(&chain, &gravity, &inputs, Process::Controller).unwrap()
         };
@@ -164,14 +163,13 @@ fn torque_check_moving_robot_accepts_predicted_posture_only() {
 fn control_step_lead_not_finite_gives_no_request() {
     let TorqueCase { chain, mut state, .. } = case();
     state.joint_velocity[..3].copy_from_slice(&[1.0, 0.0, 0.0]);
-    let base = parameters(&Settings::load("floor", &[]).unwrap().initial, 1, 0, [0.0; 3]);
+    let base = parameters(&Settings::load("floor", &[]).unwrap().initial, 1, 0, &TipPose::default());
     for lead in [f64::NAN, f64::INFINITY] {
         let inputs = ControlInputs {
             state: &state,
-            reference_position: [0.0; 3],
-            reference_velocity: [0.0; 3],
+            setpoint: ReferenceSetpoint { position: [0.0; 3], ..ReferenceSetpoint::default() },
             parameters: &Parameters { posture_lead: lead, ..base },
-            previous_state: ControllerState::default(),
+            previous: PreviousStates::default(),
         };
         assert!(control_step(&chain, &Vector3::zeros(), &inputs, Process::Controller).is_none());
     }

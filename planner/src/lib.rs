@@ -28,6 +28,7 @@
 mod harmonic_arc;
 mod plan;
 mod planner;
+mod rotation;
 
 pub use plan::TickPlan;
 pub use planner::{PEAK_TO_MEAN, PlannerParameters, Setpoint, hold, setpoint, step};

@@ -1,7 +1,7 @@
 //! Planner of the three axes: state in, state and setpoint out.
 
 use crate::harmonic_arc::{self as arc, Acceptance};
-use hapfic_messages::PlannerState;
+use hapfic_messages::{AxisPlan, PlannerState};
 
 /// Peak speed of a harmonic trajectory over its desired mean speed (the paper's ratio).
 pub const PEAK_TO_MEAN: f64 = 1.596;
@@ -31,7 +31,7 @@ pub struct Setpoint {
 /// Returns the state of a reference at rest on `position` [m], finite.
 #[must_use]
 pub fn hold(position: [f64; 3]) -> PlannerState {
-    PlannerState { ticks: 0, axes: position.map(arc::rest) }
+    PlannerState { ticks: 0, axes: position.map(arc::rest), ..PlannerState::default() }
 }
 
 /// Returns the setpoint of a state; `period_s` is the control tick [s], finite and > 0.
@@ -61,7 +61,8 @@ pub fn step(state: PlannerState, target: [f64; 3], p: &PlannerParameters, period
     if is_positive(period_s) {
         let active = state.axes.map(|plan| plan.target);
         if target != active {
-            next = accept(target, &setpoint(&state, period_s), p).unwrap_or(state);
+            next = accept(target, &setpoint(&state, period_s), p)
+                .map_or(state, |axes| PlannerState { ticks: 0, axes, rotation: state.rotation });
         }
         next.ticks = next.ticks.saturating_add(1);
     }
@@ -69,7 +70,7 @@ pub fn step(state: PlannerState, target: [f64; 3], p: &PlannerParameters, period
 }
 
 /// Plans the motion from `now` to `target`; `None` if target or parameters are invalid.
-fn accept(target: [f64; 3], now: &Setpoint, p: &PlannerParameters) -> Option<PlannerState> {
+pub(crate) fn accept(target: [f64; 3], now: &Setpoint, p: &PlannerParameters) -> Option<[AxisPlan; 3]> {
     let representable = target.iter().chain(&now.position_m).all(|x| x.abs() <= LARGEST_COORDINATE_M);
     let peak_speed = PEAK_TO_MEAN * p.mean_speed_m_per_s;
     if !representable || !is_positive(peak_speed) || !is_positive(p.max_acceleration_m_per_s2) {
@@ -78,7 +79,7 @@ fn accept(target: [f64; 3], now: &Setpoint, p: &PlannerParameters) -> Option<Pla
     let [x, y, z] = [0_usize, 1, 2].map(|i| target[i] - now.position_m[i]);
     let acceptance = Acceptance { peak_speed, max_acceleration: p.max_acceleration_m_per_s2, distance: x.hypot(y).hypot(z) };
     let plan = |i: usize| arc::accept(target[i], now.position_m[i], now.velocity_m_per_s[i], &acceptance);
-    Some(PlannerState { ticks: 0, axes: [plan(0)?, plan(1)?, plan(2)?] })
+    Some([plan(0)?, plan(1)?, plan(2)?])
 }
 
 fn is_positive(value: f64) -> bool {

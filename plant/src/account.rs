@@ -11,6 +11,8 @@ use nalgebra::Vector3;
 pub struct TickResult {
     /// Mean force on the sensor [N].
     pub sensed_force: Vector3<f64>,
+    /// Mean moment on the sensor about the tip [N m].
+    pub sensed_moment: Vector3<f64>,
     /// Mean torque of the drive [N m], [N] for a prismatic joint.
     pub torque: JointVector,
     /// Largest normal force of any sub-step at any contact point [N].
@@ -39,6 +41,9 @@ struct PairSum {
 #[derive(Clone, Debug)]
 pub(crate) struct TickSums {
     sensed: Vector3<f64>,
+    sensed_moment: Vector3<f64>,
+    /// Tip of the robot in the present sub-step [m].
+    pub(crate) tip: Vector3<f64>,
     pairs: Vec<PairSum>,
     pub(crate) peak_normal: f64,
     pub(crate) physics: Physics,
@@ -46,12 +51,20 @@ pub(crate) struct TickSums {
 
 impl TickSums {
     pub(crate) fn new(pairs: usize) -> Self {
-        Self { sensed: Vector3::zeros(), pairs: vec![PairSum::default(); pairs], peak_normal: 0.0, physics: Physics::default() }
+        Self {
+            sensed: Vector3::zeros(),
+            sensed_moment: Vector3::zeros(),
+            tip: Vector3::zeros(),
+            pairs: vec![PairSum::default(); pairs],
+            peak_normal: 0.0,
+            physics: Physics::default(),
+        }
     }
 
     /// Resets all sums for the next tick.
     pub(crate) fn clear(&mut self) {
         self.sensed = Vector3::zeros();
+        self.sensed_moment = Vector3::zeros();
         self.pairs.fill(PairSum::default());
         self.peak_normal = 0.0;
         self.physics = Physics::default();
@@ -61,6 +74,7 @@ impl TickSums {
     pub(crate) fn add(&mut self, pair: usize, sensed: bool, contact: &ContactPoint, force: Vector3<f64>, h: f64) {
         if sensed {
             self.sensed += force * h;
+            self.sensed_moment += (contact.point - self.tip).cross(&force) * h;
         }
         let sum = &mut self.pairs[pair];
         let weight = force.norm() * h;
@@ -75,6 +89,7 @@ impl TickSums {
     pub(crate) fn finish(&self, pairs: &[ContactPair], duration: f64) -> TickResult {
         let mut result = TickResult {
             sensed_force: self.sensed / duration,
+            sensed_moment: self.sensed_moment / duration,
             peak_normal: self.peak_normal,
             physics: self.physics,
             ..TickResult::default()

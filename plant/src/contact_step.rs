@@ -240,6 +240,7 @@ impl PhysicsWorld {
     fn collect_constraints(&mut self, scope: StepScope, kin: &Kinematics, h: f64) {
         self.points.clear();
         self.sources.clear();
+        self.tick_sums.tip = kin.tip_position();
         let leg = if scope == StepScope::All { self.n() } else { 0 };
         for (i, joint) in self.scene.chain.joints().iter().enumerate().take(leg) {
             let travel = CLEARANCE + 2.0 * h * self.qd[i].abs();

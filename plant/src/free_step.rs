@@ -1,6 +1,6 @@
 //! Motion without contact: the classic fourth-order Runge-Kutta method, and the conditions for its use.
 
-use crate::cholesky::{factor, substitute};
+use hapfic_robot::cholesky::{factor, substitute};
 use crate::scene::ContactPair;
 use crate::step_scope::CLEARANCE;
 use crate::world::PhysicsWorld;

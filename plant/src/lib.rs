@@ -4,7 +4,6 @@
 //! [`ContactLaw`], the integrator [`PhysicsWorld`].
 
 mod account;
-mod cholesky;
 mod collider;
 mod contact_law;
 mod contact_point;

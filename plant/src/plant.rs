@@ -12,7 +12,7 @@ use crate::world::{PhysicsWorld, Substeps};
 use hapfic_config::Settings;
 use hapfic_messages::{Command, Drive, MAX_JOINTS, State};
 use hapfic_robot::Chain;
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
 // A message holds as many objects as a scenario.
 const _: () = assert!(hapfic_config::MAX_OBJECTS == hapfic_messages::MAX_OBJECTS);
@@ -86,6 +86,7 @@ impl Plant {
         self.tick = state.tick;
         self.last = TickResult {
             sensed_force: Vector3::from(state.foot_force) - Vector3::from(self.noise.at(state.tick)),
+            sensed_moment: Vector3::from(state.foot_moment),
             torque: state.joint_torque,
             contacts: state.contacts,
             contact_count: state.contact_count as usize,
@@ -138,7 +139,11 @@ impl Plant {
             foot_position: kin.tip_position().into(),
             foot_velocity: jacobian.linear_mul(&world.qd[..n]).into(),
             foot_force: (self.last.sensed_force + Vector3::from(self.noise.at(self.tick))).into(),
+            foot_orientation: quaternion(&kin.tip_rotation()),
+            foot_angular_velocity: jacobian.angular_mul(&world.qd[..n]).into(),
+            foot_moment: self.last.sensed_moment.into(),
             contact_count: self.last.contact_count as u32,
+            limbs: 1,
             contacts: self.last.contacts,
             physics: self.last.physics,
             ..State::default()
@@ -184,6 +189,12 @@ impl Plant {
         self.tick += 1;
         Ok(())
     }
+}
+
+/// Unit quaternion of a rotation matrix, x y z w.
+fn quaternion(rotation: &Matrix3<f64>) -> [f64; 4] {
+    let q = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(*rotation));
+    [q.i, q.j, q.k, q.w]
 }
 
 /// Rejects a start in which two bodies are deeper in each other than their transition width plus the depth under their

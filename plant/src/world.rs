@@ -35,6 +35,9 @@ pub struct Substeps {
     pub contact_us: u32,
 }
 
+/// Speed at which the friction of a joint reaches half of its Coulomb value [rad/s], [m/s]: below, the joint creeps.
+const FRICTION_SPEED: f64 = 1e-3;
+
 /// State of robot and objects, with the integrator's buffers.
 #[derive(Clone, Debug)]
 pub struct PhysicsWorld {
@@ -155,26 +158,34 @@ impl PhysicsWorld {
             damping[i] += extra;
         }
         let (before, start_j) = (self.q, self.energy());
+        let mut friction_loss = [0.0; MAX_JOINTS];
         let mut left = duration_us;
         while left > 0 {
             let kin = self.kinematics();
             self.update_colliders(&kin);
             let flight = left.min(self.substeps.flight_us);
-            if self.leg_is_clear(seconds(flight)) && self.is_explicit_stable(&kin, &damping, seconds(flight)) {
+            let friction = self.friction_damping();
+            let mut resisting = damping;
+            resisting.iter_mut().zip(&friction).for_each(|(damping, friction)| *damping += friction);
+            let damped = self.account.tick.damped;
+            if self.leg_is_clear(seconds(flight)) && self.is_explicit_stable(&kin, &resisting, seconds(flight)) {
                 self.tick_sums.physics.substeps += 1;
                 self.move_objects(StepScope::Objects, &kin, flight);
-                self.free_step(&kin, &torque, &damping, seconds(flight));
+                self.free_step(&kin, &torque, &resisting, seconds(flight));
                 left -= flight;
             } else {
                 let step = left.min(self.substeps.contact_us);
-                self.contact_step(StepScope::All, &kin, &torque, &damping, seconds(step));
+                self.contact_step(StepScope::All, &kin, &torque, &resisting, seconds(step));
                 left -= step;
+            }
+            for i in 0..n {
+                friction_loss[i] += friction[i] * (self.account.tick.damped[i] - damped[i]);
             }
         }
         for i in 0..n {
             let damped = self.account.tick.damped[i];
             self.account.joint_work(torque[i] * (self.q[i] - before[i]) - extra * damped);
-            self.account.joint_loss(self.damping[i] * damped);
+            self.account.joint_loss(self.damping[i] * damped + friction_loss[i]);
         }
         self.finish_account(start_j);
         let mut advance = self.result(duration_us);
@@ -183,6 +194,19 @@ impl PhysicsWorld {
             advance.torque[i] = torque[i] - extra * (self.q[i] - before[i]) / seconds(duration_us);
         }
         advance
+    }
+
+    /// Coulomb friction of the joints as the damping that gives it at the present speeds: `f q' / (|q'| + v_c)`.
+    ///
+    /// A damping that is fixed over a sub-step takes energy whatever the speed does, so friction never drives a joint.
+    fn friction_damping(&self) -> JointVector {
+        let mut damping = [0.0; MAX_JOINTS];
+        for (i, joint) in self.scene.chain.joints().iter().enumerate() {
+            if joint.friction > 0.0 {
+                damping[i] = joint.friction / (self.qd[i].abs() + FRICTION_SPEED);
+            }
+        }
+        damping
     }
 
     /// Moves the objects while the brakes hold the leg.
@@ -195,6 +219,7 @@ impl PhysicsWorld {
         self.tick_sums.physics.substeps = 1;
         self.move_objects(StepScope::ObjectsAndHeldLeg, &kin, duration_us);
         self.update_colliders(&kin);
+        self.tick_sums.tip = kin.tip_position();
         self.read_held_contact(seconds(duration_us));
         self.finish_account(start_j);
         self.result(duration_us)

@@ -12,6 +12,7 @@ use crate::summary::{Losses, RecorderSummary, RunFault, RunSummary, Summary};
 use crate::watch::{self, RunTimes, Watch, WatchStart};
 use anyhow::{Context, Result};
 use hapfic_config::Settings;
+use hapfic_controller::parameters::TipPose;
 use hapfic_gate::GateLimits;
 use hapfic_gate::parameter_schedule::ParameterSchedule;
 use hapfic_gate::torque_check::TorqueCheck;
@@ -137,7 +138,7 @@ impl PreparedRun {
             shared: Arc::clone(&shared),
             latest: Arc::clone(&latest),
         })?;
-        let foot_position = plant.sample().foot_position;
+        let start = TipPose::of(&plant.chain().kinematics(&plant.sample().joint_position));
         let (change_client, change_server) = hapfic_gate_process::change_exchange::exchange();
         let (inject, fault_requests) = std::sync::mpsc::channel();
         let notify = Notify::from_env();
@@ -150,7 +151,11 @@ impl PreparedRun {
             log: request.log.clone(),
             ticks: settings.duration_ticks as i64,
             initial: hapfic_config::ParameterSettings {
-                target_position: settings.initial.target_position.or(Some(foot_position)),
+                target_position: settings.initial.target_position.or(Some(start.position)),
+                rotation: settings.initial.rotation.map(|rotation| hapfic_config::RotationSettings {
+                    target_orientation: rotation.target_orientation.or(Some(start.rpy)),
+                    ..rotation
+                }),
                 ..settings.initial
             },
             change_client,
@@ -165,7 +170,7 @@ impl PreparedRun {
             clock: request.clock,
             limits: GateLimits::new(settings, plant.chain()),
             torque: TorqueCheck::new(plant.chain().clone(), settings.world.gravity_m_per_s2),
-            schedule: ParameterSchedule::new(settings, foot_position),
+            schedule: ParameterSchedule::new(settings, start),
             ticks: settings.duration_ticks as i64,
             deadline: Duration::from_micros(settings.supervisor.deadline_us.into()),
             sched: realtime.then(|| SchedRequest::new(settings.realtime.priority_gate, cores.gate)),

@@ -7,7 +7,7 @@ use criterion::Criterion;
 use hapfic_bench_control::{Gains, OperationalSpace, Task};
 use hapfic_bench_recorded::{RecordedTick, recorded_ticks};
 use hapfic_config::Settings;
-use hapfic_controller::control_step::{ControlInputs, control_step};
+use hapfic_controller::control_step::{ControlInputs, ReferenceSetpoint, control_step};
 use hapfic_messages::Process;
 use hapfic_robot::Chain;
 use nalgebra::Vector3;
@@ -17,10 +17,9 @@ use std::io::Write;
 fn control_inputs(m: &RecordedTick) -> ControlInputs<'_> {
     ControlInputs {
         state: &m.state,
-        reference_position: m.reference.position,
-        reference_velocity: m.reference.velocity,
+        setpoint: ReferenceSetpoint::of(&m.reference),
         parameters: m.operator.at(m.state.tick),
-        previous_state: m.previous_state,
+        previous: m.previous,
     }
 }
 

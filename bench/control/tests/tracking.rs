@@ -4,6 +4,7 @@
 
 use hapfic_bench_control::{Gains, OperationalSpace, Task};
 use hapfic_config::{PERIOD_S, Settings};
+use hapfic_controller::parameters::TipPose;
 use hapfic_gate::parameter_schedule::ParameterSchedule;
 use hapfic_messages::{Command, Mode, State};
 use hapfic_planner::TickPlan;
@@ -28,9 +29,9 @@ impl TrackingSample {
 /// Runs the floor scenario under the QP controller, with the stack's plant, planner, operator and dead time.
 fn under_qp(settings: &Settings, ticks: i64) -> Vec<TrackingSample> {
     let mut plant = Plant::new(settings).unwrap();
-    let mut schedule = ParameterSchedule::new(settings, plant.sample().foot_position);
+    let mut schedule = ParameterSchedule::new(settings, TipPose::of(&plant.chain().kinematics(&plant.sample().joint_position)));
     schedule.announce(-1);
-    let mut plan = TickPlan::at_rest(0, plant.sample().foot_position);
+    let mut plan = TickPlan::at_rest(0, &plant.sample(), false);
     let mut controller: Option<OperationalSpace> = None;
     let mut command = Command { tick: -1, mode: Mode::Hold.code(), joints: 3, ..Command::default() };
     let mut samples = Vec::new();

@@ -4,7 +4,7 @@ use anyhow::Result;
 use criterion::Criterion;
 use hapfic_bench_recorded::{RecordedTick, recorded_ticks};
 use hapfic_config::{PERIOD_S, Settings};
-use hapfic_controller::control_step::{ControlInputs, control_step};
+use hapfic_controller::control_step::{ControlInputs, ReferenceSetpoint, control_step};
 use hapfic_controller::task_space::{self, TaskSpaceInput, policies};
 use hapfic_controller::{Attractor, ForceProfile, HapticParameters, HapticSearch};
 use hapfic_messages::Process;
@@ -75,7 +75,7 @@ fn main() -> Result<()> {
             next_tick.next().map(|p| {
                 let desired = p.recorded.operator.at(p.recorded.state.tick).desired_force;
                 let step = |axis: usize| {
-                    let search = HapticSearch { offset_m: p.recorded.previous_state.offset[axis] };
+                    let search = HapticSearch { offset_m: p.recorded.previous.translation.offset[axis] };
                     search.step(black_box(desired[axis]), p.input.contact_force[axis], &p.haptic[axis])
                 };
                 [step(0), step(1), step(2)]
@@ -88,7 +88,7 @@ fn main() -> Result<()> {
             next_tick.next().map(|p| {
                 let request = &p.recorded.command.request;
                 let step = |axis: usize| {
-                    let previous_state = &p.recorded.previous_state;
+                    let previous_state = &p.recorded.previous.translation;
                     let attractor =
                         Attractor { x_max_m: previous_state.x_max[axis], converging: previous_state.converging[axis] != 0 };
                     attractor.step(black_box(request.error[axis]), request.error_rate[axis], &p.profile[axis])
@@ -102,7 +102,7 @@ fn main() -> Result<()> {
         b.iter(|| {
             next_tick.next().map(|p| {
                 let parameters = p.recorded.operator.at(p.recorded.state.tick);
-                task_space::step(p.recorded.previous_state, black_box(&p.input), parameters, PERIOD_S)
+                task_space::step(p.recorded.previous.translation, black_box(&p.input), parameters, PERIOD_S)
             })
         });
     });
@@ -128,10 +128,9 @@ fn main() -> Result<()> {
                 let m = &p.recorded;
                 let inputs = ControlInputs {
                     state: &m.state,
-                    reference_position: m.reference.position,
-                    reference_velocity: m.reference.velocity,
+                    setpoint: ReferenceSetpoint::of(&m.reference),
                     parameters: m.operator.at(m.state.tick),
-                    previous_state: m.previous_state,
+                    previous: m.previous,
                 };
                 control_step(&chain, &gravity, black_box(&inputs), Process::Controller)
             })

@@ -2,7 +2,8 @@
 
 use crate::RecordError;
 use hapfic_config::{PERIOD_S, Settings};
-use hapfic_messages::{Command, ControllerState, Mode, Operator, Reference, State};
+use hapfic_controller::control_step::PreviousStates;
+use hapfic_messages::{Command, Mode, Operator, Reference, State};
 use hapfic_planner::TickPlan;
 use hapfic_simulation::Simulation;
 
@@ -17,8 +18,8 @@ pub struct RecordedTick {
     pub reference_acceleration: [f64; 3],
     /// Parameter sets of the operator in request(k).
     pub operator: Operator,
-    /// State of the controller in command(k - 1).
-    pub previous_state: ControllerState,
+    /// States of the controller in command(k - 1).
+    pub previous: PreviousStates,
     /// Whether command(k - 1) put the drive under torque.
     pub active: bool,
     /// command(k), with the accepted request.
@@ -65,7 +66,7 @@ pub fn recorded_ticks(scenario: &str, count: u64) -> Result<Vec<RecordedTick>, R
                 reference: snapshot.reference,
                 reference_acceleration: [acceleration(0), acceleration(1), acceleration(2)],
                 operator: snapshot.operator,
-                previous_state: previous_command.request.state,
+                previous: PreviousStates::of(&previous_command.request),
                 active,
                 command: snapshot.command,
             });
@@ -79,7 +80,7 @@ pub fn recorded_ticks(scenario: &str, count: u64) -> Result<Vec<RecordedTick>, R
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-    use hapfic_controller::control_step::{ControlInputs, control_step};
+    use hapfic_controller::control_step::{ControlInputs, ReferenceSetpoint, control_step};
     use hapfic_messages::{Process, Request};
     use hapfic_robot::Chain;
 
@@ -99,10 +100,9 @@ mod tests {
         for m in recorded_ticks("floor", 200).unwrap() {
             let inputs = ControlInputs {
                 state: &m.state,
-                reference_position: m.reference.position,
-                reference_velocity: m.reference.velocity,
+                setpoint: ReferenceSetpoint::of(&m.reference),
                 parameters: m.operator.at(m.state.tick),
-                previous_state: m.previous_state,
+                previous: m.previous,
             };
             let gravity = settings.world.gravity_m_per_s2.into();
             let request = control_step(&chain, &gravity, &inputs, Process::Controller).unwrap();

@@ -27,18 +27,35 @@ pub(crate) struct RawRobot {
     #[serde(default)]
     pub(crate) base_orientation_rpy_rad: [f64; 3],
 
-    /// Joint positions at the start, base to tip [rad; m for a prismatic joint]: 1 to 8 numbers in [-100, 100].
+    /// Joint positions at the start, base to tip [rad; m for a prismatic joint]: 1 to 16 numbers in [-100, 100].
     pub(crate) start_position_rad: Vec<f64>,
 
-    /// Viscous damping of the joints [N m s/rad; N s/m for a prismatic joint], in [0, 1e4]: a number for all, or a list.
-    /// Default: the description's. Raising it resists free motion and damps oscillation faster.
+    /// Viscous damping of the joints [N m s/rad; N s/m for a prismatic joint], in [0, 1e4]: a number for all, a list, or a
+    /// table by joint name, here and below. Default: the description's. Raising it resists free motion and damps oscillation
+    /// faster.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) joint_damping_n_m_s_per_rad: Option<PerJoint>,
 
-    /// Largest torque of the joints [N m; N for a prismatic joint], in (0, 1e5]: a number for all, or a list. Default: the
-    /// description's. Raising it lets the drive follow larger requests.
+    /// Largest torque of the joints [N m; N for a prismatic joint], in (0, 1e5]. Default: the description's. Raising it lets the
+    /// drive follow larger requests.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) effort_limit_n_m: Option<PerJoint>,
+
+    /// Largest speed of the joints [rad/s; m/s for a prismatic joint], in (0, 1e4]. Default: the description's. It is watched, not
+    /// enforced: a joint beyond it is a condition of the task.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) velocity_limit_rad_per_s: Option<PerJoint>,
+
+    /// Coulomb friction of the joints [N m; N for a prismatic joint], in [0, 1e4]. Default: the description's. Raising it holds
+    /// joints against small torques, and leaves errors of that size.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) joint_friction_n_m: Option<PerJoint>,
+
+    /// Inertia of the rotors, seen at the joints [kg m^2; kg for a prismatic joint], in [0, 1e3]: inertia of the motor times the
+    /// square of its gear ratio. URDF has none, so the default is 0; real arms have 0.1 and more. Raising it makes the robot
+    /// slower, and bears more stiffness.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) armature_kg_m2: Option<PerJoint>,
 
     /// A sphere in place of whatever shapes the tip link has. Needed where the tip has none, or a mesh.
     #[serde(default, skip_serializing_if = "Option::is_none")]

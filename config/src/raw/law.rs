@@ -1,6 +1,7 @@
 //! Controller, planner and operator as written.
 
-use crate::policy::{Fidelity, ResetPolicy, Saturation, Search};
+use super::PerJoint;
+use crate::policy::{Fidelity, ResetPolicy, Saturation, Search, Task};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -86,8 +87,63 @@ pub(crate) struct RawController {
     /// Raising it ends the search earlier.
     pub(crate) force_resolution_n: f64,
 
-    /// Adds the torque that holds the robot against gravity. The paper has none.
-    pub(crate) gravity_compensation: bool,
+    /// Adds the torque that holds the robot against gravity. The paper has none. Default: on above three joints, since the
+    /// weight of an arm turns its redundant joints, which no task axis holds.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) gravity_compensation: Option<bool>,
+
+    /// What the law controls at the tip.
+    pub(crate) task: Task,
+
+    /// Stiffness K_R of a pose task near the wished orientation [N m/rad], each in (0, 1e4]. Default 30. Raising it holds the
+    /// orientation more closely; `hapfic calibrate` prints what a robot bears.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) rotation_stiffness_n_m_per_rad: Option<[f64; 3]>,
+
+    /// Largest moment T_max [N m], each in (0, 1e4]. Default 10. Raising it lets the tool turn harder against an obstacle.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) max_moment_n_m: Option<[f64; 3]>,
+
+    /// Bound x_b,R: orientation error at which the moment saturates [rad], each in (0, 1.5]. Default 0.3. Raising it lets the
+    /// moment grow over a larger angle.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) rotation_bound_rad: Option<[f64; 3]>,
+
+    /// Damping of each axis of rotation over the square root of K_R [kg^(1/2) m], in [0, 10]. Default 0.05. Raising it damps the
+    /// tool; too much for one tick of dead time is about sqrt(I), with I the smallest effective inertia at the tip.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) rotation_damping_sqrt_kg_m: Option<f64>,
+
+    /// Sigma as the moment threshold of a wished moment [N m], in (0, 10]. Default 0.01. As `force_resolution_n`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) moment_resolution_n_m: Option<f64>,
+
+    /// Wished posture in the null space of the task [rad; m for a prismatic joint]: a number for all, or a list. Default: the
+    /// start posture.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) posture_rad: Option<PerJoint>,
+
+    /// Stiffness K_n towards that posture [N m/rad], in [0, 1e4], at the joint with the largest inertia; the others have their
+    /// share of it. Default: 10 above three joints, else 0. Raising it returns to the posture faster.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) posture_stiffness_n_m_per_rad: Option<f64>,
+
+    /// Damping D_n in the null space [N m s/rad], in [0, 1e3], shared as K_n. Default: 4 above three joints, else 0. Raising it
+    /// stops motions of the elbow faster.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) posture_damping_n_m_s_per_rad: Option<f64>,
+
+    /// Damping of every joint by the controller [N m s/rad], in [0, 1e3]. Unlike D_n it needs no trusted mass matrix, and slows
+    /// the task, too.
+    pub(crate) joint_damping_n_m_s_per_rad: f64,
+
+    /// Distance from a joint's limit at which a spring pushes it back [rad], in [0, 1]. Raising it keeps further away.
+    pub(crate) limit_margin_rad: f64,
+
+    /// Stiffness of these springs [N m/rad], in [0, 1e4]. Default: 100 above three joints, else 0. Raising it lets a joint come
+    /// closer to its limit only under larger loads.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) limit_stiffness_n_m_per_rad: Option<f64>,
 }
 
 impl Default for RawController {
@@ -109,7 +165,19 @@ impl Default for RawController {
             taper: 0.4,
             search_scale: 0.01,
             force_resolution_n: 0.01,
-            gravity_compensation: false,
+            gravity_compensation: None,
+            task: Task::Position,
+            rotation_stiffness_n_m_per_rad: None,
+            max_moment_n_m: None,
+            rotation_bound_rad: None,
+            rotation_damping_sqrt_kg_m: None,
+            moment_resolution_n_m: None,
+            posture_rad: None,
+            posture_stiffness_n_m_per_rad: None,
+            posture_damping_n_m_s_per_rad: None,
+            joint_damping_n_m_s_per_rad: 0.0,
+            limit_margin_rad: 0.1,
+            limit_stiffness_n_m_per_rad: None,
         }
     }
 }
@@ -123,11 +191,25 @@ pub(crate) struct RawPlanner {
 
     /// Largest acceleration a_max of the reference per axis [m/s^2], in (0, 1000]. Raising it starts and brakes harder.
     pub(crate) max_acceleration_m_per_s2: f64,
+
+    /// Desired mean speed of a turn in a pose task [rad/s], in (0, 30]. Default 0.5. Raising it shortens the turn.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) mean_turn_speed_rad_per_s: Option<f64>,
+
+    /// Largest angular acceleration of the reference per axis in a pose task [rad/s^2], in (0, 3000]. Default 10. Raising it
+    /// starts and brakes turns harder.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) max_turn_acceleration_rad_per_s2: Option<f64>,
 }
 
 impl Default for RawPlanner {
     fn default() -> Self {
-        Self { mean_speed_m_per_s: 0.2, max_acceleration_m_per_s2: 10.0 }
+        Self {
+            mean_speed_m_per_s: 0.2,
+            max_acceleration_m_per_s2: 10.0,
+            mean_turn_speed_rad_per_s: None,
+            max_turn_acceleration_rad_per_s2: None,
+        }
     }
 }
 
@@ -219,4 +301,41 @@ pub(crate) struct RawOperator {
     /// a_max [m/s^2], in (0, 1000]. As in `planner`; applies to the next target.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) max_acceleration_m_per_s2: Option<f64>,
+
+    /// Wished orientation of the tip in a pose task: roll, pitch, yaw as in URDF [rad], each in [-10, 10].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) target_orientation_rpy_rad: Option<[f64; 3]>,
+
+    /// Wished moment of the environment on the foot about the tip in a pose task [N m], its length at most 1e3. An axis with
+    /// zero is held by its orientation alone.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) desired_moment_n_m: Option<[f64; 3]>,
+
+    /// K_R [N m/rad], each in (0, 1e4]. As in `controller`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) rotation_stiffness_n_m_per_rad: Option<[f64; 3]>,
+
+    /// T_max [N m], each in (0, 1e4]. As in `controller`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) max_moment_n_m: Option<[f64; 3]>,
+
+    /// x_b,R [rad], each in (0, 1.5]. As in `controller`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) rotation_bound_rad: Option<[f64; 3]>,
+
+    /// Damping of rotation over sqrt(K_R) [kg^(1/2) m], in [0, 10]. As in `controller`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) rotation_damping_sqrt_kg_m: Option<f64>,
+
+    /// Moment threshold [N m], in (0, 10]. As in `controller`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) moment_resolution_n_m: Option<f64>,
+
+    /// Desired mean speed of a turn [rad/s], in (0, 30]. As in `planner`; applies to the next target.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) mean_turn_speed_rad_per_s: Option<f64>,
+
+    /// Largest angular acceleration [rad/s^2], in (0, 3000]. As in `planner`; applies to the next target.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) max_turn_acceleration_rad_per_s2: Option<f64>,
 }

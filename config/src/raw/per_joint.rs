@@ -1,11 +1,13 @@
 //! Values per joint, as written.
 
+use crate::settings::JointValues;
 use schemars::JsonSchema;
-use serde::de::{Error, SeqAccess, Visitor};
+use serde::de::{Error, MapAccess, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize};
+use std::collections::BTreeMap;
 use std::fmt;
 
-/// One number for all joints, or a list with one number for each.
+/// One number for all joints, a list with one number for each, or a table by the names of joints.
 #[derive(Clone, Debug, JsonSchema, Serialize)]
 #[serde(untagged)]
 pub(crate) enum PerJoint {
@@ -13,14 +15,27 @@ pub(crate) enum PerJoint {
     All(f64),
     /// Numbers in the order of the chain, from base to tip.
     Each(Vec<f64>),
+    /// Numbers by joint; the others keep the description's.
+    Named(BTreeMap<String, f64>),
 }
 
 impl PerJoint {
-    /// Returns a number for each joint: as written, or the one number for all.
-    pub(crate) fn expand(self, joints: usize) -> Vec<f64> {
+    /// Returns a number for each joint: as written, or the one number for all; `None` for a table, which only the robot
+    /// model can put in order.
+    pub(crate) fn expand(self, joints: usize) -> Option<Vec<f64>> {
         match self {
-            Self::All(number) => vec![number; joints],
-            Self::Each(numbers) => numbers,
+            Self::All(number) => Some(vec![number; joints]),
+            Self::Each(numbers) => Some(numbers),
+            Self::Named(_) => None,
+        }
+    }
+
+    /// Returns the values for the robot model.
+    pub(crate) fn values(self, joints: usize) -> JointValues {
+        match self {
+            Self::All(number) => JointValues::InOrder(vec![number; joints]),
+            Self::Each(numbers) => JointValues::InOrder(numbers),
+            Self::Named(table) => JointValues::ByName(table.into_iter().collect()),
         }
     }
 }
@@ -38,7 +53,7 @@ impl<'de> Visitor<'de> for PerJointVisitor {
     type Value = PerJoint;
 
     fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("a number for all joints, or a list with one number for each")
+        f.write_str("a number for all joints, a list with one number for each, or a table by joint name")
     }
 
     fn visit_f64<E: Error>(self, value: f64) -> Result<PerJoint, E> {
@@ -59,5 +74,13 @@ impl<'de> Visitor<'de> for PerJointVisitor {
             values.push(value);
         }
         Ok(PerJoint::Each(values))
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut entries: A) -> Result<PerJoint, A::Error> {
+        let mut values = BTreeMap::new();
+        while let Some((name, value)) = entries.next_entry()? {
+            values.insert(name, value);
+        }
+        Ok(PerJoint::Named(values))
     }
 }

@@ -7,7 +7,7 @@ mod error;
 
 pub use error::ControllerError;
 use hapfic_config::Settings;
-use hapfic_controller::control_step::{ControlInputs, control_step};
+use hapfic_controller::control_step::{ControlInputs, PreviousStates, ReferenceSetpoint, control_step};
 use hapfic_ipc::inject::Injector;
 use hapfic_ipc::realtime::SchedRequest;
 use hapfic_ipc::{Context, Doorbell, Gaps, Input, IpcError, Listener, Output, TickTimes, Wait, Wakes, clock, topic};
@@ -83,13 +83,13 @@ impl InputBuffers {
         new.tick > oldest
     }
 
-    /// Returns the reference of a tick, or the last one held at rest, or (before any) the position of the foot.
-    fn setpoint(&self, state: &State) -> ([f64; 3], [f64; 3]) {
+    /// Returns the reference of a tick, or the last one held at rest, or (before any) the pose of the foot.
+    fn setpoint(&self, state: &State) -> ReferenceSetpoint {
         if let Some(r) = self.references.at(state.tick) {
-            return (r.position, r.velocity);
+            return ReferenceSetpoint::of(r);
         }
-        let held = self.references.before(state.tick).map_or(state.foot_position, |r| r.position);
-        (held, [0.0; 3])
+        let before = self.references.before(state.tick).map(|r| ReferenceSetpoint::of(r).held());
+        before.unwrap_or_else(|| ReferenceSetpoint::at_tip(state))
     }
 
     /// Whether the gate uses another controller's requests, according to the last command; initially the primary's.
@@ -105,8 +105,8 @@ impl InputBuffers {
     fn inputs<'a>(&'a self, state: &'a State) -> Option<ControlInputs<'a>> {
         let parameters = self.operator.as_ref()?.at(state.tick);
         let command = self.commands.before(state.tick)?;
-        let (reference_position, reference_velocity) = self.setpoint(state);
-        Some(ControlInputs { state, reference_position, reference_velocity, parameters, previous_state: command.request.state })
+        let (setpoint, previous) = (self.setpoint(state), PreviousStates::of(&command.request));
+        Some(ControlInputs { state, setpoint, parameters, previous })
     }
 }
 

@@ -7,7 +7,7 @@ use crate::names::Names;
 use crate::proto;
 use hapfic_messages::{
     AxisPlan, Command, ContactState, Detector, Drive, Event, EventKind, Mode, ObjectState, Parameters, Phase, Physics, Process,
-    Reference, Request, ResetPolicy, Saturation, Search, Severity, Source, State, Timing,
+    Reference, Request, ResetPolicy, Saturation, Search, Severity, Source, State, Task, Timing,
 };
 
 const UNKNOWN: &str = "unknown";
@@ -33,12 +33,18 @@ pub fn state(state: &State, names: &Names) -> proto::State {
         drive: Drive::from_code(state.drive).map_or(UNKNOWN, Drive::name).to_owned(),
         contacts: contacts.map(|c| contact(c, names)).collect(),
         physics: Some(physics(&state.physics, names)),
+        foot_orientation: state.foot_orientation.to_vec(),
+        foot_angular_velocity: state.foot_angular_velocity.to_vec(),
+        foot_moment: state.foot_moment.to_vec(),
     }
 }
 
 /// Topic `/reference`.
 #[must_use]
 pub fn reference(reference: &Reference) -> proto::Reference {
+    // A quaternion is never zero.
+    let pose = reference.orientation != [0.0; 4];
+    let plan = &reference.planner.rotation;
     proto::Reference {
         tick: reference.tick,
         position: reference.position.to_vec(),
@@ -47,13 +53,19 @@ pub fn reference(reference: &Reference) -> proto::Reference {
         planner: Some(proto::PlannerState {
             ticks: reference.planner.ticks,
             axes: reference.planner.axes.iter().map(axis_plan).collect(),
+            rotation_ticks: plan.ticks,
+            target_rpy: only(pose, &plan.target_rpy),
+            rotation_axes: plan.axes.iter().filter(|_| pose).map(axis_plan).collect(),
         }),
+        orientation: only(pose, &reference.orientation),
+        angular_velocity: only(pose, &reference.angular_velocity),
     }
 }
 
 /// Topics `/request` and `/request/standby`.
 #[must_use]
 pub fn request(request: &Request) -> proto::Request {
+    let pose = turns(request);
     proto::Request {
         tick: request.tick,
         state_tick: request.state_tick,
@@ -68,6 +80,11 @@ pub fn request(request: &Request) -> proto::Request {
         torque: first(&request.torque, request.joints),
         at_rest_ticks: request.state.at_rest_ticks.to_vec(),
         taper: request.state.taper.to_vec(),
+        rotation_error: only(pose, &request.rotation.error),
+        rotation_error_rate: only(pose, &request.rotation.error_rate),
+        moment: only(pose, &request.rotation.moment),
+        rotation_offset: only(pose, &request.rotation.state.offset),
+        joint_space_torque: first(&request.joint_space_torque, request.joints),
     }
 }
 
@@ -75,6 +92,7 @@ pub fn request(request: &Request) -> proto::Request {
 #[must_use]
 pub fn command(command: &Command) -> proto::Command {
     let request = &command.request;
+    let pose = turns(request);
     proto::Command {
         tick: command.tick,
         // The joint count of the command: before the first request, that of the request is zero.
@@ -97,12 +115,18 @@ pub fn command(command: &Command) -> proto::Command {
         rate_limited: command.rate_limited,
         at_rest_ticks: request.state.at_rest_ticks.to_vec(),
         taper: request.state.taper.to_vec(),
+        rotation_error: only(pose, &request.rotation.error),
+        rotation_error_rate: only(pose, &request.rotation.error_rate),
+        moment: only(pose, &request.rotation.moment),
+        rotation_offset: only(pose, &request.rotation.state.offset),
+        joint_space_torque: first(&request.joint_space_torque, command.joints),
     }
 }
 
 /// Topic `/operator`.
 #[must_use]
 pub fn operator(parameters: &Parameters) -> proto::Operator {
+    let (pose, rotation, joint_space) = (parameters.is_pose(), &parameters.rotation, &parameters.joint_space);
     proto::Operator {
         version: parameters.version,
         effective_tick: parameters.effective_tick,
@@ -126,6 +150,22 @@ pub fn operator(parameters: &Parameters) -> proto::Operator {
         continuous_reentry: parameters.continuous_reentry != 0,
         damping: parameters.damping,
         posture_lead: parameters.posture_lead,
+        task: Task::from_code(parameters.task).map_or(UNKNOWN, Task::name).to_owned(),
+        target_orientation: only(pose, &rotation.target_rpy),
+        desired_moment: only(pose, &rotation.desired_moment),
+        rotation_stiffness: only(pose, &rotation.stiffness),
+        max_moment: only(pose, &rotation.max_moment),
+        rotation_bound: only(pose, &rotation.bound),
+        rotation_damping: rotation.damping,
+        moment_resolution: rotation.moment_resolution,
+        mean_turn_speed: rotation.mean_speed,
+        max_turn_acceleration: rotation.max_acceleration,
+        posture: first(&joint_space.posture, if joint_space.acts() { parameters.joints } else { 0 }),
+        posture_stiffness: joint_space.stiffness,
+        posture_damping: joint_space.damping,
+        joint_damping: joint_space.joint_damping,
+        limit_margin: joint_space.limit_margin,
+        limit_stiffness: joint_space.limit_stiffness,
     }
 }
 
@@ -213,6 +253,16 @@ fn axis_plan(plan: &AxisPlan) -> proto::AxisPlan {
         rate: plan.rate,
         phase: plan.phase,
     }
+}
+
+/// Whether a request controls the orientation: its gains are then above zero.
+fn turns(request: &Request) -> bool {
+    request.rotation.state.stiffness != [0.0; 3]
+}
+
+/// The values, or nothing.
+fn only(given: bool, values: &[f64]) -> Vec<f64> {
+    if given { values.to_vec() } else { Vec::new() }
 }
 
 fn first(values: &[f64], count: u32) -> Vec<f64> {

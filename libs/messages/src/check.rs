@@ -1,8 +1,9 @@
 //! Checks of messages from another process: finite, in range, codes known. The receiver checks the order of ticks.
 
 use crate::{
-    Command, ControllerState, Credit, Detector, Drive, EVENT_TEXT, Event, EventKind, MAX_CONTACTS, MAX_JOINTS, MAX_OBJECTS, Mode,
-    Operator, Parameters, Phase, Process, Reference, Request, ResetPolicy, Saturation, Search, Severity, Source, State, Timing,
+    Command, ControllerState, Credit, Detector, Drive, EVENT_TEXT, Event, EventKind, JointSpaceParameters, MAX_CONTACTS, MAX_JOINTS,
+    MAX_LIMBS, MAX_OBJECTS, Mode, Operator, Parameters, Phase, Process, Reference, Request, ResetPolicy, RotationParameters,
+    RotationRequest, Saturation, Search, Severity, Source, State, Task, Timing,
 };
 
 /// Defect of a message.
@@ -51,8 +52,18 @@ pub enum ValidationError {
         field: &'static str,
     },
     /// A torque that does not match the request's own force.
-    #[error("'torque[{joint}]' is {found} N m, expected {expected} N m: J^T F of the request's own force")]
+    #[error("'torque[{joint}]' is {found} N m, expected {expected} N m: J^T W of the request's own force and moment, with tau_N and g")]
     Torque {
+        /// Index of the joint, from the base.
+        joint: usize,
+        /// Torque found [N m].
+        found: f64,
+        /// Torque expected [N m].
+        expected: f64,
+    },
+    /// A torque in joint space that does not match the state.
+    #[error("'joint_space_torque[{joint}]' is {found} N m, expected {expected} N m: posture, damping and limits in this state")]
+    JointSpaceTorque {
         /// Index of the joint, from the base.
         joint: usize,
         /// Torque found [N m].
@@ -121,6 +132,7 @@ impl Check for State {
         at_most("joints", self.joints, MAX_JOINTS)?;
         at_most("object_count", self.object_count, MAX_OBJECTS)?;
         at_most("contact_count", self.contact_count, MAX_CONTACTS)?;
+        at_most("limbs", self.limbs, MAX_LIMBS)?;
         code("drive", self.drive, Drive::from_code(self.drive))?;
         finite("joint_position", &self.joint_position)?;
         finite("joint_velocity", &self.joint_velocity)?;
@@ -128,6 +140,9 @@ impl Check for State {
         finite("foot_position", &self.foot_position)?;
         finite("foot_velocity", &self.foot_velocity)?;
         finite("foot_force", &self.foot_force)?;
+        finite("foot_orientation", &self.foot_orientation)?;
+        finite("foot_angular_velocity", &self.foot_angular_velocity)?;
+        finite("foot_moment", &self.foot_moment)?;
         for o in &self.objects[..self.object_count as usize] {
             finite("objects.position", &o.position)?;
             finite("objects.orientation", &o.orientation)?;
@@ -142,7 +157,11 @@ impl Check for Reference {
     fn check(&self) -> Result<(), ValidationError> {
         finite("position", &self.position)?;
         finite("velocity", &self.velocity)?;
-        for a in &self.planner.axes {
+        finite("orientation", &self.orientation)?;
+        finite("angular_velocity", &self.angular_velocity)?;
+        at_most("limbs", self.limbs, MAX_LIMBS)?;
+        finite("planner.rotation.target_rpy", &self.planner.rotation.target_rpy)?;
+        for a in self.planner.axes.iter().chain(&self.planner.rotation.axes) {
             finite(
                 "planner",
                 &[a.target, a.start, a.start_velocity, a.brake_acceleration, a.brake_time, a.amplitude, a.rate, a.phase],
@@ -180,6 +199,18 @@ impl Check for Request {
         finite("error_rate", &self.error_rate)?;
         finite("force", &self.force)?;
         finite("torque", &self.torque)?;
+        finite("joint_space_torque", &self.joint_space_torque)?;
+        at_most("limbs", self.limbs, MAX_LIMBS)?;
+        self.state.check()?;
+        self.rotation.check()
+    }
+}
+
+impl Check for RotationRequest {
+    fn check(&self) -> Result<(), ValidationError> {
+        finite("rotation.error", &self.error)?;
+        finite("rotation.error_rate", &self.error_rate)?;
+        finite("rotation.moment", &self.moment)?;
         self.state.check()
     }
 }
@@ -191,6 +222,7 @@ impl Check for Command {
         code("severity", self.severity, Severity::from_code(self.severity))?;
         at_most("joints", self.joints, MAX_JOINTS)?;
         finite("torque", &self.torque)?;
+        at_most("limbs", self.limbs, MAX_LIMBS)?;
         self.request.check()
     }
 }
@@ -216,7 +248,35 @@ impl Check for Parameters {
         positive("search_scale", &[self.search_scale])?;
         positive("force_resolution", &[self.force_resolution])?;
         positive("mean_speed", &[self.mean_speed])?;
-        positive("max_acceleration", &[self.max_acceleration])
+        positive("max_acceleration", &[self.max_acceleration])?;
+        code("task", self.task, Task::from_code(self.task))?;
+        if self.is_pose() {
+            self.rotation.check()?;
+        }
+        at_most("joints", self.joints, MAX_JOINTS)?;
+        self.joint_space.check()
+    }
+}
+
+impl Check for RotationParameters {
+    fn check(&self) -> Result<(), ValidationError> {
+        finite("rotation.target_rpy", &self.target_rpy)?;
+        finite("rotation.desired_moment", &self.desired_moment)?;
+        positive("rotation.stiffness", &self.stiffness)?;
+        positive("rotation.max_moment", &self.max_moment)?;
+        positive("rotation.bound", &self.bound)?;
+        not_negative("rotation.damping", &[self.damping])?;
+        positive("rotation.moment_resolution", &[self.moment_resolution])?;
+        positive("rotation.mean_speed", &[self.mean_speed])?;
+        positive("rotation.max_acceleration", &[self.max_acceleration])
+    }
+}
+
+impl Check for JointSpaceParameters {
+    fn check(&self) -> Result<(), ValidationError> {
+        finite("joint_space.posture", &self.posture)?;
+        let gains = [self.stiffness, self.damping, self.joint_damping, self.limit_margin, self.limit_stiffness];
+        not_negative("joint_space", &gains)
     }
 }
 
@@ -270,8 +330,8 @@ mod tests {
 
     #[test]
     fn check_count_above_capacity_rejected() {
-        let state = State { joints: 9, ..State::default() };
-        assert_eq!(state.check(), Err(ValidationError::Count { field: "joints", found: 9, expected: 8 }));
+        let state = State { joints: 17, ..State::default() };
+        assert_eq!(state.check(), Err(ValidationError::Count { field: "joints", found: 17, expected: 16 }));
         let event =
             Event { text_len: 5000, ..Event::new(0, Process::Plant, EventKind::Note, Severity::Nominal, Detector::None, "") };
         assert!(event.check().is_err());

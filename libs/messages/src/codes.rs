@@ -39,6 +39,16 @@ wire_enum! {
 }
 
 wire_enum! {
+    /// What the task-space law controls at the tip.
+    Task {
+        /// The position: three axes, and forces alone.
+        Position = 0, "position";
+        /// Position and orientation: six axes, forces and moments.
+        Pose = 1, "pose";
+    }
+}
+
+wire_enum! {
     /// Mode of a command: the action of the drive.
     Mode {
         /// The drive's brakes hold the joints: no torque has been commanded yet.
@@ -187,6 +197,10 @@ wire_enum! {
         StabilityMargin = 6, "stability_margin";
         /// The controller has given the robot more energy than reference and spring explain.
         NotPassive = 7, "not_passive";
+        /// A joint moves faster than its speed limit.
+        OverSpeed = 8, "over_speed";
+        /// The tip is turned further than x_b,R from its reference, and does not make up for it by a moment.
+        RotationOutsideBound = 9, "rotation_outside_bound";
     }
 }
 

@@ -27,8 +27,8 @@ pub struct Command {
     pub ramped: u32,
     /// Bit i: the rate of joint i's torque was beyond the limit of normal operation.
     pub rate_limited: u32,
-    /// Not used; zero.
-    pub reserved: u32,
+    /// Limbs in this message: 1.
+    pub limbs: u32,
     /// Conditioned torque [N m]: filtered, limited in its rate and in its size.
     pub torque: [f64; MAX_JOINTS],
     /// The accepted request: raw torque, force, error, controller state. The next tick's controller starts from it.

@@ -28,16 +28,16 @@ mod wire_enum;
 pub use check::{Check, ValidationError};
 pub use codes::{
     Detector, Drive, EventKind, MessageFault, Mode, Phase, Process, ResetPolicy, Saturation, Search, Severity, Source,
-    TaskCondition,
+    Task, TaskCondition,
 };
 pub use command::Command;
 pub use event::Event;
-pub use limits::{CONTROL_DEPTH, EVENT_TEXT, MAX_CONTACTS, MAX_JOINTS, MAX_OBJECTS, PERIOD_NS};
+pub use limits::{CONTROL_DEPTH, EVENT_TEXT, MAX_CONTACTS, MAX_JOINTS, MAX_LIMBS, MAX_OBJECTS, PERIOD_NS};
 pub use message::Message;
 pub use operator_request::{OperatorKind, OperatorReply, OperatorRequest, REPLY_TEXT, REQUEST_TEXT, ReplyCode};
-pub use parameters::{Operator, Parameters};
-pub use reference::{AxisPlan, PlannerState, Reference};
-pub use request::{ControllerState, Request};
+pub use parameters::{JointSpaceParameters, Operator, Parameters, RotationParameters};
+pub use reference::{AxisPlan, PlannerState, Reference, RotationPlan};
+pub use request::{ControllerState, Request, RotationRequest};
 pub use run_mode::{Clock, RealtimeMode};
 pub use state::{ContactState, ObjectState, Physics, State};
 pub use tick_buffer::{TickBuffer, Ticked};

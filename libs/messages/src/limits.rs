@@ -1,7 +1,9 @@
 //! Fixed capacities of the messages.
 
 /// Most joints a robot may have.
-pub const MAX_JOINTS: usize = 8;
+pub const MAX_JOINTS: usize = 16;
+/// Most limbs a message may hold. The arrays of a message hold one limb; its count is there for those that follow.
+pub const MAX_LIMBS: usize = 1;
 /// Most free bodies a world may have.
 pub const MAX_OBJECTS: usize = 4;
 /// Most contacts a [`State`](crate::State) reports.

@@ -5,6 +5,48 @@ use crate::message::Message;
 use crate::state::State;
 use zerocopy::{FromBytes, Immutable, IntoBytes};
 
+/// Parameters of the axes of rotation; read in a pose task alone.
+#[derive(Clone, Copy, Debug, Default, PartialEq, FromBytes, IntoBytes, Immutable)]
+#[repr(C)]
+pub struct RotationParameters {
+    /// Wished orientation of the tip: roll, pitch, yaw about the fixed axes, as in URDF [rad].
+    pub target_rpy: [f64; 3],
+    /// Wished moment of the environment on the foot about the tip [N m]; 0 on an axis: no search there.
+    pub desired_moment: [f64; 3],
+    /// K_R [N m/rad].
+    pub stiffness: [f64; 3],
+    /// T_max [N m].
+    pub max_moment: [f64; 3],
+    /// x_b,R [rad].
+    pub bound: [f64; 3],
+    /// Damping of each axis over the square root of its stiffness [kg^1/2 m].
+    pub damping: f64,
+    /// sigma as the moment threshold of the search [N m].
+    pub moment_resolution: f64,
+    /// Desired mean speed of a turn [rad/s].
+    pub mean_speed: f64,
+    /// Largest angular acceleration of the reference [rad/s^2].
+    pub max_acceleration: f64,
+}
+
+/// Parameters of the law in joint space, fixed over a run. All gains zero: there is none.
+#[derive(Clone, Copy, Debug, Default, PartialEq, FromBytes, IntoBytes, Immutable)]
+#[repr(C)]
+pub struct JointSpaceParameters {
+    /// q_n, wished posture [rad; m for a prismatic joint].
+    pub posture: [f64; MAX_JOINTS],
+    /// K_n, stiffness of the posture in the null space [N m/rad].
+    pub stiffness: f64,
+    /// D_n, damping in the null space [N m s/rad].
+    pub damping: f64,
+    /// Damping of every joint, in the task too [N m s/rad].
+    pub joint_damping: f64,
+    /// Distance from a joint's limit at which its spring begins [rad].
+    pub limit_margin: f64,
+    /// Stiffness of the limit springs [N m/rad].
+    pub limit_stiffness: f64,
+}
+
 /// Parameter set: everything that the operator may change while the stack runs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, FromBytes, IntoBytes, Immutable)]
 #[repr(C)]
@@ -40,6 +82,10 @@ pub struct Parameters {
     pub force_hold: u32,
     /// 1: the force is continuous where the attractor enters divergence again.
     pub continuous_reentry: u32,
+    /// Code of [`Task`](crate::Task); the same over a run.
+    pub task: u32,
+    /// Joints that count in the posture.
+    pub joints: u32,
     /// Share of the force error that the tapered search removes in 1 ms, as if against K0.
     pub taper: f64,
     /// Damping of each axis over the square root of its stiffness [kg^1/2].
@@ -54,9 +100,42 @@ pub struct Parameters {
     pub mean_speed: f64,
     /// a_max of the planner [m/s^2].
     pub max_acceleration: f64,
+    /// The axes of rotation.
+    pub rotation: RotationParameters,
+    /// The law in joint space.
+    pub joint_space: JointSpaceParameters,
+}
+
+impl JointSpaceParameters {
+    /// Whether any gain is set.
+    #[must_use]
+    pub fn acts(&self) -> bool {
+        self.stiffness > 0.0 || self.damping > 0.0 || self.joint_damping > 0.0 || self.limit_stiffness > 0.0
+    }
 }
 
 impl Parameters {
+    /// Whether the orientation is controlled.
+    #[must_use]
+    pub fn is_pose(&self) -> bool {
+        self.task == crate::Task::Pose.code()
+    }
+
+    /// The parameters of the law on the axes of rotation, in rad for m and N m for N.
+    #[must_use]
+    pub fn of_rotation(&self) -> Self {
+        let r = &self.rotation;
+        Self {
+            desired_force: r.desired_moment,
+            stiffness: r.stiffness,
+            max_force: r.max_moment,
+            position_bound: r.bound,
+            damping: r.damping,
+            force_resolution: r.moment_resolution,
+            ..*self
+        }
+    }
+
     /// Posture at the time at which the torque that answers a state acts: q + q' `posture_lead` [rad].
     ///
     /// In the dead time the lever arms change. Near a straight joint this feeds energy into the joint's motion: a force F

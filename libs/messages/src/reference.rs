@@ -28,6 +28,20 @@ pub struct AxisPlan {
     pub phase: f64,
 }
 
+/// Planned turn of the tip: the rotation vector r from the target to the reference, axis by axis as a position.
+///
+/// The reference is `R_d = exp(r) R_t`, world frame. From rest r keeps its direction, and the turn is that of a slerp.
+#[derive(Clone, Copy, Debug, Default, PartialEq, FromBytes, IntoBytes, Immutable)]
+#[repr(C)]
+pub struct RotationPlan {
+    /// Ticks since the target was accepted.
+    pub ticks: u64,
+    /// Target: roll, pitch, yaw about the fixed axes [rad].
+    pub target_rpy: [f64; 3],
+    /// The three components of r; each ends at 0 [rad].
+    pub axes: [AxisPlan; 3],
+}
+
 /// Whole state of the planner, from which it continues after a restart.
 #[derive(Clone, Copy, Debug, Default, PartialEq, FromBytes, IntoBytes, Immutable)]
 #[repr(C)]
@@ -36,6 +50,8 @@ pub struct PlannerState {
     pub ticks: u64,
     /// The three axes.
     pub axes: [AxisPlan; 3],
+    /// The orientation; zero in a position task.
+    pub rotation: RotationPlan,
 }
 
 /// Planned position of the foot at `tick`.
@@ -48,10 +64,18 @@ pub struct Reference {
     pub tick: i64,
     /// Version of its parameters.
     pub parameters_version: u64,
+    /// Limbs in this message: 1.
+    pub limbs: u32,
+    /// Not used; zero.
+    pub reserved: u32,
     /// x_d [m].
     pub position: [f64; 3],
     /// x_d' [m/s].
     pub velocity: [f64; 3],
+    /// R_d: unit quaternion x y z w; all zero in a position task.
+    pub orientation: [f64; 4],
+    /// Its angular velocity [rad/s].
+    pub angular_velocity: [f64; 3],
     /// The planner's state at `tick`.
     pub planner: PlannerState,
 }

@@ -4,7 +4,10 @@ use crate::limits::MAX_JOINTS;
 use crate::message::Message;
 use zerocopy::{FromBytes, Immutable, IntoBytes};
 
-/// Whole state of the controller. It travels in requests and commands; controllers keep none.
+/// State of the law on three axes. It travels in requests and commands; controllers keep none.
+///
+/// The units are those of the translation. The same fields hold the state of the three axes of rotation, in rad for m and
+/// N m for N.
 #[derive(Clone, Copy, Debug, Default, PartialEq, FromBytes, IntoBytes, Immutable)]
 #[repr(C)]
 pub struct ControllerState {
@@ -36,6 +39,20 @@ pub struct ControllerState {
     pub at_rest_ticks: [u32; 3],
 }
 
+/// The orientation's part of a request: zero in a position task.
+#[derive(Clone, Copy, Debug, Default, PartialEq, FromBytes, IntoBytes, Immutable)]
+#[repr(C)]
+pub struct RotationRequest {
+    /// e_R: rotation vector from the tip to the reference, plus the searched offset [rad].
+    pub error: [f64; 3],
+    /// e_R' = omega_d - omega [rad/s].
+    pub error_rate: [f64; 3],
+    /// Moment [N m].
+    pub moment: [f64; 3],
+    /// The law's state after this tick.
+    pub state: ControllerState,
+}
+
 /// Request of a controller at `tick`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, FromBytes, IntoBytes, Immutable)]
 #[repr(C)]
@@ -52,16 +69,24 @@ pub struct Request {
     pub controller: u32,
     /// Joints that count.
     pub joints: u32,
+    /// Limbs in this message: 1.
+    pub limbs: u32,
+    /// Not used; zero.
+    pub reserved: u32,
     /// e = x_d + dx - x [m].
     pub error: [f64; 3],
     /// e' = x_d' - J q' [m/s].
     pub error_rate: [f64; 3],
     /// F_c [N].
     pub force: [f64; 3],
-    /// J^T F_c, plus gravity compensation if enabled [N m].
+    /// `J^T W + tau_N`, plus gravity compensation if enabled [N m]; W: force and moment.
     pub torque: [f64; MAX_JOINTS],
-    /// The controller's state after this tick.
+    /// tau_N, the part of `torque` that acts on the posture: null space, joint damping, limit springs [N m].
+    pub joint_space_torque: [f64; MAX_JOINTS],
+    /// The law's state after this tick.
     pub state: ControllerState,
+    /// The orientation.
+    pub rotation: RotationRequest,
 }
 
 impl Message for Request {

@@ -95,6 +95,10 @@ pub struct State {
     pub object_count: u32,
     /// Contacts that count.
     pub contact_count: u32,
+    /// Limbs in this message: 1.
+    pub limbs: u32,
+    /// Not used; zero.
+    pub reserved: u32,
     /// q [rad].
     pub joint_position: [f64; MAX_JOINTS],
     /// q' [rad/s].
@@ -107,6 +111,12 @@ pub struct State {
     pub foot_velocity: [f64; 3],
     /// Mean force of the environment on the foot over the tick before [N]: the sensor.
     pub foot_force: [f64; 3],
+    /// Orientation of the tip frame in the world: unit quaternion, x y z w.
+    pub foot_orientation: [f64; 4],
+    /// Its angular velocity [rad/s].
+    pub foot_angular_velocity: [f64; 3],
+    /// Mean moment of the environment on the foot about the tip over the tick before [N m]: the sensor's other half.
+    pub foot_moment: [f64; 3],
     /// Free bodies, in the order of the scenario.
     pub objects: [ObjectState; MAX_OBJECTS],
     /// Contacts.

@@ -8,6 +8,7 @@ use crate::parts;
 use crate::urdf::{self, UrdfTree};
 use crate::xml::Element;
 use arrayvec::ArrayVec;
+use hapfic_config::JointValues;
 use nalgebra::{Isometry3, IsometryMatrix3, Matrix3, Vector3};
 
 /// Length below which an axis has no direction.
@@ -20,10 +21,16 @@ const PLACEHOLDER_EFFORT: f64 = 1e4;
 /// Values of a scenario that replace or complete those of a description, and a foot.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Replacements<'a> {
-    /// Joint damping [N m s/rad; N s/m], base to tip.
-    pub joint_damping: Option<&'a [f64]>,
-    /// Effort limit [N m; N], base to tip.
-    pub effort_limit: Option<&'a [f64]>,
+    /// Joint damping [N m s/rad; N s/m].
+    pub joint_damping: Option<&'a JointValues>,
+    /// Effort limit [N m; N].
+    pub effort_limit: Option<&'a JointValues>,
+    /// Speed limit [rad/s; m/s].
+    pub velocity_limit: Option<&'a JointValues>,
+    /// Coulomb friction [N m; N].
+    pub joint_friction: Option<&'a JointValues>,
+    /// Inertia of the rotors at the joints [kg m^2; kg].
+    pub armature: Option<&'a JointValues>,
     /// A sphere in place of whatever shapes the tip link has: radius [m], centre in the tip frame [m].
     pub foot: Option<(f64, [f64; 3])>,
 }
@@ -74,11 +81,24 @@ impl Chain {
             return Err(RobotError::TooManyJoints { file: file(), base, tip, found: movable });
         }
 
-        for (key, list) in [
+        for (key, values) in [
             ("robot.joint_damping_n_m_s_per_rad", replacements.joint_damping),
             ("robot.effort_limit_n_m", replacements.effort_limit),
+            ("robot.velocity_limit_rad_per_s", replacements.velocity_limit),
+            ("robot.joint_friction_n_m", replacements.joint_friction),
+            ("robot.armature_kg_m2", replacements.armature),
         ] {
-            check_length(key, list, movable, base_link, tip_link)?;
+            match values {
+                Some(JointValues::InOrder(list)) => check_length(key, Some(list), movable, base_link, tip_link)?,
+                Some(JointValues::ByName(list)) => {
+                    let names: Vec<&str> =
+                        path.iter().zip(&kinds).filter(|(_, kind)| kind.is_some()).map(|(&index, _)| tree.joint(index).name).collect();
+                    if let Some((found, _)) = list.iter().find(|(name, _)| !names.contains(&name.as_str())) {
+                        return Err(RobotError::UnknownJoint { key, found: found.clone(), known: names.join(", ") });
+                    }
+                }
+                None => {}
+            }
         }
         let mut builder = ChainBuilder {
             tree: &tree,
@@ -226,19 +246,13 @@ impl ChainBuilder<'_> {
         };
         let effort = self.effort(name, element, limit)?;
         let velocity_limit = self.velocity(name, limit)?;
-        let damping = match (self.replacements.joint_damping, element.child("dynamics")) {
-            (Some(list), _) => list[self.joints.len()],
-            (None, Some(dynamics)) => {
-                let place = || format!("joint '{name}' <dynamics damping>");
-                let damping = dynamics.number("damping", place)?.unwrap_or(0.0);
-                dynamics.not_negative(damping, place)?;
-                damping
-            }
-            (None, None) => 0.0,
-        };
+        let damping = self.dynamics(name, element, "damping", self.replacements.joint_damping)?;
+        let friction = self.dynamics(name, element, "friction", self.replacements.joint_friction)?;
+        let armature = self.replaced(self.replacements.armature, name).unwrap_or(0.0);
 
         let child_link = joint.child.to_owned();
-        self.joints.push(Joint { name: name.to_owned(), child_link, kind, lower, upper, effort, velocity_limit, damping });
+        let name = name.to_owned();
+        self.joints.push(Joint { name, child_link, kind, lower, upper, effort, velocity_limit, damping, friction, armature });
         let rotation = *pose.rotation.matrix();
         let cross = axis.cross_matrix();
         Ok(ChainBody {
@@ -252,10 +266,36 @@ impl ChainBuilder<'_> {
         })
     }
 
+    /// The scenario's value for the joint that comes next, if it has one.
+    fn replaced(&self, values: Option<&JointValues>, name: &str) -> Option<f64> {
+        match values? {
+            JointValues::InOrder(list) => list.get(self.joints.len()).copied(),
+            JointValues::ByName(list) => list.iter().find(|(joint, _)| joint == name).map(|(_, value)| *value),
+        }
+    }
+
+    /// A value of `<dynamics>`, zero or more: the scenario's, else the description's, else zero.
+    fn dynamics(
+        &self,
+        name: &str,
+        joint: Element<'_>,
+        attribute: &'static str,
+        values: Option<&JointValues>,
+    ) -> Result<f64, RobotError> {
+        if let Some(value) = self.replaced(values, name) {
+            return Ok(value);
+        }
+        let Some(dynamics) = joint.child("dynamics") else { return Ok(0.0) };
+        let place = || format!("joint '{name}' <dynamics {attribute}>");
+        let value = dynamics.number(attribute, place)?.unwrap_or(0.0);
+        dynamics.not_negative(value, place)?;
+        Ok(value)
+    }
+
     /// Largest torque of a joint: the scenario's, else the description's.
     fn effort(&mut self, name: &str, joint: Element<'_>, limit: Option<Element<'_>>) -> Result<f64, RobotError> {
-        if let Some(list) = self.replacements.effort_limit {
-            return Ok(list[self.joints.len()]);
+        if let Some(value) = self.replaced(self.replacements.effort_limit, name) {
+            return Ok(value);
         }
         let place = || format!("joint '{name}' <limit effort>");
         let at = limit.unwrap_or(joint);
@@ -276,8 +316,11 @@ impl ChainBuilder<'_> {
         }
     }
 
-    /// Largest speed of a joint; infinite if none is given (URDF 1.2), or zero, as many files have it.
+    /// Largest speed of a joint: the scenario's, else the description's; infinite if none is given (URDF 1.2), or zero, as many files have it.
     fn velocity(&mut self, name: &str, limit: Option<Element<'_>>) -> Result<f64, RobotError> {
+        if let Some(value) = self.replaced(self.replacements.velocity_limit, name) {
+            return Ok(value);
+        }
         let Some(limit) = limit else { return Ok(f64::INFINITY) };
         let place = || format!("joint '{name}' <limit velocity>");
         match limit.number("velocity", place)? {

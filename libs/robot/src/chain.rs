@@ -7,7 +7,7 @@ use arrayvec::ArrayVec;
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 /// Maximum number of movable joints of a chain.
-pub const MAX_JOINTS: usize = 8;
+pub const MAX_JOINTS: usize = 16;
 
 /// One number per joint; the first [`Chain::dof`] are valid.
 pub type JointVector = [f64; MAX_JOINTS];
@@ -42,6 +42,10 @@ pub struct Joint {
     pub velocity_limit: f64,
     /// Viscous damping [N m s/rad or N s/m]; finite, zero or more.
     pub damping: f64,
+    /// Coulomb friction [N m or N]; finite, zero or more.
+    pub friction: f64,
+    /// Inertia of the rotor, seen at the joint [kg m^2 or kg]; finite, zero or more. Part of the mass matrix.
+    pub armature: f64,
 }
 
 /// Constants of a movable joint and of the body behind it, up to the next movable joint.

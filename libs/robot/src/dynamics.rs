@@ -48,6 +48,7 @@ impl Chain {
                 result[(i, j)] = value;
                 result[(j, i)] = value;
             }
+            result[(j, j)] += self.joints[j].armature;
         }
         result
     }
@@ -101,6 +102,7 @@ impl Chain {
             total_force += force[i];
             next = kin.origin[i];
             torque[i] = kin.axis[i].dot(if kin.rotational[i] { &total_moment } else { &total_force });
+            torque[i] += self.joints[i].armature * qdd[i];
         }
         torque
     }
@@ -153,6 +155,7 @@ impl Chain {
             let at_center = velocity + angular_velocity.cross(&(kin.center[i] - kin.origin[i]));
             let local = kin.rotation[i].tr_mul(&angular_velocity);
             energy += 0.5 * (own.mass_kg * at_center.norm_squared() + local.dot(&(own.inertia_kg_m2 * local)));
+            energy += 0.5 * self.joints[i].armature * rate * rate;
         }
         energy
     }

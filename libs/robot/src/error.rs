@@ -302,6 +302,16 @@ pub enum RobotError {
         /// The mesh's file.
         mesh: String,
     },
+    /// A table of the scenario names a joint that the chain does not have.
+    #[error("{key}: found joint '{found}', expected one of {known}")]
+    UnknownJoint {
+        /// Key of the table.
+        key: &'static str,
+        /// Name found.
+        found: String,
+        /// Names of the movable joints, base to tip.
+        known: String,
+    },
     /// A list of the scenario has another length than the chain has joints.
     #[error("{key}: found {found} values, expected {joints}, one for each joint from '{base}' to '{tip}'")]
     PerJoint {

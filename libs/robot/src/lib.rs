@@ -47,6 +47,7 @@
 
 mod build;
 mod chain;
+pub mod cholesky;
 mod collision;
 mod definite;
 mod dynamics;
@@ -54,6 +55,7 @@ mod error;
 mod inertia;
 mod jacobian;
 mod kinematics;
+mod null_space;
 mod parts;
 mod reach;
 mod settings;
@@ -69,5 +71,6 @@ pub use error::RobotError;
 pub use inertia::RigidInertia;
 pub use jacobian::Jacobian;
 pub use kinematics::Kinematics;
+pub use null_space::TaskRows;
 pub use reach::Reach;
 pub use tip::Tip;

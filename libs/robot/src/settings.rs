@@ -13,8 +13,11 @@ impl Chain {
     /// joints. The start posture comes first: a single number for all joints is expanded to its length.
     pub fn from_settings(robot: &RobotSettings) -> Result<Self, RobotError> {
         let replacements = Replacements {
-            joint_damping: robot.joint_damping.as_deref(),
-            effort_limit: robot.effort_limit.as_deref(),
+            joint_damping: robot.joint_damping.as_ref(),
+            effort_limit: robot.effort_limit.as_ref(),
+            velocity_limit: robot.velocity_limit.as_ref(),
+            joint_friction: robot.joint_friction.as_ref(),
+            armature: robot.armature.as_ref(),
             foot: robot.foot.map(|foot| (foot.radius_m, foot.offset_m)),
         };
         let (base, tip) = (robot.base_link.as_str(), robot.tip_link.as_str());

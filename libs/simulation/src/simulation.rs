@@ -4,7 +4,8 @@
 //! same, bit for bit; stamps are zero in both. Studies, checks and searches over parameters use it.
 
 use hapfic_config::{OperatorChange, Settings};
-use hapfic_controller::control_step::{ControlInputs, control_step};
+use hapfic_controller::control_step::{ControlInputs, PreviousStates, ReferenceSetpoint, control_step};
+use hapfic_controller::parameters::TipPose;
 use hapfic_gate::parameter_schedule::ParameterSchedule;
 use hapfic_gate::protocol::{ControllerSlot, GateInputs, Observation};
 use hapfic_gate::torque_check::TorqueCheck;
@@ -111,7 +112,7 @@ impl Simulation {
             TorqueCheck::new(plant.chain().clone(), settings.world.gravity_m_per_s2),
         );
         let state = plant.sample();
-        let mut schedule = ParameterSchedule::new(settings, state.foot_position);
+        let mut schedule = ParameterSchedule::new(settings, TipPose::of(&plant.chain().kinematics(&state.joint_position)));
         schedule.announce(-1);
         let first = *gate.last();
         Ok(Self {
@@ -169,10 +170,9 @@ impl Simulation {
         let reference = self.take_reference(&state, &operator);
         let inputs = ControlInputs {
             state: &state,
-            reference_position: reference.position,
-            reference_velocity: reference.velocity,
+            setpoint: ReferenceSetpoint::of(&reference),
             parameters: operator.at(tick),
-            previous_state: self.commands[0].request.state,
+            previous: PreviousStates::of(&self.commands[0].request),
         };
         let request =
             control_step(&self.chain, &self.gravity, &inputs, Process::Controller).ok_or(SimulationError::NoRequest { tick })?;
@@ -191,7 +191,7 @@ impl Simulation {
     fn take_reference(&mut self, state: &State, operator: &Operator) -> Reference {
         // Versions as in the planner: reference(k) is made at k - 1, that of tick 0 together with that of tick 1.
         let version = operator.at(state.tick.max(1)).version;
-        let plan = self.plan.unwrap_or_else(|| TickPlan::at_rest(0, state.foot_position));
+        let plan = self.plan.unwrap_or_else(|| TickPlan::at_rest(0, state, operator.at(0).is_pose()));
         let active = self.commands[0].mode == Mode::Active.code();
         self.plan = Some(TickPlan::next(Some(plan), state, active, operator));
         plan.reference(version)

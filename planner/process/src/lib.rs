@@ -70,7 +70,7 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), IpcError> {
         let active = commands.before(state.tick).is_some_and(|c| c.mode == Mode::Active.code());
         if state.tick == 0 {
             // Tick 0 has no previous tick that could plan its reference.
-            let first = TickPlan::at_rest(0, state.foot_position);
+            let first = TickPlan::at_rest(0, &state, parameters.is_pose());
             plan = Some(first);
             send(context, &mut ports, &first, parameters.version)?;
         }

@@ -1,6 +1,6 @@
 //! Conversion of a published parameter set into the settings that made it.
 
-use hapfic_config::{ParameterSettings, ResetPolicy, Saturation, Search};
+use hapfic_config::{JointSpaceSettings, ParameterSettings, ResetPolicy, RotationSettings, Saturation, Search};
 use hapfic_messages::Parameters;
 
 /// Settings of a published set; `None` if a code is invalid, which the check of messages excludes.
@@ -38,6 +38,26 @@ pub(super) fn settings(set: &Parameters) -> Option<ParameterSettings> {
         posture_lead: set.posture_lead,
         mean_speed: set.mean_speed,
         max_acceleration: set.max_acceleration,
+        rotation: set.is_pose().then(|| RotationSettings {
+            target_orientation: Some(set.rotation.target_rpy),
+            desired_moment: set.rotation.desired_moment,
+            rotation_stiffness: set.rotation.stiffness,
+            max_moment: set.rotation.max_moment,
+            rotation_bound: set.rotation.bound,
+            rotation_damping: set.rotation.damping,
+            moment_resolution: set.rotation.moment_resolution,
+            mean_turn_speed: set.rotation.mean_speed,
+            max_turn_acceleration: set.rotation.max_acceleration,
+        }),
+        joint_space: JointSpaceSettings {
+            posture: set.joint_space.posture,
+            joints: set.joints,
+            stiffness: set.joint_space.stiffness,
+            damping: set.joint_space.damping,
+            joint_damping: set.joint_space.joint_damping,
+            limit_margin: set.joint_space.limit_margin,
+            limit_stiffness: set.joint_space.limit_stiffness,
+        },
     })
 }
 
@@ -46,6 +66,7 @@ pub(super) fn settings(set: &Parameters) -> Option<ParameterSettings> {
 mod tests {
     use super::*;
     use hapfic_config::Settings;
+    use hapfic_controller::parameters::TipPose;
     use hapfic_gate::parameter_schedule::ParameterSchedule;
 
     #[test]
@@ -59,7 +80,7 @@ mod tests {
             "planner.mean_speed=0.3",
         ];
         let made = Settings::load("floor", &overrides.map(str::to_owned)).unwrap();
-        let published = *ParameterSchedule::new(&made, [0.1, 0.2, 0.3]).operator();
+        let published = *ParameterSchedule::new(&made, TipPose { position: [0.1, 0.2, 0.3], rpy: [0.0; 3] }).operator();
         let expected = ParameterSettings { target_position: Some([0.1, 0.2, 0.3]), ..made.initial };
         assert_eq!(settings(&published.current), Some(expected));
     }

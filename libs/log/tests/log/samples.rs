@@ -95,7 +95,15 @@ pub(crate) fn reference(tick: i64) -> Reference {
         parameters_version: 3,
         position: numbers(tick, 11.0),
         velocity: numbers(tick, 12.0),
-        planner: PlannerState { ticks: 77, axes: [plan; 3] },
+        limbs: 1,
+        reserved: 0,
+        orientation: numbers(tick, 24.0),
+        angular_velocity: numbers(tick, 25.0),
+        planner: PlannerState {
+            ticks: 77,
+            axes: [plan; 3],
+            rotation: RotationPlan { ticks: 78, target_rpy: numbers(tick, 26.0), axes: [plan; 3] },
+        },
     }
 }
 
@@ -107,25 +115,38 @@ pub(crate) fn request(tick: i64) -> Request {
         parameters_version: 3,
         controller: Process::Controller.code(),
         joints: JOINTS,
+        limbs: 1,
+        reserved: 0,
         error: numbers(tick, 13.0),
         error_rate: numbers(tick, 14.0),
         force: numbers(tick, 15.0),
         torque: numbers(tick, 16.0),
-        state: ControllerState {
-            offset: numbers(tick, 17.0),
-            x_max: numbers(tick, 18.0),
-            stiffness: [6000.0, 6000.0, 12000.0],
-            max_force: [150.0, 150.0, 300.0],
-            position_bound: [0.025; 3],
-            force: [1.0, 2.0, 3.0],
-            converging: [0, 1, 0],
-            taper: [0.0, 0.05, 0.4],
-            force_error: [0.0, 0.5, -0.5],
-            slow_error: [0.0, 0.25, 0.75],
-            free_time: [1.0, 0.0, 0.002],
-            x_max_force: [3.0, 4.0, 5.0],
-            at_rest_ticks: [0, 7, 0],
+        joint_space_torque: numbers(tick, 27.0),
+        state: controller_state(tick, 17.0),
+        rotation: RotationRequest {
+            error: numbers(tick, 28.0),
+            error_rate: numbers(tick, 29.0),
+            moment: numbers(tick, 30.0),
+            state: controller_state(tick, 31.0),
         },
+    }
+}
+
+fn controller_state(tick: i64, group: f64) -> ControllerState {
+    ControllerState {
+        offset: numbers(tick, group),
+        x_max: numbers(tick, group + 1.0),
+        stiffness: [6000.0, 6000.0, 12000.0],
+        max_force: [150.0, 150.0, 300.0],
+        position_bound: [0.025; 3],
+        force: [1.0, 2.0, 3.0],
+        converging: [0, 1, 0],
+        taper: [0.0, 0.05, 0.4],
+        force_error: [0.0, 0.5, -0.5],
+        slow_error: [0.0, 0.25, 0.75],
+        free_time: [1.0, 0.0, 0.002],
+        x_max_force: [3.0, 4.0, 5.0],
+        at_rest_ticks: [0, 7, 0],
     }
 }
 
@@ -145,7 +166,7 @@ pub(crate) fn command(tick: i64) -> Command {
         limited: 0b101,
         ramped: 0b010,
         rate_limited: 0b001,
-        reserved: 0,
+        limbs: 1,
         torque: numbers(tick, 19.0),
         request: standby_request(tick),
     }
@@ -175,6 +196,27 @@ pub(crate) fn parameters(effective_tick: i64) -> Parameters {
         force_resolution: 0.02,
         mean_speed: 0.2,
         max_acceleration: 10.0,
+        task: Task::Pose.code(),
+        joints: JOINTS,
+        rotation: RotationParameters {
+            target_rpy: numbers(0, 33.0),
+            desired_moment: numbers(0, 34.0),
+            stiffness: [30.0, 31.0, 32.0],
+            max_moment: [10.0, 11.0, 12.0],
+            bound: [0.3, 0.4, 0.5],
+            damping: 0.05,
+            moment_resolution: 0.01,
+            mean_speed: 0.6,
+            max_acceleration: 11.0,
+        },
+        joint_space: JointSpaceParameters {
+            posture: numbers(0, 35.0),
+            stiffness: 10.0,
+            damping: 4.0,
+            joint_damping: 0.5,
+            limit_margin: 0.1,
+            limit_stiffness: 100.0,
+        },
     }
 }
 

@@ -2,7 +2,7 @@
 
 use crate::fuzz::target::{FuzzOutcome, FuzzTarget};
 use hapfic_config::{OperatorChange, ParameterSettings, Settings};
-use hapfic_controller::parameters::parameters;
+use hapfic_controller::parameters::{TipPose, parameters};
 use hapfic_messages::{Check, OperatorKind, OperatorRequest};
 use std::path::Path;
 
@@ -87,7 +87,7 @@ pub(super) fn changed(text: &str) -> Result<(), String> {
     let pairs: Vec<&str> = text.split('\0').filter(|pair| !pair.is_empty()).collect();
     for base in [base(), ParameterSettings { target_position: Some([0.1, 0.2, 0.3]), ..base() }] {
         let parsed = OperatorChange::from_pairs(&pairs, &base).map_err(|error| error.to_string())?;
-        let set = parameters(&base.with(&parsed.change), 2, 100, [0.0; 3]);
+        let set = parameters(&base.with(&parsed.change), 2, 100, &TipPose::default());
         assert_eq!(set.check(), Ok(()), "an accepted change makes an invalid set");
     }
     Ok(())

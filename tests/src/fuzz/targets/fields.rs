@@ -77,12 +77,17 @@ impl FieldAccess for State {
             Codes(from_mut(&mut self.drive)),
             Codes(from_mut(&mut self.object_count)),
             Codes(from_mut(&mut self.contact_count)),
+            Codes(from_mut(&mut self.limbs)),
+            Codes(from_mut(&mut self.reserved)),
             Numbers(&mut self.joint_position),
             Numbers(&mut self.joint_velocity),
             Numbers(&mut self.joint_torque),
             Numbers(&mut self.foot_position),
             Numbers(&mut self.foot_velocity),
             Numbers(&mut self.foot_force),
+            Numbers(&mut self.foot_orientation),
+            Numbers(&mut self.foot_angular_velocity),
+            Numbers(&mut self.foot_moment),
             Codes(from_mut(&mut self.physics.substeps)),
             Codes(from_mut(&mut self.physics.newton_iterations)),
             Codes(from_mut(&mut self.physics.unconverged)),
@@ -123,7 +128,9 @@ impl FieldAccess for State {
 impl FieldAccess for PlannerState {
     fn fields(&mut self) -> Vec<FieldGroup<'_>> {
         let mut fields = vec![Counts(from_mut(&mut self.ticks))];
-        for axis in &mut self.axes {
+        fields.push(Counts(from_mut(&mut self.rotation.ticks)));
+        fields.push(Numbers(&mut self.rotation.target_rpy));
+        for axis in self.axes.iter_mut().chain(&mut self.rotation.axes) {
             fields.extend([
                 Numbers(from_mut(&mut axis.target)),
                 Numbers(from_mut(&mut axis.start)),
@@ -145,8 +152,12 @@ impl FieldAccess for Reference {
             Counts(from_mut(&mut self.stamp_ns)),
             Ticks(from_mut(&mut self.tick)),
             Counts(from_mut(&mut self.parameters_version)),
+            Codes(from_mut(&mut self.limbs)),
+            Codes(from_mut(&mut self.reserved)),
             Numbers(&mut self.position),
             Numbers(&mut self.velocity),
+            Numbers(&mut self.orientation),
+            Numbers(&mut self.angular_velocity),
         ];
         fields.extend(self.planner.fields());
         fields
@@ -182,12 +193,19 @@ impl FieldAccess for Request {
             Counts(from_mut(&mut self.parameters_version)),
             Codes(from_mut(&mut self.controller)),
             Codes(from_mut(&mut self.joints)),
+            Codes(from_mut(&mut self.limbs)),
+            Codes(from_mut(&mut self.reserved)),
             Numbers(&mut self.error),
             Numbers(&mut self.error_rate),
             Numbers(&mut self.force),
             Numbers(&mut self.torque),
+            Numbers(&mut self.joint_space_torque),
+            Numbers(&mut self.rotation.error),
+            Numbers(&mut self.rotation.error_rate),
+            Numbers(&mut self.rotation.moment),
         ];
         fields.extend(self.state.fields());
+        fields.extend(self.rotation.state.fields());
         fields
     }
 }
@@ -204,7 +222,7 @@ impl FieldAccess for Command {
             Codes(from_mut(&mut self.limited)),
             Codes(from_mut(&mut self.ramped)),
             Codes(from_mut(&mut self.rate_limited)),
-            Codes(from_mut(&mut self.reserved)),
+            Codes(from_mut(&mut self.limbs)),
             Numbers(&mut self.torque),
         ];
         fields.extend(self.request.fields());
@@ -237,6 +255,23 @@ impl FieldAccess for Parameters {
             Numbers(from_mut(&mut self.force_resolution)),
             Numbers(from_mut(&mut self.mean_speed)),
             Numbers(from_mut(&mut self.max_acceleration)),
+            Codes(from_mut(&mut self.task)),
+            Codes(from_mut(&mut self.joints)),
+            Numbers(&mut self.rotation.target_rpy),
+            Numbers(&mut self.rotation.desired_moment),
+            Numbers(&mut self.rotation.stiffness),
+            Numbers(&mut self.rotation.max_moment),
+            Numbers(&mut self.rotation.bound),
+            Numbers(from_mut(&mut self.rotation.damping)),
+            Numbers(from_mut(&mut self.rotation.moment_resolution)),
+            Numbers(from_mut(&mut self.rotation.mean_speed)),
+            Numbers(from_mut(&mut self.rotation.max_acceleration)),
+            Numbers(&mut self.joint_space.posture),
+            Numbers(from_mut(&mut self.joint_space.stiffness)),
+            Numbers(from_mut(&mut self.joint_space.damping)),
+            Numbers(from_mut(&mut self.joint_space.joint_damping)),
+            Numbers(from_mut(&mut self.joint_space.limit_margin)),
+            Numbers(from_mut(&mut self.joint_space.limit_stiffness)),
         ]
     }
 }

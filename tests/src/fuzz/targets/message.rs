@@ -8,12 +8,12 @@ use super::draw::Sampler;
 use super::fields::{FieldAccess, corrupt};
 use super::stage::{PEAK, StackFixture, StackSnapshot};
 use crate::fuzz::target::{FuzzOutcome, FuzzTarget};
-use hapfic_controller::control_step::{ControlInputs, control_step};
+use hapfic_controller::control_step::{ControlInputs, PreviousStates, ReferenceSetpoint, control_step};
 use hapfic_gate::protocol::{ControllerSlot, GateInputs, Observation};
 use hapfic_log::viewer::ViewerScene;
 use hapfic_log::{Metrics, Names, Viewer, convert};
 use hapfic_messages::{
-    Check, Command, ControllerState, Credit, Detector, Event, EventKind, Mode, Operator, OperatorKind, OperatorReply,
+    Check, Command, Credit, Detector, Event, EventKind, Mode, Operator, OperatorKind, OperatorReply,
     OperatorRequest, Phase, Process, Reference, ReplyCode, Request, Severity, State, Timing,
 };
 use hapfic_planner::TickPlan;
@@ -83,8 +83,8 @@ struct StackUnderTest<'a> {
     /// Reference of the controller.
     reference: Reference,
     operator: Operator,
-    /// Controller state in the last command.
-    previous_state: ControllerState,
+    /// Controller states in the last command.
+    previous: PreviousStates,
     active: bool,
 }
 
@@ -100,7 +100,7 @@ impl<'a> StackUnderTest<'a> {
             plan: Some(TickPlan { tick: messages.reference.tick, state: messages.reference.planner }),
             reference: messages.reference,
             operator: messages.operator,
-            previous_state: messages.command.request.state,
+            previous: PreviousStates::of(&messages.command.request),
             active: true,
             snapshot: snapshot.clone(),
         }
@@ -177,10 +177,9 @@ impl<'a> StackUnderTest<'a> {
         self.plan = Some(plan);
         let inputs = ControlInputs {
             state,
-            reference_position: self.reference.position,
-            reference_velocity: self.reference.velocity,
+            setpoint: ReferenceSetpoint::of(&self.reference),
             parameters: &parameters,
-            previous_state: self.previous_state,
+            previous: self.previous,
         };
         let request = control_step(&self.fixture.chain, &self.fixture.gravity, &inputs, Process::Controller);
         // The reference is for the next tick; the controller ignores an invalid one.
@@ -238,7 +237,7 @@ impl<'a> StackUnderTest<'a> {
     fn command(&mut self, command: &Command) -> Result<(), String> {
         self.metrics.push_command(&convert::command(command));
         checked("command", command)?;
-        self.previous_state = command.request.state;
+        self.previous = PreviousStates::of(&command.request);
         self.active = command.mode == Mode::Active.code();
         let plant = &mut self.snapshot.plant;
         if plant.take(command) {

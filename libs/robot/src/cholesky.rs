@@ -1,4 +1,4 @@
-//! Cholesky's method for the small symmetric positive definite systems of the integrator.
+//! Cholesky's method for the small symmetric positive definite systems of a robot and its surroundings.
 
 // Indices read as the algebra does.
 #![allow(clippy::needless_range_loop)]
@@ -6,7 +6,8 @@
 /// Factors the upper left `n` rows and columns in place; returns `false` if the matrix is not positive definite.
 ///
 /// Reads and replaces the lower triangle alone. The diagonal of the factor holds reciprocals.
-pub(crate) fn factor<const WIDTH: usize>(m: &mut [[f64; WIDTH]; WIDTH], n: usize) -> bool {
+#[must_use]
+pub fn factor<const WIDTH: usize>(m: &mut [[f64; WIDTH]; WIDTH], n: usize) -> bool {
     for i in 0..n {
         let (above, rest) = m.split_at_mut(i);
         let row = &mut rest[0];
@@ -30,7 +31,7 @@ pub(crate) fn factor<const WIDTH: usize>(m: &mut [[f64; WIDTH]; WIDTH], n: usize
 }
 
 /// Solves with a factor from [`factor`]; replaces the right side in `x` by the solution.
-pub(crate) fn substitute<const WIDTH: usize>(m: &[[f64; WIDTH]; WIDTH], x: &mut [f64; WIDTH], n: usize) {
+pub fn substitute<const WIDTH: usize>(m: &[[f64; WIDTH]; WIDTH], x: &mut [f64; WIDTH], n: usize) {
     for i in 0..n {
         let row = &m[i];
         let mut sum = x[i];

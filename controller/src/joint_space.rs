@@ -1,0 +1,105 @@
+//! Torques from a request's wrench, and the law in joint space: posture and damping in the null space of the task, damping
+//! of the joints, and springs at their limits.
+//!
+//! Controller and gate call the same function, so the gate can compare to the last digits.
+
+use hapfic_messages::{JointSpaceParameters, MAX_JOINTS, Parameters, State};
+use hapfic_robot::{Chain, JointVector, TaskRows};
+use nalgebra::Vector3;
+
+/// Largest torque of the posture, and of a limit spring, as a share of the joint's effort limit.
+const SHARE_OF_EFFORT: f64 = 0.3;
+/// Largest rate of a sampled joint damping [1/s]: damping over inertia. With a dead time of one tick and a half it leaves a
+/// third of what is stable.
+const FASTEST_DAMPING_PER_S: f64 = 200.0;
+/// Largest stiffness of a sampled joint spring over the joint's inertia [1/s^2]: omega tau = 0.17 at one tick of dead time.
+const STIFFEST_PER_S2: f64 = 12_500.0;
+
+/// Torques of a request.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RequestedTorque {
+    /// `J^T W + tau_N`, with g(q) if gravity is compensated [N m; N].
+    pub total: JointVector,
+    /// tau_N [N m; N].
+    pub joint_space: JointVector,
+}
+
+/// Torques that a wrench at the tip (`force` [N], `moment` [N m], world frame) and the law in joint space request in a state.
+///
+/// All are those of the predicted posture: the torque acts later than its state. `gravity` is in the world frame [m/s^2];
+/// the parameters decide whether it is compensated.
+#[must_use]
+pub fn requested_torque(
+    chain: &Chain,
+    gravity: &Vector3<f64>,
+    state: &State,
+    p: &Parameters,
+    force: &Vector3<f64>,
+    moment: &Vector3<f64>,
+) -> RequestedTorque {
+    let ahead = p.predicted_posture(state);
+    let gravity = (p.gravity_compensation == 1).then_some(gravity);
+    if !p.is_pose() && !p.joint_space.acts() {
+        return RequestedTorque { total: chain.tip_force_torque(&ahead, force, gravity), joint_space: [0.0; MAX_JOINTS] };
+    }
+    let kin = chain.kinematics(&ahead);
+    let jacobian = chain.jacobian(&kin);
+    let mut total = jacobian.linear_transpose_mul(force);
+    let mut joint_space = [0.0; MAX_JOINTS];
+    if p.is_pose() {
+        add(&mut total, &jacobian.angular_transpose_mul(moment));
+    }
+    if p.joint_space.acts() {
+        let mass = chain.mass_matrix(&kin);
+        let inertia: JointVector = core::array::from_fn(|i| mass[(i, i)]);
+        let rows = if p.is_pose() { TaskRows::Both } else { TaskRows::Linear };
+        let wished = posture_torque(chain.dof(), &p.joint_space, &inertia, &ahead, &state.joint_velocity);
+        joint_space = bounded(chain, chain.null_space_torque(&mass, &jacobian, rows, &wished));
+        add(&mut joint_space, &joint_torque(chain, &p.joint_space, &inertia, &ahead, &state.joint_velocity));
+        add(&mut total, &joint_space);
+    }
+    if let Some(gravity) = gravity {
+        add(&mut total, &chain.gravity_torque(&kin, gravity));
+    }
+    RequestedTorque { total, joint_space }
+}
+
+fn add(sum: &mut JointVector, other: &JointVector) {
+    sum.iter_mut().zip(other).for_each(|(sum, other)| *sum += other);
+}
+
+/// `K_n (q_n - q) - D_n q'`, each joint with its share of the largest inertia, so that all move alike.
+fn posture_torque(n: usize, p: &JointSpaceParameters, inertia: &JointVector, q: &JointVector, qd: &JointVector) -> JointVector {
+    let largest = inertia[..n].iter().fold(0.0, |most: f64, value| most.max(*value));
+    core::array::from_fn(|i| {
+        if i >= n || largest <= 0.0 {
+            return 0.0;
+        }
+        inertia[i] / largest * (p.stiffness * (p.posture[i] - q[i]) - p.damping * qd[i])
+    })
+}
+
+/// The torque, scaled as a whole until every joint has at most its share of the effort: it stays in the null space.
+fn bounded(chain: &Chain, torque: JointVector) -> JointVector {
+    let scale = chain.joints().iter().zip(&torque).fold(1.0, |scale: f64, (joint, torque)| {
+        let most = SHARE_OF_EFFORT * joint.effort;
+        if torque.abs() > most { scale.min(most / torque.abs()) } else { scale }
+    });
+    torque.map(|torque| scale * torque)
+}
+
+/// Damping of each joint, and the spring that pushes it back from a limit: not projected, so they also act on the task.
+fn joint_torque(chain: &Chain, p: &JointSpaceParameters, inertia: &JointVector, q: &JointVector, qd: &JointVector) -> JointVector {
+    let mut torque = [0.0; MAX_JOINTS];
+    for (i, joint) in chain.joints().iter().enumerate() {
+        let damping = p.joint_damping.min(FASTEST_DAMPING_PER_S * inertia[i]);
+        let stiffness = p.limit_stiffness.min(STIFFEST_PER_S2 * inertia[i]);
+        // Where the margins of both limits overlap, the middle is free.
+        let margin = p.limit_margin.min(0.5 * (joint.upper - joint.lower));
+        let below = (joint.lower + margin - q[i]).max(0.0);
+        let above = (q[i] - joint.upper + margin).max(0.0);
+        let most = SHARE_OF_EFFORT * joint.effort;
+        torque[i] = (stiffness * (below - above)).clamp(-most, most) - damping * qd[i];
+    }
+    torque
+}
