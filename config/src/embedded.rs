@@ -35,7 +35,12 @@ const SCENARIOS: &[Scenario] = &[
     },
 ];
 
-const ROBOTS: &[(&str, &str)] = &[("leg.urdf", include_str!("../robots/leg.urdf"))];
+const ROBOTS: &[(&str, &str)] = &[
+    ("leg.urdf", include_str!("../robots/leg.urdf")),
+    ("quadruped-leg.urdf", include_str!("../robots/quadruped-leg.urdf")),
+    ("arm6.urdf", include_str!("../robots/arm6.urdf")),
+    ("arm7.urdf", include_str!("../robots/arm7.urdf")),
+];
 
 /// The embedded scenarios.
 #[must_use]
