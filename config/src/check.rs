@@ -8,13 +8,13 @@ use crate::error::{ConfigError, Diagnostic};
 use crate::fault::Fault;
 use crate::places::Places;
 use crate::policy::{Fidelity, ResetPolicy, Saturation, Search};
-use task::{ARM_JOINTS, rotation};
 use crate::raw::{PerJoint, RawController, RawFault, RawOperator, RawProcesses, RawRealtime, RawRobot, RawScenario};
 use crate::settings::{
     ExternalProcesses, Foot, MAX_JOINTS, MIN_SPACING_TICKS, OperatorChange, ParameterSettings, PlantSettings, RealtimeSettings,
     RecorderSettings, RobotSettings, Settings, SupervisorSettings, Urdf,
 };
 use crate::tree::{Node, describe_number};
+use task::{ARM_JOINTS, rotation};
 
 /// Rate of the control loop [1/s].
 const TICKS_PER_S: f64 = 1000.0;

@@ -43,7 +43,7 @@ pub use fault::{Fault, FaultKind, FaultTarget};
 pub use policy::{Fidelity, OnLoss, Placement, ResetPolicy, Saturation, Search, Task, TorqueSaturation};
 pub use schema::json_schema;
 pub use settings::{
-    ExternalProcesses, Floor, Foot, JointSpaceSettings, JointValues, MAX_JOINTS, MAX_OBJECTS, MIN_SPACING_TICKS, Object, ObjectShape, OperatorChange, PERIOD_S,
-    ParameterSettings, PlantSettings, RealtimeSettings, RecorderSettings, RobotSettings, RotationSettings, Settings, SupervisorSettings, Surface,
-    Urdf, WorldSettings,
+    ExternalProcesses, Floor, Foot, JointSpaceSettings, JointValues, MAX_JOINTS, MAX_OBJECTS, MIN_SPACING_TICKS, Object,
+    ObjectShape, OperatorChange, PERIOD_S, ParameterSettings, PlantSettings, RealtimeSettings, RecorderSettings, RobotSettings,
+    RotationSettings, Settings, SupervisorSettings, Surface, Urdf, WorldSettings,
 };

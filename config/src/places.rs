@@ -7,12 +7,8 @@ use crate::tree::Node;
 use std::sync::Arc;
 
 /// Keys of an operator's entry whose initial value stands in `planner`.
-const PLANNER: [&str; 4] = [
-    "mean_speed_m_per_s",
-    "max_acceleration_m_per_s2",
-    "mean_turn_speed_rad_per_s",
-    "max_turn_acceleration_rad_per_s2",
-];
+const PLANNER: [&str; 4] =
+    ["mean_speed_m_per_s", "max_acceleration_m_per_s2", "mean_turn_speed_rad_per_s", "max_turn_acceleration_rad_per_s2"];
 
 /// The scenario as written, with the place of each value.
 ///

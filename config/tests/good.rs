@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use hapfic_config::{
-    Fidelity, OnLoss, ResetPolicy, Saturation, Search, Settings, TorqueSaturation, json_schema, robots, scenarios,
+    Fidelity, JointValues, OnLoss, ResetPolicy, Saturation, Search, Settings, TorqueSaturation, json_schema, robots, scenarios,
 };
 use std::path::Path;
 
@@ -179,9 +179,9 @@ max_acceleration = 1000
     let s = load(text, &[]);
     assert_eq!(again(&s), s);
     assert_eq!((s.duration_ticks, s.seed), (2000, 9_223_372_036_854_775_807));
-    assert_eq!(s.robot.joint_damping.as_deref(), Some([11.46; 3].as_slice()));
+    assert_eq!(s.robot.joint_damping, Some(JointValues::InOrder(vec![11.46; 3])));
     assert_eq!(s.robot.foot, Some(hapfic_config::Foot { radius_m: 0.03, offset_m: [0.0, 0.0, 0.01] }));
-    assert_eq!(s.robot.effort_limit.as_deref(), Some([80.0, 70.0, 60.5].as_slice()));
+    assert_eq!(s.robot.effort_limit, Some(JointValues::InOrder(vec![80.0, 70.0, 60.5])));
     assert_eq!(s.supervisor.torque_peak.as_deref(), Some([40.0; 3].as_slice()));
     assert_eq!((s.supervisor.standby, s.supervisor.tick_timeout_ms), (false, 50));
     assert_eq!((s.supervisor.restart_budget, s.supervisor.restart_window_ms, s.supervisor.restart_backoff_ms), (0, 3_600_000, 0));

@@ -97,14 +97,7 @@ pub fn control_step(chain: &Chain, gravity: &Vector3<f64>, inputs: &ControlInput
     };
     let out = task_space::step(previous.translation, &measured, parameters, PERIOD_S).ok()?;
     let rotation = if parameters.is_pose() { turn(chain, inputs)? } else { RotationRequest::default() };
-    let torque = requested_torque(
-        chain,
-        gravity,
-        state,
-        parameters,
-        &Vector3::from(out.force),
-        &Vector3::from(rotation.moment),
-    );
+    let torque = requested_torque(chain, gravity, state, parameters, &Vector3::from(out.force), &Vector3::from(rotation.moment));
     Some(Request {
         stamp_ns: 0,
         tick: state.tick,

@@ -89,7 +89,13 @@ fn bounded(chain: &Chain, torque: JointVector) -> JointVector {
 }
 
 /// Damping of each joint, and the spring that pushes it back from a limit: not projected, so they also act on the task.
-fn joint_torque(chain: &Chain, p: &JointSpaceParameters, inertia: &JointVector, q: &JointVector, qd: &JointVector) -> JointVector {
+fn joint_torque(
+    chain: &Chain,
+    p: &JointSpaceParameters,
+    inertia: &JointVector,
+    q: &JointVector,
+    qd: &JointVector,
+) -> JointVector {
     let mut torque = [0.0; MAX_JOINTS];
     for (i, joint) in chain.joints().iter().enumerate() {
         let damping = p.joint_damping.min(FASTEST_DAMPING_PER_S * inertia[i]);

@@ -5,7 +5,8 @@ use crate::limits::GateLimits;
 use crate::protocol::{Choice, ControllerSlot, GateInputs, Observation, Protocol, TickAction, WaitPolicy};
 use crate::torque_check::TorqueCheck;
 use hapfic_messages::{
-    Check, Command, ControllerState, MAX_JOINTS, Mode, Parameters, Process, Request, RotationRequest, Severity, Source, State, ValidationError,
+    Check, Command, ControllerState, MAX_JOINTS, Mode, Parameters, Process, Request, RotationRequest, Severity, Source, State,
+    ValidationError,
 };
 
 /// A step of a joint's torque from one tick to the next, larger than [`GateLimits::discontinuity`].

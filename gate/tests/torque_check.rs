@@ -135,7 +135,10 @@ fn torque_check_moving_robot_accepts_predicted_posture_only() {
         let request = |parameters: &Parameters| {
             let inputs = ControlInputs {
                 state: &state,
-                setpoint: ReferenceSetpoint { position: [foot.x + away[0], foot.y + away[1], foot.z + away[2]], ..ReferenceSetpoint::default() },
+                setpoint: ReferenceSetpoint {
+                    position: [foot.x + away[0], foot.y + away[1], foot.z + away[2]],
+                    ..ReferenceSetpoint::default()
+                },
                 parameters,
                 previous: PreviousStates::default(),
             };

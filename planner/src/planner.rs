@@ -61,8 +61,11 @@ pub fn step(state: PlannerState, target: [f64; 3], p: &PlannerParameters, period
     if is_positive(period_s) {
         let active = state.axes.map(|plan| plan.target);
         if target != active {
-            next = accept(target, &setpoint(&state, period_s), p)
-                .map_or(state, |axes| PlannerState { ticks: 0, axes, rotation: state.rotation });
+            next = accept(target, &setpoint(&state, period_s), p).map_or(state, |axes| PlannerState {
+                ticks: 0,
+                axes,
+                rotation: state.rotation,
+            });
         }
         next.ticks = next.ticks.saturating_add(1);
     }

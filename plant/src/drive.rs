@@ -56,9 +56,10 @@ impl DriveState {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use hapfic_messages::MAX_JOINTS;
 
     fn command(tick: i64, mode: Mode) -> Command {
-        Command { tick, mode: mode.code(), torque: [tick as f64; 8], joints: 3, ..Command::default() }
+        Command { tick, mode: mode.code(), torque: [tick as f64; MAX_JOINTS], joints: 3, ..Command::default() }
     }
 
     #[test]
@@ -68,7 +69,7 @@ mod tests {
         drive.take(&command(-1, Mode::Hold));
         assert_eq!(drive.act(0, 3, 2.0).0, Drive::Held);
         drive.take(&command(0, Mode::Active));
-        assert_eq!(drive.act(1, 3, 2.0), (Drive::Torque, DriveAction::Torque([0.0; 8])));
+        assert_eq!(drive.act(1, 3, 2.0), (Drive::Torque, DriveAction::Torque([0.0; MAX_JOINTS])));
     }
 
     #[test]
@@ -76,7 +77,7 @@ mod tests {
         let mut drive = DriveState::default();
         drive.take(&command(7, Mode::Active));
         for tick in 8..=10 {
-            assert_eq!(drive.act(tick, 3, 2.0).1, DriveAction::Torque([7.0; 8]), "tick {tick}");
+            assert_eq!(drive.act(tick, 3, 2.0).1, DriveAction::Torque([7.0; MAX_JOINTS]), "tick {tick}");
         }
         assert_eq!(drive.act(11, 3, 2.0), (Drive::Braking, DriveAction::Damped(2.0)));
         drive.take(&command(11, Mode::Active));

@@ -1,9 +1,9 @@
 //! Motion without contact: the classic fourth-order Runge-Kutta method, and the conditions for its use.
 
-use hapfic_robot::cholesky::{factor, substitute};
 use crate::scene::ContactPair;
 use crate::step_scope::CLEARANCE;
 use crate::world::PhysicsWorld;
+use hapfic_robot::cholesky::{factor, substitute};
 use hapfic_robot::{JointVector, Kinematics, MAX_JOINTS};
 
 /// Largest decay of a damped velocity in a Runge-Kutta sub-step, as rate times length; the method is unstable beyond

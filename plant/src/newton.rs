@@ -14,11 +14,11 @@
 //! Within a tick, a sub-step starts from the change of velocity of the one before. It reuses the factored matrix while
 //! the residual falls quickly. This warm start changes the number of iterations, not the tolerance.
 
-use hapfic_robot::cholesky::{factor, substitute};
 use crate::point::ConstraintPoint;
 use crate::velocities::{MAX_SPEEDS, VelocityVector};
 use hapfic_messages::MAX_OBJECTS;
 use hapfic_robot::MassMatrix;
+use hapfic_robot::cholesky::{factor, substitute};
 use nalgebra::{Matrix3, Vector3};
 
 /// Maximum number of iterations.

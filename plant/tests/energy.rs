@@ -40,6 +40,14 @@ fn throw(plant: &mut Plant, object: usize, velocity: [f64; 3], angular: [f64; 3]
     (body.velocity, body.angular_velocity) = (velocity.into(), angular.into());
 }
 
+/// Torques of hip and knee.
+const HIP_AND_KNEE: [f64; MAX_JOINTS] = {
+    let mut torque = [0.0; MAX_JOINTS];
+    torque[1] = -20.0;
+    torque[2] = -15.0;
+    torque
+};
+
 const SCENES: [Scene; 14] = [
     Scene {
         name: "thin sheet falls on its edge",
@@ -185,7 +193,7 @@ const SCENES: [Scene; 14] = [
         robot: NEAR,
         objects: &["box | 0.1, 0.3, 0.3 | 1 | 0.35, 0.05, 0.15 |", "box | 0.3, 0.3, 0.3 | 60 | 0.56, 0.05, 0.15 |"],
         ticks: 1000,
-        action: DriveAction::Torque([0.0, -20.0, -15.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
+        action: DriveAction::Torque(HIP_AND_KNEE),
         start: |plant| plant.world().qd[2] = 10.0,
         balance: BALANCE,
     },

@@ -220,7 +220,7 @@ fn joint_at_limit_stops() {
     let mut plant = floor(&["robot.base_position_m=[0, 0, 5]", "robot.start_position_rad=[0, 0, -2.8]"]);
     let mut lowest = 0.0_f64;
     for _ in 0..1000 {
-        plant.world().advance(DriveAction::Torque([0.0, 0.0, -10.0, 0.0, 0.0, 0.0, 0.0, 0.0]), 1000);
+        plant.world().advance(DriveAction::Torque(torques([0.0, 0.0, -10.0])), 1000);
         lowest = lowest.min(plant.world().q[2]);
     }
     assert!(lowest > -2.95, "the knee went to {lowest} rad, its limit is -2.9");
@@ -256,4 +256,11 @@ fn plant_same_commands_give_same_bits() {
         out
     };
     assert_eq!(run(), run());
+}
+
+/// Torques of the leg's joints.
+fn torques(leg: [f64; 3]) -> [f64; MAX_JOINTS] {
+    let mut all = [0.0; MAX_JOINTS];
+    all[..3].copy_from_slice(&leg);
+    all
 }

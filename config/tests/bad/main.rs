@@ -6,7 +6,7 @@ mod common;
 mod numbers;
 
 use common::ROBOT;
-use hapfic_config::{ConfigError, Settings};
+use hapfic_config::{ConfigError, JointValues, Settings};
 
 pub(crate) fn rejection(text: &str, overrides: &[&str]) -> ConfigError {
     let overrides: Vec<String> = overrides.iter().map(|argument| (*argument).to_owned()).collect();
@@ -137,7 +137,11 @@ fn lists_of_robot_are_left_to_robot_model() {
     // The robot model knows the number of joints: either list may be the wrong one.
     let overrides = ["robot.joint_damping_n_m_s_per_rad=[1, 2]".to_owned(), "robot.effort_limit_n_m=[1, 2, 3, 4]".to_owned()];
     let robot = Settings::from_str(ROBOT, "x.toml", None, &overrides).unwrap().robot;
-    assert_eq!((robot.joint_damping.unwrap().len(), robot.effort_limit.unwrap().len()), (2, 4));
+    let lengths = [robot.joint_damping, robot.effort_limit].map(|values| match values.unwrap() {
+        JointValues::InOrder(list) => list.len(),
+        JointValues::ByName(list) => panic!("{list:?}"),
+    });
+    assert_eq!(lengths, [2, 4]);
 }
 
 #[test]

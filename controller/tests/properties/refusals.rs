@@ -3,7 +3,7 @@
 use crate::draw::*;
 use hapfic_controller::task_space::{self, TaskSpaceError, TaskSpaceInput, policies};
 use hapfic_controller::{Attractor, ForceProfile, LowPass, limit};
-use hapfic_messages::{ControllerState, Parameters, Saturation};
+use hapfic_messages::{ControllerState, MAX_JOINTS, Parameters, Saturation};
 
 #[test]
 fn task_space_number_not_finite_rejected() {
@@ -79,7 +79,12 @@ fn laws_number_not_finite_gives_zero_force() {
 
 #[test]
 fn low_pass_without_cutoff_passes_torque() {
-    let torque = [1.0, -2.0, 3.0, 0.0, 5.5, -6.5, 7.0, 80.0];
+    let filled = |values: [f64; 8]| {
+        let mut all = [0.0; MAX_JOINTS];
+        all[..8].copy_from_slice(&values);
+        all
+    };
+    let torque = filled([1.0, -2.0, 3.0, 0.0, 5.5, -6.5, 7.0, 80.0]);
     let passed = LowPass::default().step(&torque, None, PERIOD_S);
     assert_eq!(passed.output, torque);
     // Switched on, the filter starts from the last torque.
@@ -87,7 +92,7 @@ fn low_pass_without_cutoff_passes_torque() {
     for (output, torque) in filtered.output.iter().zip(torque) {
         assert!((output - torque).abs() <= 1e-12, "{output} instead of {torque}");
     }
-    let (limited, bits) = limit(&torque, &[40.0, 1.0, 3.0, 0.0, f64::INFINITY, 6.5, f64::NAN, 40.0]);
-    assert_eq!(limited, [1.0, -1.0, 3.0, 0.0, 5.5, -6.5, 0.0, 40.0]);
+    let (limited, bits) = limit(&torque, &filled([40.0, 1.0, 3.0, 0.0, f64::INFINITY, 6.5, f64::NAN, 40.0]));
+    assert_eq!(limited, filled([1.0, -1.0, 3.0, 0.0, 5.5, -6.5, 0.0, 40.0]));
     assert_eq!(bits, 0b1100_0010);
 }

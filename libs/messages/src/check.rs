@@ -1,9 +1,9 @@
 //! Checks of messages from another process: finite, in range, codes known. The receiver checks the order of ticks.
 
 use crate::{
-    Command, ControllerState, Credit, Detector, Drive, EVENT_TEXT, Event, EventKind, JointSpaceParameters, MAX_CONTACTS, MAX_JOINTS,
-    MAX_LIMBS, MAX_OBJECTS, Mode, Operator, Parameters, Phase, Process, Reference, Request, ResetPolicy, RotationParameters,
-    RotationRequest, Saturation, Search, Severity, Source, State, Task, Timing,
+    Command, ControllerState, Credit, Detector, Drive, EVENT_TEXT, Event, EventKind, JointSpaceParameters, MAX_CONTACTS,
+    MAX_JOINTS, MAX_LIMBS, MAX_OBJECTS, Mode, Operator, Parameters, Phase, Process, Reference, Request, ResetPolicy,
+    RotationParameters, RotationRequest, Saturation, Search, Severity, Source, State, Task, Timing,
 };
 
 /// Defect of a message.
@@ -52,7 +52,9 @@ pub enum ValidationError {
         field: &'static str,
     },
     /// A torque that does not match the request's own force.
-    #[error("'torque[{joint}]' is {found} N m, expected {expected} N m: J^T W of the request's own force and moment, with tau_N and g")]
+    #[error(
+        "'torque[{joint}]' is {found} N m, expected {expected} N m: J^T W of the request's own force and moment, with tau_N and g"
+    )]
     Torque {
         /// Index of the joint, from the base.
         joint: usize,

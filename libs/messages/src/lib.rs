@@ -27,8 +27,8 @@ mod wire_enum;
 
 pub use check::{Check, ValidationError};
 pub use codes::{
-    Detector, Drive, EventKind, MessageFault, Mode, Phase, Process, ResetPolicy, Saturation, Search, Severity, Source,
-    Task, TaskCondition,
+    Detector, Drive, EventKind, MessageFault, Mode, Phase, Process, ResetPolicy, Saturation, Search, Severity, Source, Task,
+    TaskCondition,
 };
 pub use command::Command;
 pub use event::Event;

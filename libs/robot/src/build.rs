@@ -91,8 +91,12 @@ impl Chain {
             match values {
                 Some(JointValues::InOrder(list)) => check_length(key, Some(list), movable, base_link, tip_link)?,
                 Some(JointValues::ByName(list)) => {
-                    let names: Vec<&str> =
-                        path.iter().zip(&kinds).filter(|(_, kind)| kind.is_some()).map(|(&index, _)| tree.joint(index).name).collect();
+                    let names: Vec<&str> = path
+                        .iter()
+                        .zip(&kinds)
+                        .filter(|(_, kind)| kind.is_some())
+                        .map(|(&index, _)| tree.joint(index).name)
+                        .collect();
                     if let Some((found, _)) = list.iter().find(|(name, _)| !names.contains(&name.as_str())) {
                         return Err(RobotError::UnknownJoint { key, found: found.clone(), known: names.join(", ") });
                     }

@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
+use hapfic_config::JointValues;
 use hapfic_robot::{Chain, JointKind, Replacements, RobotError, Shape};
 
 const VALID: &str = r#"<robot name="arm">
@@ -220,7 +221,7 @@ fn joint_missing_limits_is_rejected() {
     // A continuous joint needs no position limits, but a peak torque: here, or in the scenario.
     let text = text.replace(r#""turn" type="revolute""#, r#""turn" type="continuous""#);
     rejected(&text, &["joint 'turn' <limit effort>: found none", "robot.effort_limit_n_m"]);
-    let replacements = Replacements { effort_limit: Some(&[7.0, 8.0]), ..Replacements::default() };
+    let replacements = Replacements { effort_limit: Some(&JointValues::InOrder(vec![7.0, 8.0])), ..Replacements::default() };
     let chain = Chain::from_urdf_with(&text, "arm.urdf", "base", "tip", &replacements).unwrap();
     assert_eq!(chain.joints().iter().map(|joint| joint.effort).collect::<Vec<_>>(), [7.0, 8.0]);
     assert_eq!(chain.joints()[0].velocity_limit, f64::INFINITY);

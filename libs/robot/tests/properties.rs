@@ -4,7 +4,7 @@
 
 mod random_chain;
 
-use hapfic_robot::{Chain, JointVector};
+use hapfic_robot::{Chain, JointVector, MAX_JOINTS};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use proptest::prelude::*;
 use random_chain::{
@@ -30,13 +30,13 @@ fn vee(matrix: &Matrix3<f64>) -> Vector3<f64> {
 fn difference(a: &Chain, b: &Chain, motion: &Motion, gravity: &Vector3<f64>) -> f64 {
     assert_eq!(a.dof(), b.dof());
     let (kin_a, kin_b) = (a.kinematics(&motion.q), b.kinematics(&motion.q));
-    let torque = |chain: &Chain, kin| Vector8::from(chain.inverse_dynamics(kin, &motion.qd, &motion.qdd, gravity));
+    let torque = |chain: &Chain, kin| JointColumn::from(chain.inverse_dynamics(kin, &motion.qd, &motion.qdd, gravity));
     let differences = [
         (kin_a.tip_position() - kin_b.tip_position()).norm(),
         (kin_a.tip_rotation() - kin_b.tip_rotation()).norm(),
         (a.mass_matrix(&kin_a) - b.mass_matrix(&kin_b)).norm(),
         (torque(a, &kin_a) - torque(b, &kin_b)).norm(),
-        (Vector8::from(a.gravity_torque(&kin_a, gravity)) - Vector8::from(b.gravity_torque(&kin_b, gravity))).norm(),
+        (JointColumn::from(a.gravity_torque(&kin_a, gravity)) - JointColumn::from(b.gravity_torque(&kin_b, gravity))).norm(),
         (a.kinetic_energy(&kin_a, &motion.qd) - b.kinetic_energy(&kin_b, &motion.qd)).abs(),
         (a.potential_energy(&kin_a, gravity) - b.potential_energy(&kin_b, gravity)).abs(),
     ];
@@ -44,7 +44,7 @@ fn difference(a: &Chain, b: &Chain, motion: &Motion, gravity: &Vector3<f64>) -> 
     differences.into_iter().fold(0.0, f64::max)
 }
 
-type Vector8 = nalgebra::SVector<f64, 8>;
+type JointColumn = nalgebra::SVector<f64, MAX_JOINTS>;
 
 proptest! {
     #[test]
@@ -126,14 +126,14 @@ proptest! {
         let kin = chain.kinematics(&motion.q);
         let mass = chain.mass_matrix(&kin);
         prop_assert_eq!(mass, mass.transpose());
-        for j in 0..8 {
+        for j in 0..MAX_JOINTS {
             let column = if j < n {
-                let unit = shifted(&[0.0; 8], j, 1.0);
-                chain.inverse_dynamics(&kin, &[0.0; 8], &unit, &Vector3::zeros())
+                let unit = shifted(&[0.0; MAX_JOINTS], j, 1.0);
+                chain.inverse_dynamics(&kin, &[0.0; MAX_JOINTS], &unit, &Vector3::zeros())
             } else {
-                [0.0; 8]
+                [0.0; MAX_JOINTS]
             };
-            let error = (mass.column(j) - Vector8::from(column)).norm();
+            let error = (mass.column(j) - JointColumn::from(column)).norm();
             prop_assert!(error < 1e-9 * (1.0 + mass.norm()), "column {j}: {error}");
         }
         let mut padded = mass;
@@ -147,7 +147,7 @@ proptest! {
     fn kinetic_energy_matches_mass_matrix(segments in segments(), motion in motion()) {
         let chain = chain(&segments);
         let kin = chain.kinematics(&motion.q);
-        let rate = Vector8::from(motion.qd);
+        let rate = JointColumn::from(motion.qd);
         let expected = 0.5 * rate.dot(&(chain.mass_matrix(&kin) * rate));
         let found = chain.kinetic_energy(&kin, &motion.qd);
         prop_assert!((found - expected).abs() < 1e-9 * (1.0 + expected), "{found} {expected}");
@@ -160,10 +160,10 @@ proptest! {
         let chain = chain(&segments);
         let kin = chain.kinematics(&motion.q);
         let torque = chain.gravity_torque(&kin, &gravity);
-        let at_rest = chain.bias(&kin, &[0.0; 8], &gravity);
+        let at_rest = chain.bias(&kin, &[0.0; MAX_JOINTS], &gravity);
         let energy = |q: &JointVector| chain.potential_energy(&chain.kinematics(q), &gravity);
         let h = 1e-5;
-        for i in 0..8 {
+        for i in 0..MAX_JOINTS {
             let gradient = (energy(&shifted(&motion.q, i, h)) - energy(&shifted(&motion.q, i, -h))) / (2.0 * h);
             prop_assert!((torque[i] - gradient).abs() < 1e-5, "{i}: {} {gradient}", torque[i]);
             prop_assert!((torque[i] - at_rest[i]).abs() < 1e-9, "{i}: {} {}", torque[i], at_rest[i]);
@@ -249,10 +249,10 @@ proptest! {
         prop_assert!((placed.mass_matrix(&kin) - at_origin.mass_matrix(&reference)).norm() < 1e-9);
         let torque = placed.inverse_dynamics(&kin, &motion.qd, &motion.qdd, &gravity);
         let expected = at_origin.inverse_dynamics(&reference, &motion.qd, &motion.qdd, &local);
-        prop_assert!((Vector8::from(torque) - Vector8::from(expected)).norm() < 1e-8);
+        prop_assert!((JointColumn::from(torque) - JointColumn::from(expected)).norm() < 1e-8);
         let held = placed.gravity_torque(&kin, &gravity);
         let expected = at_origin.gravity_torque(&reference, &local);
-        prop_assert!((Vector8::from(held) - Vector8::from(expected)).norm() < 1e-8);
+        prop_assert!((JointColumn::from(held) - JointColumn::from(expected)).norm() < 1e-8);
     }
 
     #[test]

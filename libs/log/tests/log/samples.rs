@@ -4,9 +4,9 @@ use foxglove::messages::{FrameTransforms, Log, SceneUpdate};
 use hapfic_log::viewer::{SceneBody, SceneShape, ViewerScene, ViewerShape};
 use hapfic_log::{Attachment, LogError, LogMessage, Names, Reader, Topic, Viewer, Writer, WriterOptions, convert};
 use hapfic_messages::{
-    AxisPlan, Command, ContactState, ControllerState, Detector, Drive, EVENT_TEXT, Event, EventKind, Mode, ObjectState,
-    Parameters, Phase, Physics, PlannerState, Process, Reference, Request, ResetPolicy, Saturation, Search, Severity, Source,
-    State, Timing,
+    AxisPlan, Command, ContactState, ControllerState, Detector, Drive, EVENT_TEXT, Event, EventKind, JointSpaceParameters, Mode,
+    ObjectState, Parameters, Phase, Physics, PlannerState, Process, Reference, Request, ResetPolicy, RotationParameters,
+    RotationPlan, RotationRequest, Saturation, Search, Severity, Source, State, Task, Timing,
 };
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -56,6 +56,10 @@ pub(crate) fn state(tick: i64) -> State {
         foot_position: numbers(tick, 4.0),
         foot_velocity: numbers(tick, 5.0),
         foot_force: [0.0; 3],
+        foot_orientation: numbers(tick, 36.0),
+        foot_angular_velocity: numbers(tick, 37.0),
+        foot_moment: numbers(tick, 38.0),
+        limbs: 1,
         physics: Physics {
             substeps: 50,
             newton_iterations: 60,

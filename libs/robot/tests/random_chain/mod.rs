@@ -1,6 +1,6 @@
 //! Random chains as URDF text.
 
-use hapfic_robot::Chain;
+use hapfic_robot::{Chain, MAX_JOINTS};
 use proptest::prelude::*;
 use std::f64::consts::PI;
 use std::fmt::Write;
@@ -36,9 +36,9 @@ pub(crate) struct Inertial {
 /// A joint position, velocity and acceleration for any number of joints.
 #[derive(Clone, Debug)]
 pub(crate) struct Motion {
-    pub(crate) q: [f64; 8],
-    pub(crate) qd: [f64; 8],
-    pub(crate) qdd: [f64; 8],
+    pub(crate) q: [f64; MAX_JOINTS],
+    pub(crate) qd: [f64; MAX_JOINTS],
+    pub(crate) qdd: [f64; MAX_JOINTS],
 }
 
 pub(crate) fn triple(size: f64) -> impl Strategy<Value = [f64; 3]> {
@@ -78,8 +78,8 @@ pub(crate) fn segments() -> impl Strategy<Value = Vec<Segment>> {
 }
 
 pub(crate) fn motion() -> impl Strategy<Value = Motion> {
-    let eight = |size: f64| prop::array::uniform8(-size..size);
-    (eight(2.0), eight(1.0), eight(2.0)).prop_map(|(q, qd, qdd)| Motion { q, qd, qdd })
+    let all = |size: f64| prop::array::uniform16(-size..size);
+    (all(2.0), all(1.0), all(2.0)).prop_map(|(q, qd, qdd)| Motion { q, qd, qdd })
 }
 
 fn triple_text(values: &[f64; 3]) -> String {

@@ -44,7 +44,12 @@ mod tests {
         let overrides: Vec<String> = overrides.iter().map(|o| (*o).to_owned()).collect();
         let settings = Settings::load("floor", &overrides).unwrap();
         let chain = Chain::from_settings(&settings.robot).unwrap();
-        let p = hapfic_controller::parameters::parameters(&settings.initial, 1, 0, [0.0; 3]);
+        let p = hapfic_controller::parameters::parameters(
+            &settings.initial,
+            1,
+            0,
+            &hapfic_controller::parameters::TipPose::default(),
+        );
         let mut q = [0.0; MAX_JOINTS];
         q[..3].copy_from_slice(&[0.0, 0.9, -1.8]);
         stability_margin(&chain, &q, &p, tau_s).unwrap()

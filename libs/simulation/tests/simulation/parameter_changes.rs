@@ -101,6 +101,8 @@ fn restore(original: &ParameterSettings) -> OperatorChange {
         posture_lead: Some(original.posture_lead),
         mean_speed: Some(original.mean_speed),
         max_acceleration: Some(original.max_acceleration),
+        // Of a position task: no rotation.
+        ..OperatorChange::default()
     }
 }
 

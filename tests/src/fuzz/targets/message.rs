@@ -13,8 +13,8 @@ use hapfic_gate::protocol::{ControllerSlot, GateInputs, Observation};
 use hapfic_log::viewer::ViewerScene;
 use hapfic_log::{Metrics, Names, Viewer, convert};
 use hapfic_messages::{
-    Check, Command, Credit, Detector, Event, EventKind, Mode, Operator, OperatorKind, OperatorReply,
-    OperatorRequest, Phase, Process, Reference, ReplyCode, Request, Severity, State, Timing,
+    Check, Command, Credit, Detector, Event, EventKind, Mode, Operator, OperatorKind, OperatorReply, OperatorRequest, Phase,
+    Process, Reference, ReplyCode, Request, Severity, State, Timing,
 };
 use hapfic_planner::TickPlan;
 use std::path::Path;

@@ -69,9 +69,7 @@ pub(super) const TARGET: FuzzTarget = FuzzTarget {
 /// Setting of a floor so deep that no posture of the leg reaches it.
 const DEEP: &str = "world.floor.height_m=-0.2";
 /// Posture, and velocity and acceleration too [rad, rad/s, rad/s^2].
-const POSTURE: [f64; MAX_JOINTS] = [
-    0.3, -0.4, 0.5, -0.6, 0.7, -0.8, 0.9, -1.0, 0.2, -0.3, 0.4, -0.5, 0.6, -0.7, 0.8, -0.9,
-];
+const POSTURE: [f64; MAX_JOINTS] = [0.3, -0.4, 0.5, -0.6, 0.7, -0.8, 0.9, -1.0, 0.2, -0.3, 0.4, -0.5, 0.6, -0.7, 0.8, -0.9];
 
 fn seeds() -> Vec<Vec<u8>> {
     robots().iter().map(|(_, text)| text.as_bytes().to_vec()).collect()
