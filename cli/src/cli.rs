@@ -1,6 +1,7 @@
 //! The command line.
 
 use crate::commands::bench::Bench;
+use crate::commands::calibrate::CalibrateArgs;
 use crate::commands::process::ProcessName;
 use crate::commands::report::ReportArgs;
 use crate::commands::run::RunArgs;
@@ -33,6 +34,8 @@ pub enum CliCommand {
         #[arg(long = "set", value_name = "KEY=VALUE")]
         set: Vec<String>,
     },
+    /// Find gains that a robot bears: print a [controller] section with reasons, verified by short simulations.
+    Calibrate(CalibrateArgs),
     /// List the embedded scenarios, or print the file of one.
     Scenarios {
         /// Scenario to print, as a start for your own.

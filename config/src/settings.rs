@@ -129,6 +129,8 @@ pub struct WorldSettings {
 pub struct Floor {
     /// Height z of the floor [m].
     pub height_m: f64,
+    /// Whether only the tip link touches it, for presses in any posture; false in every scenario.
+    pub tip_only: bool,
     /// Contact law.
     pub surface: Surface,
 }

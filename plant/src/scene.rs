@@ -138,8 +138,12 @@ impl CollisionScene {
         if !environment.is_empty() && !link_colliders.iter().any(|(_, collision)| scene.is_foot(collision)) {
             return Err(PlantError::NoFoot { link: scene.chain.tip_link().to_owned() });
         }
+        let tip_only = settings.world.floor.as_ref().is_some_and(|floor| floor.tip_only);
         for other in &environment {
-            scene.pair_with_links(&link_colliders, other);
+            let alone = tip_only && matches!(other.collider.parent, BodyId::World);
+            let touching: Vec<_> =
+                link_colliders.iter().filter(|(_, collision)| !alone || scene.is_foot(collision)).cloned().collect();
+            scene.pair_with_links(&touching, other);
         }
         for (i, against) in environment.iter().enumerate() {
             for body in &environment[i + 1..] {

@@ -1,6 +1,7 @@
 //! The commands of the program, one file each.
 
 pub mod bench;
+pub mod calibrate;
 pub mod check;
 pub mod control;
 pub mod doctor;

@@ -18,6 +18,7 @@ impl ScenarioCheck<'_> {
     pub(super) fn world(&self, raw: RawWorld) -> Result<WorldSettings, ConfigError> {
         self.short_enough("world.gravity_m_per_s2", raw.gravity_m_per_s2, GRAVITY_MAX)?;
         let floor = raw.floor.map(|floor| Floor {
+            tip_only: false,
             height_m: floor.height_m,
             surface: Surface {
                 stiffness_n_per_m: floor.stiffness_n_per_m,

@@ -29,8 +29,9 @@ impl Chain {
         Ok(())
     }
 
-    /// A posture of a sequence with low discrepancy: multiples of the square roots of primes, modulo 1.
-    fn posture(&self, index: u32) -> [f64; MAX_JOINTS] {
+    /// A posture within the limits, of a sequence with low discrepancy that fills their range: multiples of the square roots of primes, modulo 1.
+    #[must_use]
+    pub fn posture(&self, index: u32) -> [f64; MAX_JOINTS] {
         const PRIMES: [f64; MAX_JOINTS] =
             [2.0, 3.0, 5.0, 7.0, 11.0, 13.0, 17.0, 19.0, 23.0, 29.0, 31.0, 37.0, 41.0, 43.0, 47.0, 53.0];
         let mut q = [0.0; MAX_JOINTS];

@@ -74,3 +74,4 @@ pub use kinematics::Kinematics;
 pub use null_space::TaskRows;
 pub use reach::Reach;
 pub use tip::Tip;
+pub use urdf::ends;

@@ -46,6 +46,19 @@ pub(crate) fn parse<'d>(text: &'d str, file: &str) -> Result<Document<'d>, Robot
         .map_err(|error| RobotError::Parse { file: format!("{file}:{}", error.pos().row), reason: error.to_string() })
 }
 
+/// Links of a description at which a chain may begin and end: those that no joint moves, and those that carry no joint.
+///
+/// # Errors
+/// [`RobotError`] if the description cannot be read.
+pub fn ends(text: &str, file: &str) -> Result<(Vec<String>, Vec<String>), RobotError> {
+    let document = parse(text, file)?;
+    let tree = UrdfTree::read(&document, file)?;
+    let names = |free: &dyn Fn(usize) -> bool| {
+        (0..tree.links.len()).filter(|&link| free(link)).map(|link| tree.links[link].name.to_owned()).collect()
+    };
+    Ok((names(&|link| tree.above[link].is_none()), names(&|link| tree.below[link].is_empty())))
+}
+
 impl<'d> UrdfTree<'d> {
     /// Checks names and links of a URDF; `file` is its name in messages.
     pub(crate) fn read(document: &'d Document<'d>, file: &'d str) -> Result<Self, RobotError> {

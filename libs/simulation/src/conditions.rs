@@ -7,7 +7,7 @@ mod energy;
 mod flag;
 mod follow;
 mod force;
-mod margin;
+pub(crate) mod margin;
 
 pub use follow::TaskFollower;
 pub use margin::stability_margin;
@@ -96,7 +96,9 @@ impl TaskWatch {
         let mut watched = Vec::new();
         for condition in TaskCondition::ALL.iter().copied() {
             match condition {
-                TaskCondition::AtJointStop => watched.extend(chain.joints().iter().map(|joint| of(condition, &joint.name))),
+                TaskCondition::AtJointStop | TaskCondition::OverSpeed => {
+                    watched.extend(chain.joints().iter().map(|joint| of(condition, &joint.name)))
+                }
                 TaskCondition::StabilityMargin => watched.push(of(condition, "")),
                 _ => watched.extend(AXES.map(|axis| of(condition, axis))),
             }
@@ -178,18 +180,39 @@ impl TaskWatch {
                 format!("{fall:.3} J more than reference and spring explain within 100 ms")
             });
         }
+        if p.is_pose() {
+            self.rotation(&mut found, active, command, p);
+        }
         self.joints(&mut found, state, p);
         self.before = Some(*command);
         found.events
     }
 
-    /// Stops and margin.
+    /// Bound of the orientation's error.
+    fn rotation(&mut self, found: &mut Observations, active: bool, command: &Command, p: &Parameters) {
+        let request = &command.request.rotation;
+        for axis in 0..3 {
+            let error = request.error[axis] - request.state.offset[axis];
+            let bound = p.rotation.bound[axis];
+            let held = p.rotation.desired_moment[axis] != 0.0;
+            let outside = active && !held && error.abs() > bound;
+            self.observe(found, TaskCondition::RotationOutsideBound, axis, outside, HOLD, || {
+                format!("{:.2} degrees off the reference, x_b,R {:.2} degrees", error.to_degrees(), bound.to_degrees())
+            });
+        }
+    }
+
+    /// Stops, speeds and margin.
     fn joints(&mut self, found: &mut Observations, state: &State, p: &Parameters) {
         let limits: Vec<(f64, f64)> = self.chain.joints().iter().map(|joint| (joint.lower, joint.upper)).collect();
         for (index, (lower, upper)) in limits.into_iter().enumerate() {
             let q = state.joint_position[index];
             let stop = q <= lower + STOP || q >= upper - STOP;
             self.observe(found, TaskCondition::AtJointStop, index, stop, HOLD, || format!("{q:.4} in [{lower:.4}, {upper:.4}]"));
+            let (speed, limit) = (state.joint_velocity[index], self.chain.joints()[index].velocity_limit);
+            self.observe(found, TaskCondition::OverSpeed, index, speed.abs() > limit, HOLD, || {
+                format!("{speed:.2} of {limit:.2} rad/s or m/s")
+            });
         }
         if found.tick % (2 * EVERY) == 0 {
             self.margin = stability_margin(&self.chain, &state.joint_position, p, self.tau_s).unwrap_or(0.0);

@@ -15,6 +15,11 @@ mod simulated;
 mod surface;
 mod target;
 
+/// Presses on built-in walls, for calibration.
+pub(crate) mod walls {
+    pub(crate) use super::simulated::{DAMPING_RATIO, STEADY, STIFFNESS, Wall, any_floor};
+}
+
 pub use script::degrees_hint;
 pub use simulated::{FreeAir, simulated};
 

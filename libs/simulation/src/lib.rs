@@ -4,6 +4,7 @@
 //! [`findings`] lists what is unwise in a scenario or in a change. A study runs one scenario ([`study`]) or a grid of
 //! settings ([`sweep`], on many threads by [`pool`]). It writes a log ([`recording`]) and returns [`figures`].
 
+pub mod calibrate;
 pub mod conditions;
 pub mod extremes;
 pub mod figures;

@@ -4,34 +4,83 @@ use hapfic_messages::{MAX_JOINTS, Parameters};
 use hapfic_robot::Chain;
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
-/// Largest `omega tau / (0.32 + 2.3 zeta)` of the modes of K0 at a posture; 1 is the limit of stability.
+/// Mode of the task's stiffness that is nearest to its limit.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CriticalMode {
+    /// `omega tau / (0.32 + 2.3 zeta)`; 1 is the limit of stability.
+    pub margin: f64,
+    /// Frequency [Hz].
+    pub frequency_hz: f64,
+    /// Modal damping ratio.
+    pub zeta: f64,
+    /// Motion of the tip in it: share of each axis of the task, x y z, then the turns about them, in the sum of the energies.
+    pub shares: [f64; 6],
+}
+
+impl CriticalMode {
+    /// The axis of the task that moves most in this mode.
+    #[must_use]
+    pub fn axis(&self) -> &'static str {
+        const NAMES: [&str; 6] = ["x", "y", "z", "turn about x", "turn about y", "turn about z"];
+        let most = self.shares.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1));
+        most.map_or(NAMES[0], |(index, _)| NAMES[index])
+    }
+}
+
+/// Largest `omega tau / (0.32 + 2.3 zeta)` of the modes of the task's stiffness at a posture; 1 is the limit of stability.
 ///
-/// omega^2 are the eigenvalues of M^-1 J^T K0 J, zeta the modal damping of joint damping and Cartesian damping, tau the
+/// omega^2 are the eigenvalues of M^-1 J^T K J, zeta the modal damping of joint damping and task damping, tau the
 /// delay of the torque [s]. The rule was found for this attractor from simulations of one mass and of the leg: without
-/// damping it needs `omega tau <= 0.32`, a plain sampled spring `omega tau <= 2 zeta`. `None` if the mass matrix is not
-/// positive definite.
+/// damping it needs `omega tau <= 0.32`, a plain sampled spring `omega tau <= 2 zeta`. J has six rows in a pose task. `None`
+/// if the mass matrix is not positive definite.
 #[must_use]
 pub fn stability_margin(chain: &Chain, joint_position: &[f64; MAX_JOINTS], p: &Parameters, tau_s: f64) -> Option<f64> {
+    critical_mode(chain, joint_position, p, tau_s).map(|mode| mode.margin)
+}
+
+/// The mode with the largest margin of [`stability_margin`].
+#[must_use]
+pub fn critical_mode(chain: &Chain, joint_position: &[f64; MAX_JOINTS], p: &Parameters, tau_s: f64) -> Option<CriticalMode> {
     let n = chain.dof();
     let kin = chain.kinematics(&joint_position[..n]);
     let (mass, jacobian) = (chain.mass_matrix(&kin), chain.jacobian(&kin));
-    let rows = DMatrix::from_fn(3, n, |row, column| jacobian.linear[column][row]);
-    let weigh = |weights: [f64; 3]| rows.transpose() * DMatrix::from_diagonal(&DVector::from_row_slice(&weights)) * &rows;
-    let stiffness = weigh(p.stiffness);
-    let mut damping = weigh(p.stiffness.map(|k0| p.damping * k0.sqrt()));
+    let m = if p.is_pose() { 6 } else { 3 };
+    let rows = DMatrix::from_fn(
+        m,
+        n,
+        |row, column| {
+            if row < 3 { jacobian.linear[column][row] } else { jacobian.angular[column][row - 3] }
+        },
+    );
+    let r = &p.rotation;
+    let gain = |axis: usize| if axis < 3 { p.stiffness[axis] } else { r.stiffness[axis - 3] };
+    let damper = |axis: usize| if axis < 3 { p.damping * gain(axis).sqrt() } else { r.damping * gain(axis).sqrt() };
+    let weigh =
+        |weight: &dyn Fn(usize) -> f64| rows.transpose() * DMatrix::from_diagonal(&DVector::from_fn(m, |i, _| weight(i))) * &rows;
+    let stiffness = weigh(&gain);
+    let mut damping = weigh(&damper);
     for (i, joint) in chain.joints().iter().enumerate() {
-        damping[(i, i)] += joint.damping;
+        damping[(i, i)] += joint.damping + p.joint_space.joint_damping;
     }
     let lower = DMatrix::from_fn(n, n, |row, column| mass[(row, column)]).cholesky()?.l();
     let inverse = lower.try_inverse()?;
     let modes = SymmetricEigen::try_new(&inverse * stiffness * inverse.transpose(), 1e-12, 1000)?;
     let modal = &inverse * damping * inverse.transpose();
-    let margins = modes.eigenvalues.iter().zip(modes.eigenvectors.column_iter()).map(|(square, mode)| {
+    let all = modes.eigenvalues.iter().zip(modes.eigenvectors.column_iter()).map(|(square, mode)| {
         let omega = square.max(0.0).sqrt();
         let zeta = if omega > 0.0 { (mode.transpose() * &modal * mode)[(0, 0)] / (2.0 * omega) } else { 0.0 };
-        omega * tau_s / (0.32 + 2.3 * zeta)
+        let motion = &rows * (inverse.transpose() * mode);
+        let energies: [f64; 6] =
+            core::array::from_fn(|axis| if axis < m { gain(axis) * motion[axis] * motion[axis] } else { 0.0 });
+        let sum: f64 = energies.iter().sum();
+        CriticalMode {
+            margin: omega * tau_s / (0.32 + 2.3 * zeta),
+            frequency_hz: omega / core::f64::consts::TAU,
+            zeta,
+            shares: energies.map(|energy| if sum > 0.0 { energy / sum } else { 0.0 }),
+        }
     });
-    margins.fold(None, |most: Option<f64>, margin| Some(most.map_or(margin, |most| most.max(margin))))
+    all.max_by(|a, b| a.margin.total_cmp(&b.margin))
 }
 
 #[cfg(test)]

@@ -1,25 +1,26 @@
 //! Findings of short simulations: gains that oscillate in free air, and walls on which a held force cycles.
 
 use super::{Advisor, Finding, Source, changed, everything, number, vector};
+use crate::calibrate::effective_masses;
 use crate::stability::{StabilityResult, TEST_S, same_loop, settles, settles_within};
 use crate::{DeadTime, Simulation, SimulationError, pool};
-use hapfic_config::{Diagnostic, OperatorChange, ParameterSettings, Settings};
+use hapfic_config::{Diagnostic, Floor, OperatorChange, ParameterSettings, Settings, Surface};
 use hapfic_robot::Shape;
 use nalgebra::Vector3;
 use std::sync::atomic::AtomicBool;
 
 /// Stiffness of the built-in walls [N/m].
-const STIFFNESS: [f64; 3] = [1e4, 1e5, 1e6];
+pub(crate) const STIFFNESS: [f64; 3] = [1e4, 1e5, 1e6];
 /// Damping ratios of the built-in walls.
-const DAMPING_RATIO: [f64; 2] = [0.3, 0.1];
-/// Mass with which a wall has its damping ratio [kg]: of the order of a limb seen from its foot.
+pub(crate) const DAMPING_RATIO: [f64; 2] = [0.3, 0.1];
+/// Least mass with which a wall has its damping ratio [kg]: of the order of a leg seen from its foot.
 const MASS_KG: f64 = 0.5;
 /// Duration of a press [ticks].
 const PRESS_TICKS: usize = 1500;
 /// Final part in which the force must be steady [ticks].
 const OBSERVED_TICKS: usize = 200;
 /// Largest force error in that part, relative to F_d (root mean square).
-const STEADY: f64 = 0.03;
+pub(crate) const STEADY: f64 = 0.03;
 /// Earliest tick at which a steady force ends the press.
 const EARLIEST_END: usize = 700;
 /// Force error that is steady for good: a cycle would have grown from the impact by then.
@@ -36,9 +37,9 @@ struct ScriptSet {
 
 /// A wall: stiffness [N/m] and damping ratio.
 #[derive(Clone, Copy)]
-struct Wall {
-    stiffness: f64,
-    damping_ratio: f64,
+pub(crate) struct Wall {
+    pub(crate) stiffness: f64,
+    pub(crate) damping_ratio: f64,
 }
 
 /// Findings of all sets of a scenario that only a simulation shows, on `jobs` threads.
@@ -210,7 +211,7 @@ impl Advisor {
     /// Presses on a wall; returns the force error at the end relative to F_d (root mean square).
     ///
     /// The wall is a floor just below the foot, in the posture of the target. `None` if the robot cannot start there.
-    fn press(&self, set: &ParameterSettings, wall: Wall) -> Option<f64> {
+    pub(crate) fn press(&self, set: &ParameterSettings, wall: Wall) -> Option<f64> {
         let mut pressing = self.settings.clone();
         let foot = set.target_position.map(|target| self.chain.reach(&Vector3::from(target), &self.start.q));
         let q = foot.map_or(self.start.q, |reach| reach.q);
@@ -223,10 +224,12 @@ impl Advisor {
                 Some(self.chain.collision_pose(&kin, shape).translation.z - radius)
             })
             .reduce(f64::min)?;
+        let mass = effective_masses(&self.chain, &q).map_or(MASS_KG, |masses| masses.axes_kg[2].max(MASS_KG));
         let floor = pressing.world.floor.as_mut()?;
         floor.height_m = lowest;
+        floor.tip_only = true;
         floor.surface.stiffness_n_per_m = wall.stiffness;
-        floor.surface.damping_n_s_per_m = 2.0 * wall.damping_ratio * (wall.stiffness * MASS_KG).sqrt();
+        floor.surface.damping_n_s_per_m = 2.0 * wall.damping_ratio * (wall.stiffness * mass).sqrt();
         pressing.world.objects.clear();
         pressing.operator.clear();
         pressing.robot.start_position = q[..self.chain.dof()].to_vec();
@@ -234,7 +237,12 @@ impl Advisor {
         // Half of the force without a search: the search does the rest.
         let depth = (0.5 * desired / set.stiffness[2]).min(0.5 * set.position_bound[2]);
         let target_position = Some([tip.x, tip.y, tip.z - depth]);
-        pressing.initial = ParameterSettings { target_position, desired_force: [0.0, 0.0, desired], ..*set };
+        let mut rotation = set.rotation;
+        if let Some(rotation) = &mut rotation {
+            // That of the posture in which it starts.
+            rotation.target_orientation = None;
+        }
+        pressing.initial = ParameterSettings { target_position, desired_force: [0.0, 0.0, desired], rotation, ..*set };
         let mut simulation = Simulation::new(&pressing).ok()?;
         let mut squares = 0.0;
         for tick in 1..=PRESS_TICKS {
@@ -250,6 +258,19 @@ impl Advisor {
         }
         None
     }
+}
+
+/// A floor for a press in a world that has none.
+pub(crate) fn any_floor() -> Floor {
+    let surface = Surface {
+        stiffness_n_per_m: STIFFNESS[0],
+        damping_n_s_per_m: 0.0,
+        transition_width_m: 1e-3,
+        friction_static: 0.0,
+        friction_dynamic: 0.0,
+        critical_speed_m_per_s: 1e-3,
+    };
+    Floor { height_m: 0.0, tip_only: true, surface }
 }
 
 /// All sets of a scenario that come into force.

@@ -1,0 +1,178 @@
+//! `hapfic calibrate`: gains that a robot bears, as a `[controller]` section with reasons.
+
+use crate::{CommandOutcome, print};
+use anyhow::{Context, Result};
+use clap::Args;
+use hapfic_config::Settings;
+use hapfic_robot::{Chain, ends};
+use hapfic_simulation::calibrate::{Calibration, calibrate as find, start_posture};
+use std::fmt::Write;
+use std::path::Path;
+
+/// Arguments of `calibrate`.
+#[derive(Args, Debug)]
+pub struct CalibrateArgs {
+    /// Scenario (name or file), or robot description: a URDF file, or the name of an embedded one such as arm7.urdf.
+    what: String,
+    /// First link of the chain; only for a description. Default: the link that no joint moves.
+    #[arg(long, value_name = "LINK")]
+    base: Option<String>,
+    /// Last link of the chain; only for a description. Default: the only link without further joints.
+    #[arg(long, value_name = "LINK")]
+    tip: Option<String>,
+    /// Start posture [rad]; only for a description. Default: one far from limits and singularities.
+    #[arg(long, value_name = "Q1,Q2,...", value_delimiter = ',', allow_hyphen_values = true)]
+    posture: Option<Vec<f64>>,
+    /// Force to hold on z [N]. Default: the largest of the scenario, or 20.
+    #[arg(long, value_name = "N")]
+    force: Option<f64>,
+    /// Replace a value of the scenario: `controller.task=pose`, `robot.armature_kg_m2=0.1`.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    set: Vec<String>,
+}
+
+/// Prints gains for a robot.
+pub fn calibrate(args: &CalibrateArgs) -> Result<CommandOutcome> {
+    let settings = match load(args) {
+        Ok(settings) => settings,
+        Err(error) => return Ok(CommandOutcome::Rejected(error)),
+    };
+    if let Some(force) = args.force.filter(|force| !(force.is_finite() && *force > 0.0)) {
+        return Ok(CommandOutcome::Rejected(anyhow::anyhow!("--force: found {force}, expected a positive number of newtons")));
+    }
+    match find(&settings, args.force) {
+        Ok(found) => {
+            print(section(args, &settings, &found)?.trim_end());
+            Ok(CommandOutcome::Done)
+        }
+        Err(error) => Ok(CommandOutcome::Rejected(anyhow::anyhow!("{}: {error}", args.what))),
+    }
+}
+
+fn load(args: &CalibrateArgs) -> Result<Settings> {
+    let embedded = hapfic_config::robots().iter().find(|(name, _)| *name == args.what);
+    let file = Path::new(&args.what).extension().is_some_and(|ending| ending.eq_ignore_ascii_case("urdf"));
+    if embedded.is_none() && !file {
+        for (option, given) in
+            [("--base", args.base.is_some()), ("--tip", args.tip.is_some()), ("--posture", args.posture.is_some())]
+        {
+            anyhow::ensure!(!given, "{option}: found beside a scenario, which decides it; expected a robot description (.urdf)");
+        }
+        return Ok(Settings::load(&args.what, &args.set)?);
+    }
+    let text = match embedded {
+        Some((_, text)) => (*text).to_owned(),
+        None => std::fs::read_to_string(&args.what).with_context(|| format!("{}: cannot be read", args.what))?,
+    };
+    let (roots, leaves) = ends(&text, &args.what)?;
+    let one = |option: &str, given: &Option<String>, all: &[String]| match (given, all) {
+        (Some(link), _) => Ok(link.clone()),
+        (None, [only]) => Ok(only.clone()),
+        (None, several) => Err(anyhow::anyhow!(
+            "{}: found {} links where the chain could end, expected {option} with one of {}",
+            args.what,
+            several.len(),
+            several.join(", ")
+        )),
+    };
+    let (base, tip) = (one("--base", &args.base, &roots)?, one("--tip", &args.tip, &leaves)?);
+    let posture = match &args.posture {
+        Some(posture) => posture.clone(),
+        None => start_posture(&Chain::from_urdf(&text, &args.what, &base, &tip)?),
+    };
+    let quoted = |text: &str| toml_string(text);
+    let mut scenario = format!(
+        "[robot]\nurdf = {}\nbase_link = {}\ntip_link = {}\nstart_position_rad = {posture:?}\n",
+        quoted(&args.what),
+        quoted(&base),
+        quoted(&tip)
+    );
+    if posture.len() >= 6 && !args.set.iter().any(|set| set.trim_start().starts_with("controller.task")) {
+        scenario.push_str("[controller]\ntask = \"pose\"\n");
+    }
+    Ok(Settings::from_str(&scenario, "calibrate", embedded.is_none().then(|| Path::new("")), &args.set)?)
+}
+
+/// A string of TOML.
+fn toml_string(text: &str) -> String {
+    let escaped: String = text
+        .chars()
+        .map(|c| match c {
+            '"' | '\\' => format!("\\{c}"),
+            c if c.is_control() => format!("\\u{:04X}", c as u32),
+            c => c.to_string(),
+        })
+        .collect();
+    format!("\"{escaped}\"")
+}
+
+/// The section, with its reasons as comments.
+fn section(args: &CalibrateArgs, settings: &Settings, found: &Calibration) -> Result<String> {
+    let (set, mode) = (&found.set, &found.mode);
+    let mut out = String::new();
+    let vector = |v: [f64; 3]| format!("[{}, {}, {}]", v[0], v[1], v[2]);
+    let finite = |v: f64| if v.is_finite() { format!("{v:.3}") } else { "unlimited".to_owned() };
+    writeln!(out, "# hapfic calibrate {}: {} postures, one tick of dead time", args.what, found.postures)?;
+    writeln!(out, "# start posture: {:?} rad", settings.robot.start_position)?;
+    let m = &found.masses;
+    let [x, y, z] = m.axes_kg.map(finite);
+    writeln!(
+        out,
+        "# effective mass at the tip, least of all postures: x {x}, y {y}, z {z} kg; in any direction {} kg",
+        finite(m.least_kg)
+    )?;
+    if set.rotation.is_some() {
+        writeln!(out, "# effective inertia about the least axis: {:.5} kg m^2", m.least_kg_m2)?;
+    }
+    writeln!(
+        out,
+        "# limiting mode: {:.1} Hz, damping ratio {:.2}, mostly {}: omega tau at {:.0} % of its limit",
+        mode.frequency_hz,
+        mode.zeta,
+        mode.axis(),
+        100.0 * mode.margin
+    )?;
+    let verdict = if found.margin_one_more < 1.0 { "still stable" } else { "not stable" };
+    writeln!(out, "# with one more tick of dead time: {:.0} %, {verdict}", 100.0 * found.margin_one_more)?;
+    let reserve = if found.reserve { "settles" } else { "does NOT settle" };
+    writeln!(out, "# free air, simulated: {reserve} with 1.4 times the stiffness")?;
+    match found.pressed_n {
+        None => writeln!(
+            out,
+            "# walls: not tried, since the tip cannot press on a floor in this posture (it needs a sphere: [robot.foot])"
+        )?,
+        Some(force) if found.unsteady.is_empty() => {
+            writeln!(out, "# walls of 1e4, 1e5 and 1e6 N/m at damping ratios 0.3 and 0.1: {force} N held within 3 % on all")?;
+        }
+        Some(force) => {
+            for (stiffness, ratio, error) in &found.unsteady {
+                writeln!(
+                    out,
+                    "# NOT steady under {force} N on a wall of {stiffness:e} N/m, damping ratio {ratio}: {:.0} %",
+                    100.0 * error
+                )?;
+            }
+        }
+    }
+    if found.lowered > 0 {
+        writeln!(out, "# the rule allowed more: lowered {} times by 0.7, since a simulation did not settle", found.lowered)?;
+    }
+    writeln!(out, "[controller]")?;
+    let row =
+        |out: &mut String, key: &str, value: String, reason: &str| writeln!(out, "{:<52} # {reason}", format!("{key} = {value}"));
+    if set.rotation.is_some() {
+        row(&mut out, "task", "\"pose\"".to_owned(), "position and orientation")?;
+    }
+    row(&mut out, "stiffness_n_per_m", vector(set.stiffness), "N/m, 0.84 of omega tau's limit, at most 12000")?;
+    row(&mut out, "max_force_n", vector(set.max_force), "N, 0.95 K0 x_b, or 0.8 of the joints' effort beside the weight")?;
+    row(&mut out, "position_bound_m", vector(set.position_bound), "m, reaches twice the force")?;
+    row(&mut out, "damping_sqrt_kg", set.damping.to_string(), "kg^(1/2), damping ratio 0.35 at the least mass")?;
+    if let Some(r) = &set.rotation {
+        row(&mut out, "rotation_stiffness_n_m_per_rad", vector(r.rotation_stiffness), "N m/rad, by the same rule, at most 100")?;
+        row(&mut out, "max_moment_n_m", vector(r.max_moment), "N m, 0.95 K_R x_b,R")?;
+        row(&mut out, "rotation_bound_rad", vector(r.rotation_bound), "rad")?;
+        row(&mut out, "rotation_damping_sqrt_kg_m", r.rotation_damping.to_string(), "kg^(1/2) m, damping ratio 0.35")?;
+    }
+    row(&mut out, "gravity_compensation", set.gravity_compensation.to_string(), "on above three joints by default")?;
+    Ok(out)
+}
