@@ -270,14 +270,20 @@ impl ScenarioCheck<'_> {
         const KEY: &str = "supervisor.torque_peak_n_m";
         const POSTURE: &str = "robot.start_position_rad";
         let Some(value) = value else { return Ok(None) };
-        let numbers = value.expand(joints).unwrap_or_default();
+        let numbers = value.expand(joints).ok_or_else(|| self.no_table(KEY))?;
         if numbers.len() == joints {
             return Ok(Some(numbers));
         }
-        let found = if numbers.is_empty() { self.found(KEY) } else { format!("a list of {}", numbers.len()) };
+        let found = format!("a list of {}", numbers.len());
         let expected = format!("a number for all joints, or a list of {joints}, as {POSTURE} ({}) has", self.tree.place(POSTURE));
         let help = "correct the list that has another length than the robot has joints";
         Err(ConfigError::WrongLength(self.diagnostic(KEY, &found, &expected, help)))
+    }
+
+    /// Error of a table by joint name where only a number or a list has a meaning.
+    fn no_table(&self, key: &str) -> ConfigError {
+        let expected = "a number for all joints, or a list with one for each";
+        ConfigError::WrongType(self.diagnostic(key, &self.found(key), expected, "write the numbers in the order of the joints"))
     }
 
     fn realtime(&self, raw: &RawRealtime) -> Result<RealtimeSettings, ConfigError> {

@@ -33,6 +33,17 @@ const SCENARIOS: &[Scenario] = &[
         title: "Change every parameter while the foot presses on the floor",
         text: include_str!("../scenarios/tuning.toml"),
     },
+    Scenario {
+        name: "arm-press",
+        title: "Press on a table and wipe a circle, tool upright",
+        text: include_str!("../scenarios/arm-press.toml"),
+    },
+    Scenario { name: "arm-scan", title: "Scan a soft round body under 5 N", text: include_str!("../scenarios/arm-scan.toml") },
+    Scenario {
+        name: "arm-reach",
+        title: "Reach near a singularity and a joint limit",
+        text: include_str!("../scenarios/arm-reach.toml"),
+    },
 ];
 
 const ROBOTS: &[(&str, &str)] = &[

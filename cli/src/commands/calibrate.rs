@@ -9,6 +9,9 @@ use hapfic_simulation::calibrate::{Calibration, calibrate as find, start_posture
 use std::fmt::Write;
 use std::path::Path;
 
+/// Inertia below which a wrist lacks its rotors, probably [kg m^2].
+const LIGHT_WRIST_KG_M2: f64 = 2e-3;
+
 /// Arguments of `calibrate`.
 #[derive(Args, Debug)]
 pub struct CalibrateArgs {
@@ -123,6 +126,9 @@ fn section(args: &CalibrateArgs, settings: &Settings, found: &Calibration) -> Re
     )?;
     if set.rotation.is_some() {
         writeln!(out, "# effective inertia about the least axis: {:.5} kg m^2", m.least_kg_m2)?;
+        if m.least_kg_m2 < LIGHT_WRIST_KG_M2 {
+            writeln!(out, "# that is little: a URDF has no rotors. Give them as robot.armature_kg_m2, and the robot bears more")?;
+        }
     }
     writeln!(
         out,
@@ -166,12 +172,17 @@ fn section(args: &CalibrateArgs, settings: &Settings, found: &Calibration) -> Re
     row(&mut out, "stiffness_n_per_m", vector(set.stiffness), "N/m, 0.84 of omega tau's limit, at most 12000")?;
     row(&mut out, "max_force_n", vector(set.max_force), "N, 0.95 K0 x_b, or 0.8 of the joints' effort beside the weight")?;
     row(&mut out, "position_bound_m", vector(set.position_bound), "m, reaches twice the force")?;
-    row(&mut out, "damping_sqrt_kg", set.damping.to_string(), "kg^(1/2), damping ratio 0.35 at the least mass")?;
+    row(
+        &mut out,
+        "damping_sqrt_kg",
+        set.damping.to_string(),
+        "kg^(1/2), damping ratio 0.35 at the largest mass, as far as the least bears it",
+    )?;
     if let Some(r) = &set.rotation {
         row(&mut out, "rotation_stiffness_n_m_per_rad", vector(r.rotation_stiffness), "N m/rad, by the same rule, at most 100")?;
         row(&mut out, "max_moment_n_m", vector(r.max_moment), "N m, 0.95 K_R x_b,R")?;
         row(&mut out, "rotation_bound_rad", vector(r.rotation_bound), "rad")?;
-        row(&mut out, "rotation_damping_sqrt_kg_m", r.rotation_damping.to_string(), "kg^(1/2) m, damping ratio 0.35")?;
+        row(&mut out, "rotation_damping_sqrt_kg_m", r.rotation_damping.to_string(), "kg^(1/2) m, by the same rule")?;
     }
     row(&mut out, "gravity_compensation", set.gravity_compensation.to_string(), "on above three joints by default")?;
     Ok(out)

@@ -66,10 +66,12 @@ impl ScenarioCheck<'_> {
         let joints = start.len();
         let arm = joints > ARM_JOINTS;
         let or_for_arm = |value: &mut Option<f64>, default: f64| *value.get_or_insert(if arm { default } else { 0.0 });
-        let given = raw.posture_rad.clone();
-        let wished = given.map_or_else(|| start.to_vec(), |posture| posture.expand(joints).unwrap_or_default());
+        let wished = match raw.posture_rad.clone() {
+            Some(posture) => posture.expand(joints).ok_or_else(|| self.no_table(KEY))?,
+            None => start.to_vec(),
+        };
         if wished.len() != joints {
-            let found = if wished.is_empty() { self.found(KEY) } else { format!("a list of {}", wished.len()) };
+            let found = format!("a list of {}", wished.len());
             let expected = format!("a number for all joints, or a list of {joints}, as robot.start_position_rad has");
             let help = "correct the list that has another length than the robot has joints";
             return Err(ConfigError::WrongLength(self.diagnostic(KEY, &found, &expected, help)));

@@ -304,3 +304,34 @@ fn robot_missing_rejected() {
     assert!(matches!(error, ConfigError::Read(_)), "{error:?}");
     assert_message(&error, "x.toml:2: robot.urdf: found \"arm.urdf\", which cannot be read (", &["an embedded one: leg.urdf"]);
 }
+
+#[test]
+fn keys_of_the_orientation_rejected_in_a_position_task() {
+    for (text, words) in [
+        ("[controller]\nrotation_stiffness = [1, 2, 3]\n", ["controller.rotation_stiffness_n_m_per_rad", "a pose task"]),
+        ("[planner]\nmean_turn_speed = 1\n", ["planner.mean_turn_speed_rad_per_s", "a pose task"]),
+        ("[[operator]]\nat_s = 1\ndesired_moment = [0, 0, 1]\n", ["operator[0].desired_moment_n_m", "a pose task"]),
+        ("[controller]\ntask = \"pose\"\n", ["controller.task", "at least 6 joints"]),
+        ("[controller]\ntask = \"poes\"\n", ["controller.task", "did you mean \"pose\"?"]),
+        ("[controller]\nposture = [0.1]\n", ["controller.posture_rad", "a list of 3"]),
+        ("[controller]\nposture = { hip = 0.1 }\n", ["controller.posture_rad", "a number for all joints"]),
+        ("[controller]\nlimit_margin = -1\n", ["controller.limit_margin_rad", "[0, 1]"]),
+    ] {
+        let text = format!("{ROBOT}{text}");
+        let error = Settings::from_str(&text, "x.toml", None, &[]).unwrap_err().to_string();
+        for word in words {
+            assert!(error.contains(word), "'{word}' is not in: {error}");
+        }
+    }
+}
+
+#[test]
+fn values_of_joints_by_name_have_their_range() {
+    let values = |list: &str| Settings::from_str(&ROBOT.replace("[robot]\n", &format!("[robot]\n{list}\n")), "x.toml", None, &[]);
+    let named = values("effort_limit = { knee = 30.0 }").or_else(|_| values("effort_limit_n_m = { knee = 30.0 }")).unwrap();
+    assert_eq!(named.robot.effort_limit, Some(JointValues::ByName(vec![("knee".to_owned(), 30.0)])));
+    let error = values("armature_kg_m2 = { knee = -1.0 }").unwrap_err().to_string();
+    assert!(error.contains("robot.armature_kg_m2.knee") && error.contains("[0, 1000]"), "{error}");
+    let error = values("joint_friction_n_m = { knee = \"much\" }").unwrap_err().to_string();
+    assert!(error.contains("robot.joint_friction_n_m.knee"), "{error}");
+}

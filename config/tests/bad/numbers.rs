@@ -152,7 +152,7 @@ fn list_wrong_length_rejected() {
         assert_message(
             &rejection(&text, &[]),
             "x.toml:5: robot.start_position_rad: found a list of ",
-            &["expected a list of 1 to 8 numbers"],
+            &["expected a list of 1 to 16 numbers"],
         );
     }
 }

@@ -178,15 +178,15 @@ fn joint_mimic_is_rejected() {
 #[test]
 fn chain_without_movable_joint_is_rejected() {
     let error = Chain::from_urdf(VALID, "arm.urdf", "lower", "tip").unwrap_err();
-    assert_message(&error, &["no joint between 'lower' and 'tip' can move", "expected 1 to 8"]);
+    assert_message(&error, &["no joint between 'lower' and 'tip' can move", "expected 1 to 16"]);
     assert!(matches!(error, RobotError::NoMovableJoint { .. }));
     assert!(matches!(Chain::from_urdf(VALID, "arm.urdf", "base", "base"), Err(RobotError::NoMovableJoint { .. })));
 }
 
 #[test]
-fn chain_nine_joints_is_rejected() {
+fn chain_seventeen_joints_is_rejected() {
     let mut text = String::from(r#"<robot name="snake"><link name="l0"/>"#);
-    for i in 1..10 {
+    for i in 1..18 {
         text += &format!(
             r#"<joint name="j{i}" type="continuous"><parent link="l{}"/><child link="l{i}"/><axis xyz="1 0 0"/>
                <limit effort="1" velocity="1"/></joint>
@@ -196,8 +196,8 @@ fn chain_nine_joints_is_rejected() {
         );
     }
     text += "</robot>";
-    let error = Chain::from_urdf(&text, "arm.urdf", "l0", "l9").unwrap_err();
-    assert_message(&error, &["9 joints between 'l0' and 'l9'", "expected 1 to 8"]);
+    let error = Chain::from_urdf(&text, "arm.urdf", "l0", "l17").unwrap_err();
+    assert_message(&error, &["17 joints between 'l0' and 'l17'", "expected 1 to 16"]);
     assert!(matches!(error, RobotError::TooManyJoints { found: 9, .. }));
     assert_eq!(Chain::from_urdf(&text, "arm.urdf", "l1", "l9").unwrap().dof(), 8);
 }
@@ -225,6 +225,34 @@ fn joint_missing_limits_is_rejected() {
     let chain = Chain::from_urdf_with(&text, "arm.urdf", "base", "tip", &replacements).unwrap();
     assert_eq!(chain.joints().iter().map(|joint| joint.effort).collect::<Vec<_>>(), [7.0, 8.0]);
     assert_eq!(chain.joints()[0].velocity_limit, f64::INFINITY);
+}
+
+#[test]
+fn values_by_joint_name_complete_or_are_rejected() {
+    let named = JointValues::ByName(vec![("slide".to_owned(), 3.0)]);
+    let with = |key: &str| {
+        let mut replacements = Replacements::default();
+        match key {
+            "effort" => replacements.effort_limit = Some(&named),
+            "speed" => replacements.velocity_limit = Some(&named),
+            "friction" => replacements.joint_friction = Some(&named),
+            _ => replacements.armature = Some(&named),
+        }
+        let chain = Chain::from_urdf_with(VALID, "arm.urdf", "base", "tip", &replacements).unwrap();
+        chain.joints().to_vec()
+    };
+    let plain = Chain::from_urdf(VALID, "arm.urdf", "base", "tip").unwrap().joints().to_vec();
+    let slide = plain.iter().position(|joint| joint.name == "slide").unwrap();
+    let other = 1 - slide;
+    assert_eq!((with("effort")[slide].effort, with("effort")[other].effort), (3.0, plain[other].effort));
+    assert_eq!((with("speed")[slide].velocity_limit, with("speed")[other].velocity_limit), (3.0, plain[other].velocity_limit));
+    assert_eq!((with("friction")[slide].friction, with("friction")[other].friction), (3.0, plain[other].friction));
+    assert_eq!((with("armature")[slide].armature, with("armature")[other].armature), (3.0, 0.0));
+    let stray = JointValues::ByName(vec![("slid".to_owned(), 3.0)]);
+    let replacements = Replacements { armature: Some(&stray), ..Replacements::default() };
+    let error = Chain::from_urdf_with(VALID, "arm.urdf", "base", "tip", &replacements).unwrap_err();
+    let text = error.to_string();
+    assert!(text.contains("robot.armature_kg_m2") && text.contains("'slid'") && text.contains("slide"), "{text}");
 }
 
 #[test]

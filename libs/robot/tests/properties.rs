@@ -137,7 +137,7 @@ proptest! {
             prop_assert!(error < 1e-9 * (1.0 + mass.norm()), "column {j}: {error}");
         }
         let mut padded = mass;
-        for j in n..8 {
+        for j in n..MAX_JOINTS {
             padded[(j, j)] = 1.0;
         }
         prop_assert!(padded.cholesky().is_some(), "{mass}");

@@ -28,8 +28,10 @@ pub use postures::start_posture;
 const SHARE: f64 = 0.84;
 /// Factor of the stiffness with which the limb must still come to rest in free air.
 const RESERVE: f64 = 1.4;
-/// Damping over the root of the smallest effective mass or inertia: a damping ratio of 0.35.
+/// Damping over the root of an effective mass or inertia: a damping ratio of 0.35.
 const DAMPING: f64 = 0.7;
+/// Largest product of the damping and the delay over the smallest mass or inertia: a damping acts late, too.
+const DELAYED_DAMPING: f64 = 0.25;
 /// Stiffness beyond which a task gains nothing [N/m]; [N m/rad].
 const ENOUGH: (f64, f64) = (12_000.0, 100.0);
 /// Ratio of the largest moment to K_R [rad]: of F_max to K0 it is x_b.
@@ -171,11 +173,15 @@ fn unbounded(settings: &Settings, masses: &EffectiveMasses, scale: f64) -> Param
     let tau_s = delay(settings);
     let limit = |inertia: f64| 0.1 * inertia / (tau_s * tau_s);
     let mut set = settings.initial;
-    set.damping = DAMPING * masses.least_kg.sqrt();
+    // For the heaviest direction, as far as the lightest one bears it.
+    let damping =
+        |least: f64, most: f64, stiffness: f64| (DAMPING * most.sqrt()).min(DELAYED_DAMPING * least / (tau_s * stiffness.sqrt()));
     set.stiffness = [two_digits((scale * limit(masses.least_kg)).min(ENOUGH.0)); 3];
+    set.damping = two_digits(damping(masses.least_kg, masses.most_kg, set.stiffness[0]));
     if let Some(rotation) = &mut set.rotation {
-        rotation.rotation_damping = DAMPING * masses.least_kg_m2.sqrt();
         rotation.rotation_stiffness = [two_digits((scale * limit(masses.least_kg_m2)).min(ENOUGH.1)); 3];
+        let stiffness = rotation.rotation_stiffness[0];
+        rotation.rotation_damping = two_digits(damping(masses.least_kg_m2, masses.most_kg_m2, stiffness));
     }
     set
 }
@@ -188,12 +194,10 @@ fn proposal(settings: &Settings, masses: &EffectiveMasses, scale: f64, bearable_
     let bound = (POSITION_BOUND_M).max(two_digits_up(2.0 * force / k0));
     set.position_bound = [bound; 3];
     set.max_force = bearable_n.map(|most| two_digits((0.95 * k0 * bound).min(most)));
-    set.damping = two_digits(set.damping);
     set.gravity_compensation = settings.initial.gravity_compensation;
     if let Some(rotation) = &mut set.rotation {
         rotation.rotation_bound = [ROTATION_BOUND_RAD; 3];
         rotation.max_moment = rotation.rotation_stiffness.map(|k| two_digits(0.95 * k * ROTATION_BOUND_RAD));
-        rotation.rotation_damping = two_digits(rotation.rotation_damping);
     }
     set
 }

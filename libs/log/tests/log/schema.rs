@@ -46,7 +46,7 @@ fn field_names_are_fixed() {
         (
             "hapfic.State",
             "tick time_ns joint_position joint_velocity joint_torque foot_position foot_velocity foot_force command_tick \
-             wake_lateness_ns objects slipped drive contacts physics",
+             wake_lateness_ns objects slipped drive contacts physics foot_orientation foot_angular_velocity foot_moment",
         ),
         ("hapfic.Object", "name position orientation linear_velocity angular_velocity"),
         ("hapfic.Contact", "body against point force depth"),
@@ -54,23 +54,25 @@ fn field_names_are_fixed() {
             "hapfic.Physics",
             "substeps newton_iterations unconverged energy_j contact_work_j contact_stored_j contact_substeps joint_work_j joint_loss_j energy_error_j cut_substeps passages passed_body passed_against",
         ),
-        ("hapfic.Reference", "tick position velocity parameters_version planner"),
-        ("hapfic.PlannerState", "ticks axes"),
+        ("hapfic.Reference", "tick position velocity parameters_version planner orientation angular_velocity"),
+        ("hapfic.PlannerState", "ticks axes rotation_ticks target_rpy rotation_axes"),
         (
             "hapfic.Request",
             "tick state_tick controller parameters_version error error_rate offset x_max converging force torque at_rest_ticks \
-             taper",
+             taper rotation_error rotation_error_rate moment rotation_offset joint_space_torque",
         ),
         (
             "hapfic.Command",
             "tick torque_raw torque controller mode state_tick parameters_version error error_rate offset x_max converging \
-             force source severity limited at_rest_ticks ramped taper rate_limited",
+             force source severity limited at_rest_ticks ramped taper rate_limited rotation_error rotation_error_rate moment rotation_offset joint_space_torque",
         ),
         (
             "hapfic.Operator",
             "version effective_tick target_position desired_force stiffness max_force position_bound reset_policy \
              saturation search taper mean_speed search_scale force_resolution max_acceleration gravity_compensation \
-             offset_anti_windup stall_release force_hold continuous_reentry damping posture_lead",
+             offset_anti_windup stall_release force_hold continuous_reentry damping posture_lead task target_orientation desired_moment rotation_stiffness max_moment \
+             rotation_bound rotation_damping moment_resolution mean_turn_speed max_turn_acceleration posture posture_stiffness \
+             posture_damping joint_damping limit_margin limit_stiffness",
         ),
         ("hapfic.Event", "tick process kind severity detector text"),
         (

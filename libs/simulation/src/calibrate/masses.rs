@@ -14,7 +14,14 @@ pub struct EffectiveMasses {
     pub least_kg: f64,
     /// Smallest one about any axis [kg m^2].
     pub least_kg_m2: f64,
+    /// Largest one in any direction in which the tip moves freely [kg].
+    pub most_kg: f64,
+    /// Largest one about any such axis [kg m^2].
+    pub most_kg_m2: f64,
 }
+
+/// Mobility of a direction over the largest one, below which the tip does not count as free there: near a singularity.
+const HELD: f64 = 1e-2;
 
 impl EffectiveMasses {
     /// The smaller of two, one by one.
@@ -25,6 +32,8 @@ impl EffectiveMasses {
             axes_kg_m2: core::array::from_fn(|i| self.axes_kg_m2[i].min(other.axes_kg_m2[i])),
             least_kg: self.least_kg.min(other.least_kg),
             least_kg_m2: self.least_kg_m2.min(other.least_kg_m2),
+            most_kg: self.most_kg.min(other.most_kg),
+            most_kg_m2: self.most_kg_m2.min(other.most_kg_m2),
         }
     }
 }
@@ -47,11 +56,19 @@ pub fn effective_masses(chain: &Chain, q: &JointVector) -> Option<EffectiveMasse
         sum
     };
     let (linear, angular) = (mobility(&jacobian.linear), mobility(&jacobian.angular));
-    let largest = |m: &Matrix3<f64>| SymmetricEigen::new(*m).eigenvalues.max();
+    let extremes = |m: &Matrix3<f64>| {
+        let all = SymmetricEigen::new(*m).eigenvalues;
+        let largest = all.max();
+        let smallest = all.iter().copied().filter(|mobility| *mobility > HELD * largest).fold(largest, f64::min);
+        (1.0 / largest, 1.0 / smallest)
+    };
+    let ((least_kg, most_kg), (least_kg_m2, most_kg_m2)) = (extremes(&linear), extremes(&angular));
     Some(EffectiveMasses {
         axes_kg: core::array::from_fn(|i| 1.0 / linear[(i, i)]),
         axes_kg_m2: core::array::from_fn(|i| 1.0 / angular[(i, i)]),
-        least_kg: 1.0 / largest(&linear),
-        least_kg_m2: 1.0 / largest(&angular),
+        least_kg,
+        least_kg_m2,
+        most_kg,
+        most_kg_m2,
     })
 }

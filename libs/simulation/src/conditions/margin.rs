@@ -29,8 +29,8 @@ impl CriticalMode {
 
 /// Largest `omega tau / (0.32 + 2.3 zeta)` of the modes of the task's stiffness at a posture; 1 is the limit of stability.
 ///
-/// omega^2 are the eigenvalues of M^-1 J^T K J, zeta the modal damping of joint damping and task damping, tau the
-/// delay of the torque [s]. The rule was found for this attractor from simulations of one mass and of the leg: without
+/// omega^2 are the eigenvalues of M^-1 J^T K J, tau is the delay of the torque [s], zeta the modal damping of the joints, and
+/// of the controller times cos(omega tau), since it acts as late as the spring. The rule was found for this attractor from simulations of one mass and of the leg: without
 /// damping it needs `omega tau <= 0.32`, a plain sampled spring `omega tau <= 2 zeta`. J has six rows in a pose task. `None`
 /// if the mass matrix is not positive definite.
 #[must_use]
@@ -58,17 +58,22 @@ pub fn critical_mode(chain: &Chain, joint_position: &[f64; MAX_JOINTS], p: &Para
     let weigh =
         |weight: &dyn Fn(usize) -> f64| rows.transpose() * DMatrix::from_diagonal(&DVector::from_fn(m, |i, _| weight(i))) * &rows;
     let stiffness = weigh(&gain);
-    let mut damping = weigh(&damper);
-    for (i, joint) in chain.joints().iter().enumerate() {
-        damping[(i, i)] += joint.damping + p.joint_space.joint_damping;
+    let mut delayed = weigh(&damper);
+    for i in 0..n {
+        delayed[(i, i)] += p.joint_space.joint_damping;
     }
+    let own = DMatrix::from_diagonal(&DVector::from_fn(n, |i, _| chain.joints()[i].damping));
     let lower = DMatrix::from_fn(n, n, |row, column| mass[(row, column)]).cholesky()?.l();
     let inverse = lower.try_inverse()?;
     let modes = SymmetricEigen::try_new(&inverse * stiffness * inverse.transpose(), 1e-12, 1000)?;
-    let modal = &inverse * damping * inverse.transpose();
+    let modal = |damping: &DMatrix<f64>| &inverse * damping * inverse.transpose();
+    let (own, delayed) = (modal(&own), modal(&delayed));
     let all = modes.eigenvalues.iter().zip(modes.eigenvectors.column_iter()).map(|(square, mode)| {
         let omega = square.max(0.0).sqrt();
-        let zeta = if omega > 0.0 { (mode.transpose() * &modal * mode)[(0, 0)] / (2.0 * omega) } else { 0.0 };
+        let ratio =
+            |modal: &DMatrix<f64>| if omega > 0.0 { (mode.transpose() * modal * mode)[(0, 0)] / (2.0 * omega) } else { 0.0 };
+        // The controller's damping comes as late as its spring.
+        let zeta = ratio(&own) + ratio(&delayed) * (omega * tau_s).cos().max(0.0);
         let motion = &rows * (inverse.transpose() * mode);
         let energies: [f64; 6] =
             core::array::from_fn(|axis| if axis < m { gain(axis) * motion[axis] * motion[axis] } else { 0.0 });

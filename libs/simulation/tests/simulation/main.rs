@@ -11,6 +11,7 @@ mod leg_motion;
 mod parameter_changes;
 mod passage;
 mod repetition;
+mod robots;
 mod script;
 mod workers;
 mod worst;

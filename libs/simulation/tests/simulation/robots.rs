@@ -1,0 +1,117 @@
+//! Built-in robots with the gains that calibration finds for them, and nothing else.
+
+use hapfic_config::{ParameterSettings, Settings, robots};
+use hapfic_robot::{Chain, ends};
+use hapfic_simulation::Simulation;
+use hapfic_simulation::calibrate::{calibrate, start_posture};
+use nalgebra::{DMatrix, DVector};
+
+/// A robot, what a scenario adds to its description, and the force that it must hold [N].
+const ROBOTS: [(&str, &str, f64); 4] = [
+    ("leg.urdf", "", 50.0),
+    ("quadruped-leg.urdf", "armature_kg_m2 = [0.0012, 0.0012, 0.0029]\n", 50.0),
+    ("arm6.urdf", "armature_kg_m2 = 0.02\n", 20.0),
+    ("arm7.urdf", "", 20.0),
+];
+/// Time after which the force is observed, and end of the run [ticks].
+const SETTLED: i64 = 4000;
+const PUSHED: i64 = 6000;
+const END: i64 = 9000;
+/// Impulse at the hand [N s].
+const PUSH_N_S: f64 = 1.0;
+
+fn settings(name: &str, extra: &str) -> Settings {
+    let text = robots().iter().find(|(robot, _)| *robot == name).unwrap().1;
+    let (roots, leaves) = ends(text, name).unwrap();
+    let posture = start_posture(&Chain::from_urdf(text, name, &roots[0], &leaves[0]).unwrap());
+    let task = if posture.len() >= 6 { "pose" } else { "position" };
+    let scenario = format!(
+        "[robot]\nurdf = \"{name}\"\nbase_link = \"{}\"\ntip_link = \"{}\"\nstart_position_rad = {posture:?}\n{extra}\
+         [world.floor]\nstiffness_n_per_m = 1e5\ndamping_n_s_per_m = 200.0\n[controller]\ntask = \"{task}\"\n",
+        roots[0], leaves[0]
+    );
+    Settings::from_str(&scenario, name, None, &[]).unwrap()
+}
+
+/// The robot with its tip on the floor, under the force.
+fn pressing(settings: &Settings, set: &ParameterSettings, force: f64) -> Simulation {
+    let chain = Chain::from_settings(&settings.robot).unwrap();
+    let tip = chain.kinematics(&settings.robot.start_position).tip_position();
+    let radius = chain
+        .collisions()
+        .iter()
+        .filter(|shape| shape.link == chain.tip_link())
+        .find_map(|shape| if let hapfic_robot::Shape::Sphere { radius } = shape.shape { Some(radius) } else { None })
+        .unwrap();
+    let mut pressing = settings.clone();
+    let floor = pressing.world.floor.as_mut().unwrap();
+    (floor.height_m, floor.tip_only) = (tip.z - radius, true);
+    let depth = 0.3 * force / set.stiffness[2];
+    pressing.initial =
+        ParameterSettings { target_position: Some([tip.x, tip.y, tip.z - depth]), desired_force: [0.0, 0.0, force], ..*set };
+    Simulation::new(&pressing).unwrap()
+}
+
+/// Gives the tip an impulse along y [N s].
+fn push(simulation: &mut Simulation, chain: &Chain) {
+    let world = simulation.plant().world();
+    let kin = world.kinematics();
+    let (mass, jacobian) = (chain.mass_matrix(&kin), chain.jacobian(&kin));
+    let n = chain.dof();
+    let change = DMatrix::from_fn(n, n, |i, j| mass[(i, j)])
+        .cholesky()
+        .unwrap()
+        .solve(&DVector::from_fn(n, |i, _| jacobian.linear[i].y * PUSH_N_S));
+    world.qd[..n].iter_mut().zip(change.iter()).for_each(|(rate, change)| *rate += change);
+}
+
+#[test]
+fn built_in_robots_hold_force_and_orientation_with_calibrated_gains_and_return_from_push() {
+    for (name, extra, force) in ROBOTS {
+        let settings = settings(name, extra);
+        let found = calibrate(&settings, Some(force)).unwrap();
+        assert!(found.reserve && found.unsteady.is_empty() && found.mode.margin <= 0.84, "{name}: {found:?}");
+        let chain = Chain::from_settings(&settings.robot).unwrap();
+        let mut simulation = pressing(&settings, &found.set, force);
+        let (mut squares, mut count, mut turned, mut speed) = (0.0, 0, 0.0_f64, 0.0_f64);
+        let mut held = None;
+        for tick in 0..END {
+            let snapshot = *simulation.step().unwrap();
+            let (state, request) = (&snapshot.state, &snapshot.command.request);
+            for (joint, q) in chain.joints().iter().zip(&state.joint_position) {
+                assert!(*q > joint.lower && *q < joint.upper, "{name}: {} at its stop", joint.name);
+            }
+            let quiet = (SETTLED..PUSHED).contains(&tick) || tick >= END - 500;
+            if quiet {
+                squares += (state.foot_force[2] - force).powi(2);
+                count += 1;
+                turned = request.rotation.error.iter().fold(turned, |most, e| most.max(e.abs()));
+                speed = state.joint_velocity.iter().fold(speed, |most, rate| most.max(rate.abs()));
+            }
+            if tick == PUSHED {
+                held = Some(state.joint_position);
+                push(&mut simulation, &chain);
+            }
+        }
+        let error = (squares / f64::from(count)).sqrt() / force;
+        assert!(error < 2e-3, "{name}: {error} of the force");
+        assert!(turned.to_degrees() < 0.2, "{name}: turned by {} degrees", turned.to_degrees());
+        assert!(speed < 0.02, "{name}: {speed} rad/s at rest");
+        let (held, now) = (held.unwrap(), simulation.snapshot().state.joint_position);
+        let moved = held.iter().zip(&now).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(moved < 0.01, "{name}: {moved} rad off its posture after the push");
+    }
+}
+
+#[test]
+fn calibration_repeats_and_leaves_room_for_its_own_check() {
+    let settings = settings("arm7.urdf", "");
+    let (first, second) = (calibrate(&settings, None).unwrap(), calibrate(&settings, None).unwrap());
+    assert_eq!(first.set, second.set);
+    assert_eq!(first.pressed_n, Some(20.0));
+    // More dead time leaves less.
+    assert!(first.margin_one_more > first.mode.margin);
+    // Rotors make the robot heavier, so it bears more.
+    let heavy = calibrate(&self::settings("arm7.urdf", "armature_kg_m2 = 0.1\n"), None).unwrap();
+    assert!(heavy.masses.least_kg > first.masses.least_kg && heavy.mode.margin < first.mode.margin);
+}
