@@ -198,7 +198,7 @@ fn chain_seventeen_joints_is_rejected() {
     text += "</robot>";
     let error = Chain::from_urdf(&text, "arm.urdf", "l0", "l17").unwrap_err();
     assert_message(&error, &["17 joints between 'l0' and 'l17'", "expected 1 to 16"]);
-    assert!(matches!(error, RobotError::TooManyJoints { found: 9, .. }));
+    assert!(matches!(error, RobotError::TooManyJoints { found: 17, .. }));
     assert_eq!(Chain::from_urdf(&text, "arm.urdf", "l1", "l9").unwrap().dof(), 8);
 }
 

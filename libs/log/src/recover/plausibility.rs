@@ -126,7 +126,7 @@ fn start_of(topic: Topic, message: &MessageRecord<'_>) -> Option<u64> {
 
 fn state_is_finite(m: &proto::State) -> bool {
     let joints = [&m.joint_position, &m.joint_velocity, &m.joint_torque];
-    let foot = [&m.foot_position, &m.foot_velocity, &m.foot_force];
+    let foot = [&m.foot_position, &m.foot_velocity, &m.foot_force, &m.foot_orientation, &m.foot_angular_velocity, &m.foot_moment];
     let object = |o: &proto::Object| are_finite(&[&o.position, &o.orientation, &o.linear_velocity, &o.angular_velocity]);
     let contact = |c: &proto::Contact| are_finite(&[&c.point, &c.force]) && c.depth.is_finite();
     let physics = m.physics.as_ref().is_none_or(|p| {
@@ -137,7 +137,19 @@ fn state_is_finite(m: &proto::State) -> bool {
 }
 
 fn operator_is_finite(m: &proto::Operator) -> bool {
-    let vectors = [&m.target_position, &m.desired_force, &m.stiffness, &m.max_force, &m.position_bound];
+    let vectors = [
+        &m.target_position,
+        &m.desired_force,
+        &m.stiffness,
+        &m.max_force,
+        &m.position_bound,
+        &m.target_orientation,
+        &m.desired_moment,
+        &m.rotation_stiffness,
+        &m.max_moment,
+        &m.rotation_bound,
+        &m.posture,
+    ];
     let numbers = [m.taper, m.mean_speed, m.search_scale, m.force_resolution, m.max_acceleration];
     are_finite(&vectors) && numbers.into_iter().all(f64::is_finite)
 }
