@@ -1,6 +1,6 @@
 //! The whole tick of the controller, from its inputs to the torque, beside the tick of the QP controller.
 //!
-//! Both cycle through the same thousand recorded ticks of the floor scenario, in the air and in contact.
+//! Both cycle through the same thousand recorded ticks, in the air and in contact: of the leg, and of the seven-joint arm.
 
 use anyhow::{Context, Result};
 use criterion::Criterion;
@@ -32,12 +32,13 @@ fn task(m: &RecordedTick) -> Task<'_> {
     }
 }
 
-fn main() -> Result<()> {
-    let settings = Settings::load("floor", &[])?;
+/// Benchmarks both controllers on a scenario's ticks. The QP has the position alone, also where the scenario has a pose.
+fn compare(criterion: &mut Criterion, scenario: &str, group: &str) -> Result<()> {
+    let settings = Settings::load(scenario, &[])?;
     let chain = Chain::from_settings(&settings.robot)?;
     let gravity = settings.world.gravity_m_per_s2;
-    let ticks = recorded_ticks("floor", 1000)?;
-    let typical = ticks.iter().find(|m| m.in_contact()).context("the floor scenario never touches the floor")?;
+    let ticks = recorded_ticks(scenario, 1000)?;
+    let typical = ticks.iter().find(|m| m.in_contact()).with_context(|| format!("{scenario} never touches the floor"))?;
     let mut qp = OperationalSpace::new(chain.clone(), gravity, Gains::default(), &typical.state, &task(typical))?;
 
     // Both controllers are checked on every tick before either is timed.
@@ -52,10 +53,10 @@ fn main() -> Result<()> {
         iterations += qp.iterations();
     }
     let mean = f64::from(iterations) / ticks.len() as f64;
-    let _ = writeln!(std::io::stdout(), "QP: {mean:.1} iterations a tick on average over {} recorded ticks", ticks.len());
+    let _ =
+        writeln!(std::io::stdout(), "{scenario}: QP {mean:.1} iterations a tick on average over {} recorded ticks", ticks.len());
 
-    let mut criterion = Criterion::default().configure_from_args();
-    let mut group = criterion.benchmark_group("control tick");
+    let mut group = criterion.benchmark_group(group);
     group.bench_function("hapfic", |b| {
         let gravity = Vector3::from(gravity);
         let mut next_tick = ticks.iter().cycle();
@@ -70,6 +71,13 @@ fn main() -> Result<()> {
         b.iter(|| next_tick.next().map(|m| qp.problem(black_box(&m.state), &task(m)).is_ok()));
     });
     group.finish();
+    Ok(())
+}
+
+fn main() -> Result<()> {
+    let mut criterion = Criterion::default().configure_from_args();
+    compare(&mut criterion, "floor", "control tick")?;
+    compare(&mut criterion, "arm-press", "control tick, seven joints")?;
     criterion.final_summary();
     Ok(())
 }

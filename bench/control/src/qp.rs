@@ -184,8 +184,9 @@ fn write_entries(
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+    use hapfic_robot::MAX_JOINTS;
 
-    const LIMITS: QpLimits = QpLimits { torque: [10.0; 8], force: 100.0, torque_weight: 1e-6, force_weight: 1.0 };
+    const LIMITS: QpLimits = QpLimits { torque: [10.0; MAX_JOINTS], force: 100.0, torque_weight: 1e-6, force_weight: 1.0 };
 
     /// Returns a problem of one joint with inertia 2, lifted by a contact with an arm of 0.5 m.
     fn problem(acceleration: f64, desired_force: f64) -> QpProblem {
@@ -193,7 +194,7 @@ mod tests {
         mass[(0, 0)] = 2.0;
         let mut hessian = MassMatrix::zeros();
         hessian[(0, 0)] = 1.0;
-        let (mut gradient, mut bias, mut normal) = ([0.0; 8], [0.0; 8], [0.0; 8]);
+        let (mut gradient, mut bias, mut normal) = ([0.0; MAX_JOINTS], [0.0; MAX_JOINTS], [0.0; MAX_JOINTS]);
         (gradient[0], bias[0], normal[0]) = (-acceleration, 1.0, 0.5);
         QpProblem { hessian, gradient, mass, bias, normal, desired_force }
     }

@@ -16,7 +16,7 @@ struct TrackingSample {
     state: State,
     /// x_d.
     position: [f64; 3],
-    torque: [f64; 8],
+    torque: [f64; hapfic_robot::MAX_JOINTS],
 }
 
 impl TrackingSample {

@@ -8,6 +8,9 @@ use hapfic_simulation::findings;
 use hapfic_supervisor::children::find_program;
 use hapfic_supervisor::children::started;
 
+/// Joints above which gravity compensation is the default.
+const ARM_JOINTS: usize = 3;
+
 /// Checks a scenario; prints its contents, and all values that are valid but unwise.
 pub fn check(scenario: &str, set: &[String]) -> Result<CommandOutcome> {
     let settings = match Settings::load(scenario, set) {
@@ -37,6 +40,12 @@ pub fn check(scenario: &str, set: &[String]) -> Result<CommandOutcome> {
         settings.robot.urdf.name,
         joints.join(" "),
     ));
+    if settings.initial.gravity_compensation && plant.chain().dof() > ARM_JOINTS {
+        print(&format!(
+            "gravity is compensated: with {} joints the weight would turn those that no axis of the task holds",
+            plant.chain().dof()
+        ));
+    }
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     for finding in findings::all(&settings, cores)? {
         log_line(&finding.to_string());

@@ -40,6 +40,12 @@ pub(crate) struct AxisSeries {
     pub(crate) command: Series,
     /// F_max [N].
     pub(crate) limit: Series,
+    /// e_R [degrees], without the searched offset; empty in a position task, as all of the orientation.
+    pub(crate) turned: Series,
+    /// Moment of the controller [N m].
+    pub(crate) moment: Series,
+    /// Measured moment [N m].
+    pub(crate) measured_moment: Series,
 }
 
 /// Torques of one joint [N m; N for a prismatic joint].
@@ -125,6 +131,11 @@ impl Collected {
             }
             self.foot = Some((position.into(), Vector3::from(force).norm()));
         }
+        if let Some(moment) = vector(&state.foot_moment) {
+            for (axis, moment) in self.axes.iter_mut().zip(moment) {
+                axis.measured_moment.push(tick, moment);
+            }
+        }
         for (i, object) in state.objects.iter().take(MAX_PLOTTED_OBJECTS).enumerate() {
             self.object(i, tick, object);
         }
@@ -178,6 +189,15 @@ impl Collected {
         if let Some(force) = force {
             for (axis, force) in self.axes.iter_mut().zip(force) {
                 axis.command.push(tick, force);
+            }
+        }
+        if let (Some(error), Some(offset), Some(moment)) =
+            (vector(&command.rotation_error), vector(&command.rotation_offset), vector(&command.moment))
+            && command.mode == "active"
+        {
+            for (i, axis) in self.axes.iter_mut().enumerate() {
+                axis.turned.push(tick, (error[i] - offset[i]).to_degrees());
+                axis.moment.push(tick, moment[i]);
             }
         }
         if let Some(limit) = limit {

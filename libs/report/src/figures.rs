@@ -32,6 +32,10 @@ pub(crate) fn all(collected: &Collected, run: &RunInfo, names: &Names) -> Vec<Fi
             [contacts(collected), modes(collected)].into_iter().chain(tasks(collected)).collect(),
         ),
     ];
+    if !collected.axes[0].turned.is_empty() {
+        let panels = panels(orientation, collected).into_iter().chain(panels(moment, collected)).collect();
+        figures.push(figure("orientation", "Orientation of the tip", panels));
+    }
     if !collected.objects.is_empty() {
         figures.push(figure("objects", "Free objects", objects(collected)));
     }
@@ -100,6 +104,22 @@ fn command(collected: &Collected, axis: usize) -> Panel {
     ];
     let content = PanelContent::Curves { areas: Vec::new(), curves };
     Panel::over_time(format!("force of the controller, {} axis", AXES[axis]), "F_{c} in N", content)
+}
+
+fn orientation(collected: &Collected, axis: usize) -> Panel {
+    let curves = vec![curve("error e_{R}", Color::BLUE, Style::Line, &collected.axes[axis].turned, 1.0)];
+    let content = PanelContent::Curves { areas: Vec::new(), curves };
+    Panel::over_time(format!("turn from tip to reference about {}", AXES[axis]), "e_{R} in degrees", content)
+}
+
+fn moment(collected: &Collected, axis: usize) -> Panel {
+    let series = &collected.axes[axis];
+    let curves = vec![
+        curve("of the controller", Color::SAND, Style::Wide, &series.moment, 1.0),
+        curve("measured", Color::BLUE, Style::Line, &series.measured_moment, 1.0),
+    ];
+    let content = PanelContent::Curves { areas: Vec::new(), curves };
+    Panel::over_time(format!("moment about {}", AXES[axis]), "moment in N m", content)
 }
 
 fn torque(collected: &Collected, names: &Names) -> Vec<Panel> {

@@ -320,7 +320,7 @@ impl ChainBuilder<'_> {
         }
     }
 
-    /// Largest speed of a joint: the scenario's, else the description's; infinite if none is given (URDF 1.2), or zero, as many files have it.
+    /// Largest speed of a joint: the scenario's, else the description's; infinite if none is given (URDF 1.2), or zero or less, as many files have it.
     fn velocity(&mut self, name: &str, limit: Option<Element<'_>>) -> Result<f64, RobotError> {
         if let Some(value) = self.replaced(self.replacements.velocity_limit, name) {
             return Ok(value);
@@ -330,8 +330,9 @@ impl ChainBuilder<'_> {
         match limit.number("velocity", place)? {
             None => Ok(f64::INFINITY),
             Some(f64::INFINITY) => Ok(f64::INFINITY),
-            Some(0.0) => {
-                self.warn(limit, format!("{}: found 0, taken as no limit", place()));
+            // It is watched, not enforced: a placeholder cannot stop a load.
+            Some(velocity) if velocity <= 0.0 => {
+                self.warn(limit, format!("{}: found {velocity}, taken as no limit", place()));
                 Ok(f64::INFINITY)
             }
             Some(velocity) => limit.not_negative(velocity, place).map(|()| velocity),
@@ -394,15 +395,26 @@ impl ChainBuilder<'_> {
     }
 
     /// Checks the inertia of each body, and that the last joints move some.
-    fn check_masses(&self, bodies: &[ChainBody]) -> Result<(), RobotError> {
+    fn check_masses(&mut self, bodies: &[ChainBody]) -> Result<(), RobotError> {
+        let mut odd = Vec::new();
         for (body, joint) in bodies.iter().zip(&self.joints) {
-            if let Some((principal, expected)) = parts::impossible(&body.inertia.inertia_kg_m2) {
-                let file = self.place_of(&joint.child_link);
-                return Err(RobotError::Inertia { file, link: joint.child_link.clone(), principal, expected });
+            let Some((principal, expected)) = parts::impossible(&body.inertia.inertia_kg_m2) else { continue };
+            let (file, link) = (self.place_of(&joint.child_link), joint.child_link.clone());
+            if expected != parts::TRIANGLE {
+                return Err(RobotError::Inertia { file, link, principal, expected });
             }
+            // A link's own warning says the same.
+            if self.warnings.iter().any(|warning| warning.contains(&format!("link '{link}' <inertia>"))) {
+                continue;
+            }
+            // No body has it, but the equations of motion are sound as long as the mass matrix is positive definite.
+            odd.push(format!(
+                "{file}: link '{link}' <inertia>: found the principal moments {principal:?} kg m^2, expected {expected}; taken as it is"
+            ));
         }
+        self.warnings.append(&mut odd);
         for (i, joint) in self.joints.iter().enumerate() {
-            if bodies[i..].iter().all(|body| body.inertia.mass_kg <= 0.0) {
+            if joint.armature <= 0.0 && bodies[i..].iter().all(|body| body.inertia.mass_kg <= 0.0) {
                 return Err(RobotError::Massless {
                     file: self.place_of(&joint.child_link),
                     joint: joint.name.clone(),
@@ -414,7 +426,7 @@ impl ChainBuilder<'_> {
             // In the frame of the body; rotation about the axis does not change it.
             let axis = body.joint_rotation.tr_mul(&body.axis);
             let found = body.inertia.about_axis(&axis);
-            if body.rotational && found <= ZERO_INERTIA {
+            if body.rotational && joint.armature <= 0.0 && found <= ZERO_INERTIA {
                 return Err(RobotError::NoInertia {
                     file: self.place_of(&joint.child_link),
                     joint: joint.name.clone(),

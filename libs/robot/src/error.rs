@@ -252,7 +252,7 @@ pub enum RobotError {
     },
     /// A joint moves no mass: the mass matrix would be singular.
     #[error(
-        "{file}: joint '{joint}' moves no mass of its own: found 0 kg in link '{link}' and what is fixed to it; expected above zero, or the mass matrix is singular: give one of them an <inertial>, or make the joint fixed"
+        "{file}: joint '{joint}' moves no mass of its own: found 0 kg in link '{link}' and what is fixed to it; expected above zero, or the mass matrix is singular: give one of them an <inertial>, or the joint's rotor in robot.armature_kg_m2, or make the joint fixed"
     )]
     Massless {
         /// Name of the source, with the line of the element if there is one.
@@ -264,7 +264,7 @@ pub enum RobotError {
     },
     /// The last joint rotates a body without moment of inertia about its axis: the mass matrix would be singular.
     #[error(
-        "{file}: joint '{joint}', the last one, turns a body whose moment of inertia about its axis is {found} kg m^2; expected above zero, or the mass matrix is singular: correct the <inertia> of link '{link}'"
+        "{file}: joint '{joint}', the last one, turns a body whose moment of inertia about its axis is {found} kg m^2; expected above zero, or the mass matrix is singular: correct the <inertia> of link '{link}', or give the joint's rotor in robot.armature_kg_m2"
     )]
     NoInertia {
         /// Name of the source, with the line of the element if there is one.

@@ -51,6 +51,9 @@ pub(crate) fn inertia(link: &Link<'_>) -> Result<RigidInertia, RobotError> {
     Ok(RigidInertia { mass_kg, center_m: Vector3::zeros(), inertia_kg_m2 }.placed(&pose))
 }
 
+/// The condition that only sharp measurements violate: a mass matrix may be positive definite all the same.
+pub(crate) const TRIANGLE: &str = "none of them above the sum of the other two";
+
 /// Principal moments of an inertia that no body can have, ascending, and the violated condition.
 pub(crate) fn impossible(inertia: &Matrix3<f64>) -> Option<([f64; 3], &'static str)> {
     if *inertia == Matrix3::zeros() {
@@ -66,7 +69,7 @@ pub(crate) fn impossible(inertia: &Matrix3<f64>) -> Option<([f64; 3], &'static s
     if small < -tolerance {
         Some((principal, "none of them negative"))
     } else if large > small + middle + tolerance {
-        Some((principal, "none of them above the sum of the other two"))
+        Some((principal, TRIANGLE))
     } else {
         None
     }
