@@ -9,7 +9,7 @@ use crate::error::IpcError;
 use crate::heartbeat::HeartbeatPage;
 use crate::memory::{self, Senders};
 use crate::ports::{Input, Output};
-use crate::topic::{RECORDER_DEPTH, Topic};
+use crate::topic::Topic;
 use crate::wire::Wire;
 use core::time::Duration;
 use hapfic_messages::{CONTROL_DEPTH, Clock, Message};
@@ -234,7 +234,7 @@ impl Bus {
     /// # Errors
     /// [`IpcError::Messaging`] with the cause from iceoryx2.
     pub fn recorder_input<T: Message>(&self, topic: &Topic<T>) -> Result<Input<T>, IpcError> {
-        self.input_of(topic, Wait::No, RECORDER_DEPTH)
+        self.input_of(topic, Wait::No, topic.depth)
     }
 }
 

@@ -10,7 +10,10 @@ use hapfic_messages::{Command, Credit, Event, Injection, Operator, Reference, Re
 /// may be one or two ticks behind the newest.
 const HISTORY_DEPTH: usize = 4;
 /// Samples that a recorder's input keeps: longest absence of the recorder [ticks].
-pub const RECORDER_DEPTH: usize = 512;
+pub const RECORDER_DEPTH: usize = 448;
+
+/// Parameter sets that an input keeps: an operator makes at most one in five ticks, and the recorder drains every 10 ms.
+const OPERATOR_DEPTH: usize = 64;
 
 /// Samples that an observer's input keeps: the recorder republishes every 10 ms.
 pub const VIEW_DEPTH: usize = 64;
@@ -58,7 +61,7 @@ pub const REQUEST: Topic<Request> = Topic::new("request", 6, 1, Some(REQUEST_DOO
 /// gate -> plant, and controllers, as their memory.
 pub const COMMAND: Topic<Command> = Topic::new("command", 2, HISTORY_DEPTH, Some(COMMAND_DOORBELL));
 /// gate -> all: parameters in force and to come.
-pub const OPERATOR: Topic<Operator> = Topic::new("operator", 2, 1, None);
+pub const OPERATOR: Topic<Operator> = Topic { depth: OPERATOR_DEPTH, ..Topic::new("operator", 2, 1, None) };
 /// all -> recorder.
 pub const EVENT: Topic<Event> = Topic::new("event", 8, 0, None);
 /// all -> recorder, watchdog.

@@ -8,8 +8,30 @@ use crate::{LogError, TICK_NS};
 use serde_json::{Map, Value};
 use std::fmt::Write as _;
 
-/// Fields of a set that are no parameters.
-const NO_PARAMETERS: [&str; 2] = ["version", "effective_tick"];
+/// Fields of a set that no operator changes: its head, and what is the same over a run.
+const NO_PARAMETERS: [&str; 9] = [
+    "version",
+    "effective_tick",
+    "task",
+    "posture",
+    "posture_stiffness",
+    "posture_damping",
+    "joint_damping",
+    "limit_margin",
+    "limit_stiffness",
+];
+/// Parameters of a pose task.
+const ROTATION: [&str; 9] = [
+    "target_orientation",
+    "desired_moment",
+    "rotation_stiffness",
+    "max_moment",
+    "rotation_bound",
+    "rotation_damping",
+    "moment_resolution",
+    "mean_turn_speed",
+    "max_turn_acceleration",
+];
 /// Parameter written for a set without a change: every set is an entry, and an entry must name a parameter.
 const UNCHANGED: &str = "desired_force";
 /// Ticks of a second.
@@ -92,6 +114,9 @@ fn parameters(set: &Operator) -> Map<String, Value> {
         _ => Map::new(),
     };
     NO_PARAMETERS.iter().for_each(|name| drop(all.remove(*name)));
+    if set.rotation_stiffness.is_empty() {
+        ROTATION.iter().for_each(|name| drop(all.remove(*name)));
+    }
     all
 }
 

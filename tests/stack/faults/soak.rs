@@ -69,7 +69,8 @@ fn soak_survivors_do_not_grow() {
     for (before, after) in before.0.iter().zip(&after.0) {
         assert_eq!(before.threads, after.threads);
         assert!(after.files <= before.files + 2, "{before:?} -> {after:?}");
-        assert!(after.resident_kb <= before.resident_kb + 8192, "{before:?} -> {after:?}");
+        // Queues that a late recorder fills touch pages that stay.
+        assert!(after.resident_kb <= before.resident_kb + 12_288, "{before:?} -> {after:?}");
     }
     assert!(after.1 <= before.1 + 8, "{} files in shared memory, then {}", before.1, after.1);
 }
