@@ -259,10 +259,10 @@ pub struct ParameterSettings {
 /// Parameters of a pose task's axes of rotation. Axes of the world frame, through the tip.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct RotationSettings {
-    /// Wished orientation: roll, pitch, yaw [rad]; `None`: that of the tip at the start.
+    /// Desired orientation: roll, pitch, yaw [rad]; `None`: that of the tip at the start.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub target_orientation: Option<[f64; 3]>,
-    /// Wished moment [N m].
+    /// Desired moment [N m].
     pub desired_moment: [f64; 3],
     /// K_R [N m/rad].
     pub rotation_stiffness: [f64; 3],
@@ -283,7 +283,7 @@ pub struct RotationSettings {
 /// The law in joint space: posture in the null space, damping, and springs at the limits.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct JointSpaceSettings {
-    /// Wished posture q_n [rad; m], base to tip.
+    /// Desired posture q_n [rad; m], base to tip.
     pub posture: [f64; MAX_JOINTS],
     /// Joints that count in it.
     pub joints: u32,
@@ -361,9 +361,9 @@ pub struct OperatorChange {
     pub mean_speed: Option<f64>,
     /// Largest acceleration a_max [m/s^2].
     pub max_acceleration: Option<f64>,
-    /// Wished orientation of the tip: roll, pitch, yaw [rad].
+    /// Desired orientation of the tip: roll, pitch, yaw [rad].
     pub target_orientation: Option<[f64; 3]>,
-    /// Wished moment [N m].
+    /// Desired moment [N m].
     pub desired_moment: Option<[f64; 3]>,
     /// K_R [N m/rad].
     pub rotation_stiffness: Option<[f64; 3]>,

@@ -53,8 +53,8 @@ pub fn requested_torque(
         let mass = chain.mass_matrix(&kin);
         let inertia: JointVector = core::array::from_fn(|i| mass[(i, i)]);
         let rows = if p.is_pose() { TaskRows::Both } else { TaskRows::Linear };
-        let wished = posture_torque(chain.dof(), &p.joint_space, &inertia, &ahead, &state.joint_velocity);
-        joint_space = bounded(chain, chain.null_space_torque(&mass, &jacobian, rows, &wished));
+        let desired = posture_torque(chain.dof(), &p.joint_space, &inertia, &ahead, &state.joint_velocity);
+        joint_space = bounded(chain, chain.null_space_torque(&mass, &jacobian, rows, &desired));
         add(&mut joint_space, &joint_torque(chain, &p.joint_space, &inertia, &ahead, &state.joint_velocity));
         add(&mut total, &joint_space);
     }

@@ -66,18 +66,18 @@ impl ScenarioCheck<'_> {
         let joints = start.len();
         let arm = joints > ARM_JOINTS;
         let or_for_arm = |value: &mut Option<f64>, default: f64| *value.get_or_insert(if arm { default } else { 0.0 });
-        let wished = match raw.posture_rad.clone() {
+        let desired = match raw.posture_rad.clone() {
             Some(posture) => posture.expand(joints).ok_or_else(|| self.no_table(KEY))?,
             None => start.to_vec(),
         };
-        if wished.len() != joints {
-            let found = format!("a list of {}", wished.len());
+        if desired.len() != joints {
+            let found = format!("a list of {}", desired.len());
             let expected = format!("a number for all joints, or a list of {joints}, as robot.start_position_rad has");
             let help = "correct the list that has another length than the robot has joints";
             return Err(ConfigError::WrongLength(self.diagnostic(KEY, &found, &expected, help)));
         }
         let mut posture = [0.0; MAX_JOINTS];
-        posture[..joints].copy_from_slice(&wished);
+        posture[..joints].copy_from_slice(&desired);
         Ok(JointSpaceSettings {
             posture,
             joints: joints as u32,

@@ -95,7 +95,7 @@ pub(crate) struct RawController {
     /// What the law controls at the tip.
     pub(crate) task: Task,
 
-    /// Stiffness K_R of a pose task near the wished orientation [N m/rad], each in (0, 1e4]. Default 30. Raising it holds the
+    /// Stiffness K_R of a pose task near the desired orientation [N m/rad], each in (0, 1e4]. Default 30. Raising it holds the
     /// orientation more closely; `hapfic calibrate` prints what a robot bears.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) rotation_stiffness_n_m_per_rad: Option<[f64; 3]>,
@@ -114,11 +114,11 @@ pub(crate) struct RawController {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) rotation_damping_sqrt_kg_m: Option<f64>,
 
-    /// Sigma as the moment threshold of a wished moment [N m], in (0, 10]. Default 0.01. As `force_resolution_n`.
+    /// Sigma as the moment threshold of a desired moment [N m], in (0, 10]. Default 0.01. As `force_resolution_n`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) moment_resolution_n_m: Option<f64>,
 
-    /// Wished posture in the null space of the task [rad; m for a prismatic joint]: a number for all, or a list. Default: the
+    /// Desired posture in the null space of the task [rad; m for a prismatic joint]: a number for all, or a list. Default: the
     /// start posture.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) posture_rad: Option<PerJoint>,
@@ -302,11 +302,11 @@ pub(crate) struct RawOperator {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) max_acceleration_m_per_s2: Option<f64>,
 
-    /// Wished orientation of the tip in a pose task: roll, pitch, yaw as in URDF [rad], each in [-10, 10].
+    /// Desired orientation of the tip in a pose task: roll, pitch, yaw as in URDF [rad], each in [-10, 10].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) target_orientation_rpy_rad: Option<[f64; 3]>,
 
-    /// Wished moment of the environment on the foot about the tip in a pose task [N m], its length at most 1e3. An axis with
+    /// Desired moment of the environment on the foot about the tip in a pose task [N m], its length at most 1e3. An axis with
     /// zero is held by its orientation alone.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) desired_moment_n_m: Option<[f64; 3]>,

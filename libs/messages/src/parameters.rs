@@ -9,9 +9,9 @@ use zerocopy::{FromBytes, Immutable, IntoBytes};
 #[derive(Clone, Copy, Debug, Default, PartialEq, FromBytes, IntoBytes, Immutable)]
 #[repr(C)]
 pub struct RotationParameters {
-    /// Wished orientation of the tip: roll, pitch, yaw about the fixed axes, as in URDF [rad].
+    /// Desired orientation of the tip: roll, pitch, yaw about the fixed axes, as in URDF [rad].
     pub target_rpy: [f64; 3],
-    /// Wished moment of the environment on the foot about the tip [N m]; 0 on an axis: no search there.
+    /// Desired moment of the environment on the foot about the tip [N m]; 0 on an axis: no search there.
     pub desired_moment: [f64; 3],
     /// K_R [N m/rad].
     pub stiffness: [f64; 3],
@@ -33,7 +33,7 @@ pub struct RotationParameters {
 #[derive(Clone, Copy, Debug, Default, PartialEq, FromBytes, IntoBytes, Immutable)]
 #[repr(C)]
 pub struct JointSpaceParameters {
-    /// q_n, wished posture [rad; m for a prismatic joint].
+    /// q_n, desired posture [rad; m for a prismatic joint].
     pub posture: [f64; MAX_JOINTS],
     /// K_n, stiffness of the posture in the null space [N m/rad].
     pub stiffness: f64,
