@@ -6,12 +6,13 @@ mod world;
 
 use crate::error::{ConfigError, Diagnostic};
 use crate::fault::Fault;
+use crate::parameters::{OperatorChange, ParameterSettings};
 use crate::places::Places;
 use crate::policy::{Fidelity, ResetPolicy, Saturation, Search};
 use crate::raw::{PerJoint, RawController, RawFault, RawOperator, RawProcesses, RawRealtime, RawRobot, RawScenario};
 use crate::settings::{
-    ExternalProcesses, Foot, MAX_JOINTS, MIN_SPACING_TICKS, OperatorChange, ParameterSettings, PlantSettings, RealtimeSettings,
-    RecorderSettings, RobotSettings, Settings, SupervisorSettings, Urdf,
+    ExternalProcesses, Foot, MAX_JOINTS, MIN_SPACING_TICKS, PlantSettings, RealtimeSettings, RecorderSettings, RobotSettings,
+    Settings, SupervisorSettings, Urdf,
 };
 use crate::tree::{Node, describe_number};
 use task::{ARM_JOINTS, rotation};

@@ -27,6 +27,7 @@ mod hint;
 mod inject;
 mod load;
 mod overrides;
+mod parameters;
 mod places;
 mod policy;
 mod ranges;
@@ -40,10 +41,10 @@ pub use change::{ParameterDifference, RequestedChange, differences, parameter_li
 pub use embedded::{Scenario, robots, scenarios};
 pub use error::{ConfigError, Diagnostic, Location};
 pub use fault::{Fault, FaultKind, FaultTarget};
+pub use parameters::{JointSpaceSettings, OperatorChange, ParameterSettings, RotationSettings};
 pub use policy::{Fidelity, OnLoss, Placement, ResetPolicy, Saturation, Search, Task, TorqueSaturation};
 pub use schema::json_schema;
 pub use settings::{
-    ExternalProcesses, Floor, Foot, JointSpaceSettings, JointValues, MAX_JOINTS, MAX_OBJECTS, MIN_SPACING_TICKS, Object,
-    ObjectShape, OperatorChange, PERIOD_S, ParameterSettings, PlantSettings, RealtimeSettings, RecorderSettings, RobotSettings,
-    RotationSettings, Settings, SupervisorSettings, Surface, Urdf, WorldSettings,
+    ExternalProcesses, Floor, Foot, JointValues, MAX_JOINTS, MAX_OBJECTS, MIN_SPACING_TICKS, Object, ObjectShape, PERIOD_S,
+    PlantSettings, RealtimeSettings, RecorderSettings, RobotSettings, Settings, SupervisorSettings, Surface, Urdf, WorldSettings,
 };

@@ -2,9 +2,10 @@
 
 use super::ScenarioCheck;
 use crate::error::ConfigError;
+use crate::parameters::{JointSpaceSettings, OperatorChange, RotationSettings};
 use crate::policy::Task;
 use crate::raw::{RawController, RawPlanner, RawScenario};
-use crate::settings::{JointSpaceSettings, MAX_JOINTS, OperatorChange, RotationSettings};
+use crate::settings::MAX_JOINTS;
 
 /// Joints above which a robot is an arm: its weight is compensated, its posture held, and its joints kept from their limits.
 pub(super) const ARM_JOINTS: usize = 3;

@@ -15,8 +15,6 @@ use nalgebra::{Isometry3, IsometryMatrix3, Matrix3, Vector3};
 const SHORTEST_AXIS: f64 = 1e-9;
 /// Largest moment of inertia that counts as zero [kg m^2].
 const ZERO_INERTIA: f64 = 1e-15;
-/// Effort above which a limit is a placeholder [N m or N].
-const PLACEHOLDER_EFFORT: f64 = 1e4;
 
 /// Values of a scenario that replace or complete those of a description, and a foot.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -198,11 +196,11 @@ fn kind(tree: &UrdfTree<'_>, index: usize) -> Result<Option<JointKind>, RobotErr
 }
 
 /// Joints and collision shapes collected along the path.
-struct ChainBuilder<'t> {
+pub(crate) struct ChainBuilder<'t> {
     tree: &'t UrdfTree<'t>,
     path: &'t [usize],
-    replacements: &'t Replacements<'t>,
-    joints: ArrayVec<Joint, MAX_JOINTS>,
+    pub(crate) replacements: &'t Replacements<'t>,
+    pub(crate) joints: ArrayVec<Joint, MAX_JOINTS>,
     collisions: Vec<Collision>,
     warnings: Vec<String>,
 }
@@ -270,76 +268,7 @@ impl ChainBuilder<'_> {
         })
     }
 
-    /// The scenario's value for the joint that comes next, if it has one.
-    fn replaced(&self, values: Option<&JointValues>, name: &str) -> Option<f64> {
-        match values? {
-            JointValues::InOrder(list) => list.get(self.joints.len()).copied(),
-            JointValues::ByName(list) => list.iter().find(|(joint, _)| joint == name).map(|(_, value)| *value),
-        }
-    }
-
-    /// A value of `<dynamics>`, zero or more: the scenario's, else the description's, else zero.
-    fn dynamics(
-        &self,
-        name: &str,
-        joint: Element<'_>,
-        attribute: &'static str,
-        values: Option<&JointValues>,
-    ) -> Result<f64, RobotError> {
-        if let Some(value) = self.replaced(values, name) {
-            return Ok(value);
-        }
-        let Some(dynamics) = joint.child("dynamics") else { return Ok(0.0) };
-        let place = || format!("joint '{name}' <dynamics {attribute}>");
-        let value = dynamics.number(attribute, place)?.unwrap_or(0.0);
-        dynamics.not_negative(value, place)?;
-        Ok(value)
-    }
-
-    /// Largest torque of a joint: the scenario's, else the description's.
-    fn effort(&mut self, name: &str, joint: Element<'_>, limit: Option<Element<'_>>) -> Result<f64, RobotError> {
-        if let Some(value) = self.replaced(self.replacements.effort_limit, name) {
-            return Ok(value);
-        }
-        let place = || format!("joint '{name}' <limit effort>");
-        let at = limit.unwrap_or(joint);
-        let effort = match limit {
-            Some(limit) => limit.number("effort", place)?,
-            None => None,
-        };
-        if let Some(found) = effort {
-            at.finite(found, place)?;
-        }
-        match effort {
-            Some(effort) if effort > PLACEHOLDER_EFFORT => {
-                self.warn(at, format!("{}: {effort} is a placeholder, expected the peak torque of the drive", place()));
-                Ok(effort)
-            }
-            Some(effort) if effort > 0.0 => Ok(effort),
-            found => Err(RobotError::Effort { file: at.place(), joint: name.to_owned(), found }),
-        }
-    }
-
-    /// Largest speed of a joint: the scenario's, else the description's; infinite if none is given (URDF 1.2), or zero or less, as many files have it.
-    fn velocity(&mut self, name: &str, limit: Option<Element<'_>>) -> Result<f64, RobotError> {
-        if let Some(value) = self.replaced(self.replacements.velocity_limit, name) {
-            return Ok(value);
-        }
-        let Some(limit) = limit else { return Ok(f64::INFINITY) };
-        let place = || format!("joint '{name}' <limit velocity>");
-        match limit.number("velocity", place)? {
-            None => Ok(f64::INFINITY),
-            Some(f64::INFINITY) => Ok(f64::INFINITY),
-            // It is watched, not enforced: a placeholder cannot stop a load.
-            Some(velocity) if velocity <= 0.0 => {
-                self.warn(limit, format!("{}: found {velocity}, taken as no limit", place()));
-                Ok(f64::INFINITY)
-            }
-            Some(velocity) => limit.not_negative(velocity, place).map(|()| velocity),
-        }
-    }
-
-    fn warn(&mut self, at: Element<'_>, text: String) {
+    pub(crate) fn warn(&mut self, at: Element<'_>, text: String) {
         self.warnings.push(format!("{}: {text}", at.place()));
     }
 

@@ -50,6 +50,7 @@ mod chain;
 pub mod cholesky;
 mod collision;
 mod definite;
+mod drives;
 mod dynamics;
 mod error;
 mod inertia;
