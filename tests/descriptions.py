@@ -3,16 +3,20 @@
 
     tests/descriptions.py --fetch FOLDER      clones the packages into FOLDER (1 GB)
     tests/descriptions.py FOLDER              compares; prints a table per package and the worst differences
+    tests/descriptions.py --hold FOLDER       presses with six of the robots, with the gains of `hapfic calibrate` alone
 
-Needs `cargo build --release -p hapfic-robot --example model` and `pip install pin numpy`. It is not part of the tests, and no description is
+Needs `cargo build --release`, `cargo build --release -p hapfic-robot --example model`, and `pip install pin numpy mcap
+mcap-protobuf-support`. It is not part of the tests, and no description is
 kept in this repository. A chain is the longest one from the root of a file that the stack can take (1 to 16 movable
 joints, no mimic, planar or floating joint in it); the posture is random within the limits, the other joints are locked.
 """
 import json
 import math
 import os
+import re
 import subprocess
 import sys
+import tempfile
 import xml.etree.ElementTree as ET
 from collections import defaultdict
 
@@ -24,8 +28,8 @@ PACKAGES = {
     "robot-assets": "https://github.com/ankurhanda/robot-assets",
 }
 MODEL = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "target", "release", "examples", "model")
+HAPFIC = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "target", "release", "hapfic")
 MOVABLE = ("revolute", "continuous", "prismatic")
-# Relative damping of the null space in the stack: its projector may differ from the exact one by as much.
 FILES_PER_PACKAGE = 400
 
 
@@ -138,7 +142,74 @@ def model_has_branches(path, joints):
     return any(j.get("type") not in ("fixed", None) and j.get("name") not in joints for j in root.findall("joint"))
 
 
+# Description, base, tip, force [N], radius of the foot [m]. The last one has 2.7 N m, too little for 50 N.
+ROBOTS = {
+    "KUKA iiwa 7": ("bullet3/data/kuka_iiwa/model.urdf", "lbr_iiwa_link_0", "lbr_iiwa_link_7", 20, 0.02),
+    "Franka Panda": ("example-robot-data/robots/panda_description/urdf/panda.urdf", "panda_link0", "panda_hand_tcp", 20, 0.02),
+    "UR5": ("example-robot-data/robots/ur_description/urdf/ur5_robot.urdf", "world", "tool0", 20, 0.02),
+    "Kinova j2s6s200": (
+        "example-robot-data/robots/kinova_description/robots/kinova.urdf", "base", "j2s6s200_end_effector", 20, 0.02,
+    ),
+    "Unitree Go1, leg": ("example-robot-data/robots/go1_description/urdf/go1.urdf", "base", "FL_foot", 50, 0.02),
+    "Solo 12, leg": ("example-robot-data/robots/solo_description/robots/solo12.urdf", "base_link", "FL_FOOT", 20, 0.015),
+}
+
+
+def hold(folder):
+    """Each robot presses for 30 s on a floor of 1e5 N/m in the posture that calibration chooses."""
+    print("| robot | F_d, N | settled rms, % | orientation, degrees | fastest joint at the end, rad/s | moved in 20 s, rad |")
+    print("|---|---|---|---|---|---|")
+    for name, (path, base, tip, force, radius) in ROBOTS.items():
+        urdf = os.path.abspath(os.path.join(folder, path))
+        words = ["--base", base, "--tip", tip, "--force", str(force), "--set", f"robot.foot.radius_m={radius}"]
+        text = subprocess.run([HAPFIC, "calibrate", urdf, *words], capture_output=True, text=True, check=True).stdout
+        posture = re.search(r"start posture: (\[.*\])", text).group(1)
+        scenario = (
+            f'duration_s = 30.0\n[robot]\nurdf = "{urdf}"\nbase_link = "{base}"\ntip_link = "{tip}"\n'
+            f"start_position_rad = {posture}\n[robot.foot]\nradius_m = {radius}\n{text[text.index('[controller]'):]}"
+        )
+        with tempfile.TemporaryDirectory() as work:
+            file, log = os.path.join(work, "hold.toml"), os.path.join(work, "hold.mcap")
+            open(file, "w").write(scenario)
+            checked = subprocess.run([HAPFIC, "check", file], capture_output=True, text=True, check=True).stdout
+            x, y, z = map(float, re.search(r"foot starts at \(([-\d.]+), ([-\d.]+), ([-\d.]+)\)", checked).groups())
+            stiffness = float(re.search(r"stiffness_n_per_m = \[([\d.]+)", scenario).group(1))
+            depth = 2e-4 + 0.3 * force / stiffness
+            scenario += (
+                f"[world.floor]\nheight_m = {z - radius - 2e-4}\nstiffness_n_per_m = 1e5\ndamping_n_s_per_m = 200.0\n"
+                f"[[operator]]\nat_s = 0.1\ntarget_position_m = [{x}, {y}, {z - depth}]\n"
+                f"[[operator]]\nat_s = 0.5\ndesired_force_n = [0, 0, {force}]\n"
+            )
+            open(file, "w").write(scenario)
+            subprocess.run([HAPFIC, "simulate", file, "--log", log], capture_output=True, check=True)
+            states, commands = read(log)
+        settled = [s.foot_force[2] - force for tick, s in states.items() if tick >= 5000]
+        rms = 100 * math.sqrt(sum(e * e for e in settled) / len(settled)) / force
+        turned = max((math.dist((0, 0, 0), c.rotation_error) for t, c in commands.items() if t >= 5000 and c.rotation_error), default=None)
+        last = states[max(states)]
+        fastest = max(abs(rate) for rate in last.joint_velocity)
+        moved = max(abs(a - b) for a, b in zip(states[9999].joint_position, last.joint_position))
+        orientation = "-" if turned is None else f"{math.degrees(turned):.4f}"
+        print(f"| {name} | {force} | {rms:.3f} | {orientation} | {fastest:.0e} | {moved:.0e} |")
+
+
+def read(log):
+    from mcap.reader import make_reader
+    from mcap_protobuf.decoder import DecoderFactory
+
+    states, commands = {}, {}
+    with open(log, "rb") as file:
+        for _, channel, _, message in make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages():
+            if channel.topic == "/state":
+                states[message.tick] = message
+            elif channel.topic == "/command":
+                commands[message.tick] = message
+    return states, commands
+
+
 def main():
+    if len(sys.argv) == 3 and sys.argv[1] == "--hold":
+        return hold(sys.argv[2])
     if len(sys.argv) == 3 and sys.argv[1] == "--fetch":
         return fetch(sys.argv[2])
     folder = sys.argv[1]

@@ -21,6 +21,7 @@ use hapfic_config::{PERIOD_S, ParameterSettings, Settings};
 use hapfic_controller::parameters::{TipPose, parameters};
 use hapfic_robot::{Chain, JointVector, MAX_JOINTS};
 use nalgebra::Vector3;
+pub(crate) use postures::posture_at;
 use postures::postures;
 pub use postures::start_posture;
 

@@ -1,7 +1,7 @@
 //! Postures at which gains must hold: the start, the targets of the script, and the ways between them.
 
 use super::padded;
-use hapfic_config::Settings;
+use hapfic_config::{ParameterSettings, Settings};
 use hapfic_robot::{Chain, JointVector, MAX_JOINTS};
 use nalgebra::{DMatrix, DVector, Matrix3, Rotation3, UnitQuaternion, Vector3};
 
@@ -82,6 +82,19 @@ pub fn start_posture(chain: &Chain) -> Vec<f64> {
 
 fn rotation(matrix: &Matrix3<f64>) -> UnitQuaternion<f64> {
     UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(*matrix))
+}
+
+/// Posture of a set's target: its position, and in a pose task its orientation, or that of `start`.
+pub(crate) fn posture_at(chain: &Chain, set: &ParameterSettings, start: &JointVector) -> JointVector {
+    let kin = chain.kinematics(start);
+    let point = set.target_position.map_or(kin.tip_position(), Vector3::from);
+    let Some(wanted) = set.rotation else {
+        return if set.target_position.is_some() { chain.reach(&point, start).q } else { *start };
+    };
+    let turned = wanted.target_orientation.map_or(rotation(&kin.tip_rotation()), |[roll, pitch, yaw]| {
+        UnitQuaternion::from_rotation_matrix(&Rotation3::from_euler_angles(roll, pitch, yaw))
+    });
+    near(chain, start, &point, Some(&turned))
 }
 
 /// Posture within the joint limits with the tip at a point, and with an orientation if there is one, or as near to it as

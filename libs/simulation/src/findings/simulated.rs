@@ -1,12 +1,11 @@
 //! Findings of short simulations: gains that oscillate in free air, and walls on which a held force cycles.
 
 use super::{Advisor, Finding, Source, changed, everything, number, vector};
-use crate::calibrate::effective_masses;
+use crate::calibrate::{effective_masses, posture_at};
 use crate::stability::{StabilityResult, TEST_S, same_loop, settles, settles_within};
 use crate::{DeadTime, Simulation, SimulationError, pool};
 use hapfic_config::{Diagnostic, Floor, OperatorChange, ParameterSettings, Settings, Surface};
 use hapfic_robot::Shape;
-use nalgebra::Vector3;
 use std::sync::atomic::AtomicBool;
 
 /// Stiffness of the built-in walls [N/m].
@@ -213,8 +212,7 @@ impl Advisor {
     /// The wall is a floor just below the foot, in the posture of the target. `None` if the robot cannot start there.
     pub(crate) fn press(&self, set: &ParameterSettings, wall: Wall) -> Option<f64> {
         let mut pressing = self.settings.clone();
-        let foot = set.target_position.map(|target| self.chain.reach(&Vector3::from(target), &self.start.q));
-        let q = foot.map_or(self.start.q, |reach| reach.q);
+        let q = posture_at(&self.chain, set, &self.start.q);
         let kin = self.chain.kinematics(&q);
         let tip = kin.tip_position();
         let shapes = self.chain.collisions().iter().filter(|shape| shape.body.is_some() && shape.link == self.chain.tip_link());
