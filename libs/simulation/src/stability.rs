@@ -18,7 +18,7 @@ const KICK: f64 = 0.05;
 /// Tick of the disturbance; the brakes, which would cancel it, are off by then under every dead time.
 const KICK_TICK: u32 = 2;
 /// Largest motion of the foot at rest [m]: settling tails and creep are below, oscillations above.
-const REST_AMPLITUDE_M: f64 = 2e-4;
+pub(crate) const REST_AMPLITUDE_M: f64 = 2e-4;
 /// Largest joint speed at rest [rad/s], [m/s] for a prismatic joint.
 const REST_SPEED_RAD_PER_S: f64 = 0.02;
 

@@ -2,7 +2,7 @@
 
 use super::{Advisor, Finding, Source, changed, everything, number, vector};
 use crate::calibrate::{effective_masses, posture_at};
-use crate::stability::{StabilityResult, TEST_S, same_loop, settles, settles_within};
+use crate::stability::{REST_AMPLITUDE_M, StabilityResult, TEST_S, same_loop, settles, settles_within};
 use crate::{DeadTime, Simulation, SimulationError, pool};
 use hapfic_config::{Diagnostic, Floor, OperatorChange, ParameterSettings, Settings, Surface};
 use hapfic_robot::Shape;
@@ -168,8 +168,10 @@ impl Advisor {
             vector(set.max_force),
             vector(set.position_bound)
         );
-        let help = if result.within_bound {
-            "lower the stiffness or add joint damping"
+        let help = if result.amplitude_m <= REST_AMPLITUDE_M {
+            "the joints move and leave the tip where it is: raise controller.posture_damping"
+        } else if result.within_bound {
+            "lower the stiffness, raise controller.damping, or see `hapfic calibrate`"
         } else {
             "it sinks out of its bound: max_force does not carry it"
         };
