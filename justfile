@@ -28,12 +28,12 @@ experiments:
 walls:
     cargo run --release -q -p hapfic-tests --bin walls -- docs/walls.md
 
-# Draws the figures of docs/paper-experiments.md from lockstep runs (about a minute).
+# Draws the figures of docs/paper-experiments.md and docs/robots.md from lockstep runs (about a minute).
 figures:
     #!/usr/bin/env bash
     set -euo pipefail
     mkdir -p docs/figures logs
-    for name in floor box ball ball-actuators; do
+    for name in floor box ball ball-actuators arm-press arm-scan; do
         cargo run --release -q -- run "$name" --clock lockstep --log "logs/$name.mcap"
         cargo run --release -q -- report "logs/$name.mcap" --png "logs/$name"
         cp "logs/$name/overview.png" "docs/figures/$name.png"
