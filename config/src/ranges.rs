@@ -203,6 +203,9 @@ fn leaf(node: &Node, range: Range, path: &str) -> Result<(), ConfigError> {
             ConfigError::OutOfRange(diagnostic("TOML admits nan and inf, a scenario does not: give a finite number"))
         }
         (Range::Whole { .. }, Value::Float(_)) => ConfigError::WrongType(diagnostic("write it without point and exponent")),
+        (_, Value::Float(_) | Value::Integer(_)) if path.contains("_rad") && !path.contains("_per_rad") => {
+            ConfigError::OutOfRange(diagnostic("angles are in rad: 180 degrees are 3.1416"))
+        }
         (_, Value::Float(_) | Value::Integer(_)) => {
             ConfigError::OutOfRange(diagnostic("choose a value in that range; the unit is in the key's name"))
         }

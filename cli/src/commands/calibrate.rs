@@ -4,13 +4,16 @@ use crate::{CommandOutcome, print};
 use anyhow::{Context, Result};
 use clap::Args;
 use hapfic_config::Settings;
-use hapfic_robot::{Chain, ends};
+use hapfic_robot::{Chain, RobotError, ends};
 use hapfic_simulation::calibrate::{Calibration, calibrate as find, start_posture};
 use std::fmt::Write;
 use std::path::Path;
 
 /// Inertia below which a wrist lacks its rotors, probably [kg m^2].
 const LIGHT_WRIST_KG_M2: f64 = 2e-3;
+
+/// Joints from which on a description is calibrated for a pose.
+const POSE_JOINTS: usize = 6;
 
 /// Arguments of `calibrate`.
 #[derive(Args, Debug)]
@@ -65,7 +68,14 @@ fn load(args: &CalibrateArgs) -> Result<Settings> {
     }
     let text = match embedded {
         Some((_, text)) => (*text).to_owned(),
-        None => std::fs::read_to_string(&args.what).with_context(|| format!("{}: cannot be read", args.what))?,
+        None => std::fs::read_to_string(&args.what).with_context(|| {
+            let names: Vec<&str> = hapfic_config::robots().iter().map(|(name, _)| *name).collect();
+            format!(
+                "{}: found no file that can be read, expected one, or an embedded description: {}",
+                args.what,
+                names.join(", ")
+            )
+        })?,
     };
     let (roots, leaves) = ends(&text, &args.what)?;
     let one = |option: &str, given: &Option<String>, all: &[String]| match (given, all) {
@@ -79,21 +89,34 @@ fn load(args: &CalibrateArgs) -> Result<Settings> {
         )),
     };
     let (base, tip) = (one("--base", &args.base, &roots)?, one("--tip", &args.tip, &leaves)?);
-    let posture = match &args.posture {
-        Some(posture) => posture.clone(),
-        None => start_posture(&Chain::from_urdf(&text, &args.what, &base, &tip)?),
+    let load = |posture: &[f64]| -> Result<Settings> {
+        let mut scenario = format!("{}\n", robot_section(&args.what, &base, &tip, posture));
+        if posture.len() >= POSE_JOINTS && !args.set.iter().any(|set| set.trim_start().starts_with("controller.task")) {
+            scenario.push_str("[controller]\ntask = \"pose\"\n");
+        }
+        Ok(Settings::from_str(&scenario, "calibrate", embedded.is_none().then(|| Path::new("")), &args.set)?)
     };
-    let quoted = |text: &str| toml_string(text);
-    let mut scenario = format!(
-        "[robot]\nurdf = {}\nbase_link = {}\ntip_link = {}\nstart_position_rad = {posture:?}\n",
-        quoted(&args.what),
-        quoted(&base),
-        quoted(&tip)
-    );
-    if posture.len() >= 6 && !args.set.iter().any(|set| set.trim_start().starts_with("controller.task")) {
-        scenario.push_str("[controller]\ntask = \"pose\"\n");
+    if let Some(posture) = &args.posture {
+        return load(posture);
     }
-    Ok(Settings::from_str(&scenario, "calibrate", embedded.is_none().then(|| Path::new("")), &args.set)?)
+    // What --set gives the robot counts for its chain. A first posture of one joint finds out how many there are.
+    let first = load(&[0.0])?;
+    let chain = match Chain::from_settings(&first.robot) {
+        Ok(chain) => chain,
+        Err(RobotError::PerJoint { joints, .. }) => Chain::from_settings(&load(&vec![0.0; joints])?.robot)?,
+        Err(error) => return Err(error.into()),
+    };
+    load(&start_posture(&chain))
+}
+
+/// The `[robot]` section of a description.
+fn robot_section(what: &str, base: &str, tip: &str, posture: &[f64]) -> String {
+    format!(
+        "[robot]\nurdf = {}\nbase_link = {}\ntip_link = {}\nstart_position_rad = {posture:?}",
+        toml_string(what),
+        toml_string(base),
+        toml_string(tip)
+    )
 }
 
 /// A string of TOML.
@@ -145,7 +168,7 @@ fn section(args: &CalibrateArgs, settings: &Settings, found: &Calibration) -> Re
     match found.pressed_n {
         None => writeln!(
             out,
-            "# walls: not tried, since the tip cannot press on a floor in this posture (it needs a sphere: [robot.foot])"
+            "# walls: not tried: the tip has no ball to press with; give it one as --set 'robot.foot={{radius_m=0.02}}'"
         )?,
         Some(force) if found.unsteady.is_empty() => {
             writeln!(out, "# walls of 1e4, 1e5 and 1e6 N/m at damping ratios 0.3 and 0.1: {force} N held within 3 % on all")?;
@@ -160,8 +183,24 @@ fn section(args: &CalibrateArgs, settings: &Settings, found: &Calibration) -> Re
             }
         }
     }
+    if found.pressed_n.is_some_and(|pressed| pressed < found.asked_n) {
+        writeln!(out, "# less than the {} N asked for: 0.8 of F_max, which effort or K0 x_b limit", found.asked_n)?;
+    }
+    if !found.reserve || !found.unsteady.is_empty() {
+        writeln!(
+            out,
+            "# NOT verified: give the rotors (robot.armature_kg_m2), joint damping, or a posture further from its limits"
+        )?;
+    }
+    if set.rotation.is_none() && settings.robot.start_position.len() >= POSE_JOINTS {
+        writeln!(out, "# a position task; for the orientation, too: --set controller.task=pose")?;
+    }
     if found.lowered > 0 {
         writeln!(out, "# the rule allowed more: lowered {} times by 0.7, since a simulation did not settle", found.lowered)?;
+    }
+    if Path::new(&args.what).extension().is_some_and(|ending| ending.eq_ignore_ascii_case("urdf")) {
+        let robot = &settings.robot;
+        writeln!(out, "{}\n", robot_section(&args.what, &robot.base_link, &robot.tip_link, &robot.start_position))?;
     }
     writeln!(out, "[controller]")?;
     let row =
@@ -169,7 +208,7 @@ fn section(args: &CalibrateArgs, settings: &Settings, found: &Calibration) -> Re
     if set.rotation.is_some() {
         row(&mut out, "task", "\"pose\"".to_owned(), "position and orientation")?;
     }
-    row(&mut out, "stiffness_n_per_m", vector(set.stiffness), "N/m, 0.84 of omega tau's limit, at most 12000")?;
+    row(&mut out, "stiffness_n_per_m", vector(set.stiffness), "N/m, what the limiting mode bears, at most 12000")?;
     row(&mut out, "max_force_n", vector(set.max_force), "N, 0.95 K0 x_b, or 0.8 of the joints' effort beside the weight")?;
     row(&mut out, "position_bound_m", vector(set.position_bound), "m, reaches twice the force")?;
     row(
@@ -179,7 +218,12 @@ fn section(args: &CalibrateArgs, settings: &Settings, found: &Calibration) -> Re
         "kg^(1/2), damping ratio 0.35 at the largest mass, as far as the least bears it",
     )?;
     if let Some(r) = &set.rotation {
-        row(&mut out, "rotation_stiffness_n_m_per_rad", vector(r.rotation_stiffness), "N m/rad, by the same rule, at most 100")?;
+        row(
+            &mut out,
+            "rotation_stiffness_n_m_per_rad",
+            vector(r.rotation_stiffness),
+            "N m/rad, what the limiting mode bears, at most 100",
+        )?;
         row(&mut out, "max_moment_n_m", vector(r.max_moment), "N m, 0.95 K_R x_b,R")?;
         row(&mut out, "rotation_bound_rad", vector(r.rotation_bound), "rad")?;
         row(&mut out, "rotation_damping_sqrt_kg_m", r.rotation_damping.to_string(), "kg^(1/2) m, by the same rule")?;

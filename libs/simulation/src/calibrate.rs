@@ -60,6 +60,8 @@ pub struct Calibration {
     pub margin_one_more: f64,
     /// Largest force on each axis that the efforts allow beside the weight [N].
     pub bearable_n: [f64; 3],
+    /// Force that was asked for [N].
+    pub asked_n: f64,
     /// Force of the presses on walls [N]; `None` if the robot cannot press on a floor in its posture.
     pub pressed_n: Option<f64>,
     /// Walls on which the force did not become steady: stiffness [N/m], damping ratio, error relative to the force.
@@ -97,7 +99,11 @@ pub fn calibrate(settings: &Settings, force: Option<f64>) -> Result<Calibration,
         let advisor = Advisor::new(&pressing).map_err(hapfic_plant::PlantError::from)?;
         let free = settles(settings, &set, DeadTime::default())?.settles;
         let pressed_n = force.min(0.8 * set.max_force[2]);
-        let press = ParameterSettings { desired_force: [0.0, 0.0, pressed_n], target_position: None, ..set };
+        let place = place_of_force(settings);
+        let mut press = ParameterSettings { desired_force: [0.0, 0.0, pressed_n], target_position: place.target_position, ..set };
+        if let (Some(rotation), Some(place)) = (&mut press.rotation, place.rotation) {
+            rotation.target_orientation = place.target_orientation;
+        }
         let (mut unsteady, mut tried) = (Vec::new(), true);
         for stiffness in walls::STIFFNESS {
             for damping_ratio in walls::DAMPING_RATIO {
@@ -120,6 +126,7 @@ pub fn calibrate(settings: &Settings, force: Option<f64>) -> Result<Calibration,
                 margin_one_more: mode.margin * (tau_s + PERIOD_S) / tau_s,
                 mode,
                 bearable_n,
+                asked_n: force,
                 pressed_n: tried.then_some(pressed_n),
                 unsteady,
                 lowered,
@@ -130,6 +137,19 @@ pub fn calibrate(settings: &Settings, force: Option<f64>) -> Result<Calibration,
         lowered += 1;
         scale *= STEP;
     }
+}
+
+/// The set of the script under which it desires its largest force on z: where the walls are tried. The initial one without.
+fn place_of_force(settings: &Settings) -> ParameterSettings {
+    let mut set = settings.initial;
+    let mut place = set;
+    for change in &settings.operator {
+        set = set.with(change);
+        if set.desired_force[2].abs() > place.desired_force[2].abs() {
+            place = set;
+        }
+    }
+    place
 }
 
 /// Delay from a state to the middle of the tick in which its torque acts, with the torque filter [s].

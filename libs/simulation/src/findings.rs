@@ -10,6 +10,7 @@
 //! where they start.
 
 mod force;
+mod orientation;
 mod script;
 mod simulated;
 mod surface;
@@ -24,7 +25,9 @@ pub use script::degrees_hint;
 pub use simulated::{FreeAir, simulated};
 
 use crate::SimulationError;
+use crate::calibrate::posture_at;
 use hapfic_config::{Diagnostic, Location, OperatorChange, ParameterSettings, Settings};
+use hapfic_controller::parameters::TipPose;
 use hapfic_messages::State;
 use hapfic_robot::{Chain, JointVector, MAX_JOINTS, Reach, RobotError};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
@@ -146,7 +149,17 @@ impl Advisor {
     /// Findings of a parameter set that `change` has made, as far as the change concerns them.
     #[must_use]
     pub fn set(&self, set: &ParameterSettings, change: &OperatorChange, source: Source<'_>, scene: &Scene) -> Vec<Finding> {
-        const CONCERNED: [&str; 5] = ["target_position", "desired_force", "stiffness", "max_force", "position_bound"];
+        const CONCERNED: [&str; 9] = [
+            "target_position",
+            "desired_force",
+            "stiffness",
+            "max_force",
+            "position_bound",
+            "target_orientation",
+            "desired_moment",
+            "max_moment",
+            "rotation_stiffness",
+        ];
         if changed(change, &CONCERNED).is_none() {
             return Vec::new();
         }
@@ -169,7 +182,7 @@ impl Advisor {
             }
             set = set.with(change);
             scene.q = reach.q;
-            let known = change.target_position.is_none().then_some(reach);
+            let known = (change.target_position.is_none() && change.target_orientation.is_none()).then_some(reach);
             let (found, next) = self.case(&set, change, Source::Script(Some(index)), &scene, known);
             findings.extend(found);
             reach = next;
@@ -196,12 +209,30 @@ impl Advisor {
     ) -> (Vec<Finding>, Reach) {
         let start = || self.chain.kinematics(&self.start.q).tip_position();
         let target = set.target_position.map_or_else(start, Vector3::from);
-        let reach = known.unwrap_or_else(|| self.chain.reach(&target, &scene.q));
+        let reach = known.unwrap_or_else(|| self.reach(set, &target, &scene.q));
         let case = Case { set, change, source, scene, target, reach };
         let mut findings = Vec::new();
         self.force(&case, &mut findings);
         self.target(&case, &mut findings);
+        self.orientation(&case, &mut findings);
         (findings, reach)
+    }
+
+    /// Posture of a set's target: the position's, and in a pose task the orientation's, too.
+    fn reach(&self, set: &ParameterSettings, target: &Vector3<f64>, from: &JointVector) -> Reach {
+        if set.rotation.is_none() {
+            return self.chain.reach(target, from);
+        }
+        let posed = ParameterSettings { target_position: Some((*target).into()), ..*set };
+        let mut posed_start = posed;
+        if let Some(rotation) = &mut posed_start.rotation
+            && rotation.target_orientation.is_none()
+        {
+            rotation.target_orientation = Some(TipPose::of(&self.chain.kinematics(&self.start.q)).rpy);
+        }
+        let q = posture_at(&self.chain, &posed_start, from);
+        let position = self.chain.kinematics(&q).tip_position();
+        Reach { q, position, distance_m: (target - position).norm() }
     }
 
     /// A finding at the value of `name` of a case.
@@ -256,6 +287,10 @@ fn everything(set: &ParameterSettings) -> OperatorChange {
         stiffness: Some(set.stiffness),
         max_force: Some(set.max_force),
         position_bound: Some(set.position_bound),
+        desired_moment: set.rotation.map(|rotation| rotation.desired_moment),
+        max_moment: set.rotation.map(|rotation| rotation.max_moment),
+        rotation_stiffness: set.rotation.map(|rotation| rotation.rotation_stiffness),
+        target_orientation: set.rotation.and_then(|rotation| rotation.target_orientation),
         ..OperatorChange::default()
     }
 }
@@ -268,6 +303,10 @@ fn changed(change: &OperatorChange, names: &[&'static str]) -> Option<&'static s
         "stiffness" => change.stiffness.is_some(),
         "max_force" => change.max_force.is_some(),
         "position_bound" => change.position_bound.is_some(),
+        "target_orientation" => change.target_orientation.is_some(),
+        "desired_moment" => change.desired_moment.is_some(),
+        "max_moment" => change.max_moment.is_some(),
+        "rotation_stiffness" => change.rotation_stiffness.is_some(),
         _ => false,
     })
 }

@@ -9,6 +9,8 @@ use nalgebra::{DMatrix, DVector, Matrix3, Rotation3, UnitQuaternion, Vector3};
 const BETWEEN: usize = 4;
 /// Most steps of the inverse kinematics.
 const STEPS: usize = 60;
+/// Starts that are tried if the present posture does not lead to a target.
+const OTHER_STARTS: u32 = 12;
 /// Damping of its steps, over the mean square of the Jacobian.
 const DAMPING: f64 = 1e-4;
 
@@ -94,7 +96,22 @@ pub(crate) fn posture_at(chain: &Chain, set: &ParameterSettings, start: &JointVe
     let turned = wanted.target_orientation.map_or(rotation(&kin.tip_rotation()), |[roll, pitch, yaw]| {
         UnitQuaternion::from_rotation_matrix(&Rotation3::from_euler_angles(roll, pitch, yaw))
     });
-    near(chain, start, &point, Some(&turned))
+    // The first start is where the robot is; others only where that does not get there.
+    let miss = |q: &JointVector| {
+        let kin = chain.kinematics(q);
+        (point - kin.tip_position()).norm() + 0.1 * turned.angle_to(&rotation(&kin.tip_rotation()))
+    };
+    let mut best = near(chain, start, &point, Some(&turned));
+    for index in 0..OTHER_STARTS {
+        if miss(&best) < 1e-4 {
+            break;
+        }
+        let other = near(chain, &chain.posture(index), &point, Some(&turned));
+        if miss(&other) < miss(&best) {
+            best = other;
+        }
+    }
+    best
 }
 
 /// Posture within the joint limits with the tip at a point, and with an orientation if there is one, or as near to it as

@@ -161,9 +161,11 @@ impl Advisor {
         } else {
             "diverges".to_owned()
         };
+        let rotation =
+            set.rotation.map_or_else(String::new, |r| format!(", rotation_stiffness {} N m/rad", vector(r.rotation_stiffness)));
         let found = format!(
-            "stiffness {} N/m, max_force {} N and position_bound {} m, with which the limb, held in free air at the start \
-             posture, {motion}",
+            "stiffness {} N/m{rotation}, max_force {} N and position_bound {} m, with which the limb, held in free air at the \
+             start posture, {motion}",
             vector(set.stiffness),
             vector(set.max_force),
             vector(set.position_bound)
