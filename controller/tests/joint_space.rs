@@ -35,9 +35,9 @@ impl Arm {
 fn moving(index: u32) -> State {
     let start = [0.0, 0.2, 0.0, -2.2, 0.0, 2.4, 0.785];
     let mut state = State { joints: 7, ..State::default() };
-    for i in 0..7 {
+    for (i, start) in start.iter().enumerate() {
         let wave = f64::from(index * 7 + i as u32).sin();
-        state.joint_position[i] = start[i] + 0.3 * wave;
+        state.joint_position[i] = start + 0.3 * wave;
         state.joint_velocity[i] = 0.8 * (f64::from(index) + 2.0 * i as f64).cos();
     }
     state

@@ -64,9 +64,7 @@ impl Chain {
         // Translation and rotation have other units: each is damped by its own part of the trace.
         for first in (0..m).step_by(3) {
             let trace: f64 = (first..first + 3).map(|k| mobility[k][k]).sum();
-            for k in first..first + 3 {
-                mobility[k][k] += DAMPING * trace;
-            }
+            mobility.iter_mut().enumerate().skip(first).take(3).for_each(|(k, row)| row[k] += DAMPING * trace);
         }
         let mut held: [f64; 6] = core::array::from_fn(|k| dot(&spread[k], tau));
         if !factor(&mut mobility, m) {

@@ -38,7 +38,7 @@ pub(super) fn settings(set: &Parameters) -> Option<ParameterSettings> {
         posture_lead: set.posture_lead,
         mean_speed: set.mean_speed,
         max_acceleration: set.max_acceleration,
-        rotation: set.is_pose().then(|| RotationSettings {
+        rotation: set.is_pose().then_some(RotationSettings {
             target_orientation: Some(set.rotation.target_rpy),
             desired_moment: set.rotation.desired_moment,
             rotation_stiffness: set.rotation.stiffness,
