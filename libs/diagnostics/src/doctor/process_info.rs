@@ -6,7 +6,7 @@ use rustix::process::{Resource, getrlimit};
 use rustix::thread::CpuSet;
 use rustix::time::{ClockId, clock_getres};
 
-/// Size of the segments of one run [bytes]: 57 MB by `du --apparent-size`, in 92 files.
+/// Size of the segments of one run [bytes]: 58 MB by `du --apparent-size`, in 92 files.
 const RUN_SEGMENTS: u64 = 60 << 20;
 /// Part of them that a run uses [bytes]: 1.4 MB after some seconds, more when its recorder falls behind.
 const RUN_USES: u64 = 8 << 20;
