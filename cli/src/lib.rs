@@ -19,7 +19,7 @@ use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-/// Exit code: the machine is not good enough.
+/// Exit code: the machine, or what was found for a robot, is not good enough.
 const NOT_GOOD_ENOUGH: u8 = 1;
 /// Exit code: the input is invalid.
 const INVALID_INPUT: u8 = 2;
@@ -84,7 +84,7 @@ pub fn main() -> ExitCode {
 enum CommandOutcome {
     /// The command did as requested.
     Done,
-    /// The machine is not good enough for 1 kHz; the reasons are printed.
+    /// What was judged, a machine for 1 kHz or gains for a robot, is not good enough; the reasons are printed.
     NotGoodEnough,
     /// The run failed; the reasons are printed.
     Failed,

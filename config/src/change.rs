@@ -320,6 +320,7 @@ mod tests {
             (vec!["taper=0.1", "taper=0.2"], vec!["taper", "each value once"]),
             (vec!["stiffness=[1, 2, 3]", "stiffness_n_per_m.z=4"], vec!["each value once"]),
             (vec!["stiffness.z=4", "stiffness.z=5"], vec!["each value once"]),
+            (vec!["target_orientation=[0, 0, 1]"], vec!["target_orientation", "in a position task", "controller.task=pose"]),
             (vec!["gravity_compensation=maybe"], vec!["gravity_compensation", "maybe"]),
         ] {
             let text = message(&pairs);

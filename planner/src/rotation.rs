@@ -9,11 +9,15 @@ use crate::planner::{PlannerParameters, Setpoint, accept};
 use hapfic_messages::{RotationParameters, RotationPlan};
 use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
 
-/// Plan at rest on an orientation: unit quaternion x y z w.
+/// Plan at rest on an orientation: unit quaternion x y z w. Zeros, of a plant that does not measure it, give no plan; the
+/// controllers then make no request, and the gate brakes.
 pub(crate) fn hold(orientation: &[f64; 4]) -> RotationPlan {
+    if *orientation == [0.0; 4] {
+        return RotationPlan::default();
+    }
     let [x, y, z, w] = *orientation;
     let (roll, pitch, yaw) = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z)).euler_angles();
-    RotationPlan { ticks: 0, target_rpy: [roll, pitch, yaw], axes: [arc::rest(0.0); 3] }
+    RotationPlan { ticks: 0, exists: 1, target_rpy: [roll, pitch, yaw], axes: [arc::rest(0.0); 3] }
 }
 
 /// Plan at rest where a plan is now.
@@ -23,7 +27,7 @@ pub(crate) fn held(plan: &RotationPlan, period_s: f64) -> RotationPlan {
 
 /// Orientation (unit quaternion x y z w) and angular velocity [rad/s] of a plan; all zero if there is none.
 pub(crate) fn setpoint(plan: &RotationPlan, period_s: f64) -> ([f64; 4], [f64; 3]) {
-    if *plan == RotationPlan::default() {
+    if plan.exists == 0 {
         return ([0.0; 4], [0.0; 3]);
     }
     let (r, rate) = vector(plan, period_s);
@@ -35,6 +39,9 @@ pub(crate) fn setpoint(plan: &RotationPlan, period_s: f64) -> ([f64; 4], [f64; 3
 ///
 /// Invalid parameters, or a target that is not finite, leave the plan as it was.
 pub(crate) fn step(plan: RotationPlan, p: &RotationParameters, period_s: f64) -> RotationPlan {
+    if plan.exists == 0 {
+        return plan;
+    }
     let mut next = plan;
     if p.target_rpy != plan.target_rpy && p.target_rpy.iter().all(|angle| angle.is_finite()) {
         next = towards(&plan, p, period_s).unwrap_or(plan);
@@ -51,7 +58,7 @@ fn towards(plan: &RotationPlan, p: &RotationParameters, period_s: f64) -> Option
     let rate = left_jacobian(&from).try_inverse()? * omega;
     let parameters = PlannerParameters { mean_speed_m_per_s: p.mean_speed, max_acceleration_m_per_s2: p.max_acceleration };
     let now = Setpoint { position_m: from.into(), velocity_m_per_s: rate.into() };
-    Some(RotationPlan { ticks: 0, target_rpy: p.target_rpy, axes: accept([0.0; 3], &now, &parameters)? })
+    Some(RotationPlan { ticks: 0, exists: 1, target_rpy: p.target_rpy, axes: accept([0.0; 3], &now, &parameters)? })
 }
 
 /// Rotation vector [rad] and its rate [rad/s].
@@ -90,6 +97,25 @@ mod tests {
     fn orientation(plan: &RotationPlan) -> UnitQuaternion<f64> {
         let ([x, y, z, w], _) = setpoint(plan, PERIOD_S);
         UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z))
+    }
+
+    #[test]
+    fn hold_of_any_orientation_is_that_orientation_from_the_first_tick() {
+        let identity = ([0.0, 0.0, 0.0, 1.0], [0.0; 3]);
+        assert_eq!(setpoint(&hold(&identity.0), PERIOD_S), identity);
+        for rpy in [[0.3, -0.2, 2.0], [0.4, core::f64::consts::FRAC_PI_2, 1.0], [3.1, -core::f64::consts::FRAC_PI_2, -2.0]] {
+            let q = target(&rpy);
+            let plan = hold(&[q.i, q.j, q.k, q.w]);
+            assert!(orientation(&plan).angle_to(&q) < 1e-7, "{rpy:?}");
+            assert!(orientation(&step(plan, &parameters(plan.target_rpy), PERIOD_S)).angle_to(&q) < 1e-7);
+        }
+    }
+
+    #[test]
+    fn plan_without_measured_orientation_stays_none() {
+        let none = hold(&[0.0; 4]);
+        assert_eq!(step(none, &parameters([0.1, 0.2, 0.3]), PERIOD_S), none);
+        assert_eq!(setpoint(&none, PERIOD_S), ([0.0; 4], [0.0; 3]));
     }
 
     #[test]

@@ -49,7 +49,8 @@ pub fn calibrate(args: &CalibrateArgs) -> Result<CommandOutcome> {
     match find(&settings, args.force) {
         Ok(found) => {
             print(section(args, &settings, &found)?.trim_end());
-            Ok(CommandOutcome::Done)
+            let verified = found.reserve && found.unsteady.is_empty();
+            Ok(if verified { CommandOutcome::Done } else { CommandOutcome::NotGoodEnough })
         }
         Err(error) => Ok(CommandOutcome::Rejected(anyhow::anyhow!("{}: {error}", args.what))),
     }

@@ -129,6 +129,15 @@ fn positive(field: &'static str, values: &[f64]) -> Result<(), ValidationError> 
     }
 }
 
+/// A unit quaternion, or four zeros where there is no orientation.
+fn unit_or_none(field: &'static str, q: &[f64; 4]) -> Result<(), ValidationError> {
+    let square: f64 = q.iter().map(|x| x * x).sum();
+    if square == 0.0 || (square - 1.0).abs() <= 1e-6 {
+        return Ok(());
+    }
+    Err(ValidationError::Range { field, found: square.sqrt(), expected: "a unit quaternion, or zeros for none" })
+}
+
 impl Check for State {
     fn check(&self) -> Result<(), ValidationError> {
         at_most("joints", self.joints, MAX_JOINTS)?;
@@ -143,6 +152,7 @@ impl Check for State {
         finite("foot_velocity", &self.foot_velocity)?;
         finite("foot_force", &self.foot_force)?;
         finite("foot_orientation", &self.foot_orientation)?;
+        unit_or_none("foot_orientation", &self.foot_orientation)?;
         finite("foot_angular_velocity", &self.foot_angular_velocity)?;
         finite("foot_moment", &self.foot_moment)?;
         for o in &self.objects[..self.object_count as usize] {
@@ -163,6 +173,7 @@ impl Check for Reference {
         finite("angular_velocity", &self.angular_velocity)?;
         at_most("limbs", self.limbs, MAX_LIMBS)?;
         finite("planner.rotation.target_rpy", &self.planner.rotation.target_rpy)?;
+        unit_or_none("orientation", &self.orientation)?;
         for a in self.planner.axes.iter().chain(&self.planner.rotation.axes) {
             finite(
                 "planner",
@@ -324,6 +335,11 @@ mod tests {
         let mut invalid = valid;
         invalid.foot_force[2] = f64::NAN;
         assert!(matches!(invalid.check(), Err(ValidationError::NotFinite { field: "foot_force", .. })));
+        let mut turned = valid;
+        turned.foot_orientation = [0.0, 0.0, 0.6, 0.8];
+        assert_eq!(turned.check(), Ok(()));
+        turned.foot_orientation[3] = 0.9;
+        assert!(matches!(turned.check(), Err(ValidationError::Range { field: "foot_orientation", .. })));
         let mut request = Request { controller: Process::Controller.code(), joints: 3, ..Request::default() };
         assert_eq!(request.check(), Ok(()));
         request.state.converging[1] = 7;

@@ -36,6 +36,8 @@ pub struct AxisPlan {
 pub struct RotationPlan {
     /// Ticks since the target was accepted.
     pub ticks: u64,
+    /// 1: there is a plan; 0 in a position task, and where the plant does not measure the orientation.
+    pub exists: u64,
     /// Target: roll, pitch, yaw about the fixed axes [rad].
     pub target_rpy: [f64; 3],
     /// The three components of r; each ends at 0 [rad].

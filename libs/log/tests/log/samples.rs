@@ -106,7 +106,7 @@ pub(crate) fn reference(tick: i64) -> Reference {
         planner: PlannerState {
             ticks: 77,
             axes: [plan; 3],
-            rotation: RotationPlan { ticks: 78, target_rpy: numbers(tick, 26.0), axes: [plan; 3] },
+            rotation: RotationPlan { ticks: 78, exists: 1, target_rpy: numbers(tick, 26.0), axes: [plan; 3] },
         },
     }
 }

@@ -129,6 +129,7 @@ impl FieldAccess for PlannerState {
     fn fields(&mut self) -> Vec<FieldGroup<'_>> {
         let mut fields = vec![Counts(from_mut(&mut self.ticks))];
         fields.push(Counts(from_mut(&mut self.rotation.ticks)));
+        fields.push(Counts(from_mut(&mut self.rotation.exists)));
         fields.push(Numbers(&mut self.rotation.target_rpy));
         for axis in self.axes.iter_mut().chain(&mut self.rotation.axes) {
             fields.extend([
