@@ -30,7 +30,7 @@ PACKAGES = {
 MODEL = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "target", "release", "examples", "model")
 HAPFIC = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "target", "release", "hapfic")
 MOVABLE = ("revolute", "continuous", "prismatic")
-FILES_PER_PACKAGE = 400
+FILES_PER_PACKAGE = 2000
 
 
 def fetch(folder):
