@@ -1,11 +1,11 @@
 //! Control step of one tick: from the inputs of tick k to request(k), without a clock or a bus.
 
-use crate::joint_space::requested_torque;
+use crate::joint_space::{LONG, MIDDLE, SHORT, torque_within};
 use crate::orientation::orientation_error;
 use crate::task_space::{self, TaskSpaceInput};
 use hapfic_config::PERIOD_S;
 use hapfic_messages::{ControllerState, Parameters, Process, Reference, Request, RotationRequest, State};
-use hapfic_robot::Chain;
+use hapfic_robot::{Chain, Tip};
 use nalgebra::Vector3;
 
 /// Inputs of a control step.
@@ -82,12 +82,25 @@ impl PreviousStates {
 /// the world frame [m/s^2]. The request carries the code of `controller` and a `stamp_ns` of zero.
 #[must_use]
 pub fn control_step(chain: &Chain, gravity: &Vector3<f64>, inputs: &ControlInputs<'_>, controller: Process) -> Option<Request> {
+    match chain.dof() {
+        0..=SHORT => step_within::<SHORT>(chain, gravity, inputs, controller),
+        0..=MIDDLE => step_within::<MIDDLE>(chain, gravity, inputs, controller),
+        _ => step_within::<LONG>(chain, gravity, inputs, controller),
+    }
+}
+
+fn step_within<const W: usize>(
+    chain: &Chain,
+    gravity: &Vector3<f64>,
+    inputs: &ControlInputs<'_>,
+    controller: Process,
+) -> Option<Request> {
     let ControlInputs { state, parameters, setpoint, previous } = *inputs;
     let n = chain.dof();
     if state.joints as usize != n {
         return None;
     }
-    let tip = chain.tip(&state.joint_position);
+    let tip = chain.tip::<W>(&state.joint_position);
     let measured = TaskSpaceInput {
         position: tip.position.into(),
         velocity: tip.velocity(&state.joint_velocity).into(),
@@ -96,8 +109,9 @@ pub fn control_step(chain: &Chain, gravity: &Vector3<f64>, inputs: &ControlInput
         contact_force: state.foot_force,
     };
     let out = task_space::step(previous.translation, &measured, parameters, PERIOD_S).ok()?;
-    let rotation = if parameters.is_pose() { turn(chain, inputs)? } else { RotationRequest::default() };
-    let torque = requested_torque(chain, gravity, state, parameters, &Vector3::from(out.force), &Vector3::from(rotation.moment));
+    let rotation = if parameters.is_pose() { turn(&tip, inputs)? } else { RotationRequest::default() };
+    let (force, moment) = (Vector3::from(out.force), Vector3::from(rotation.moment));
+    let torque = torque_within::<W>(chain, gravity, state, parameters, &force, &moment);
     Some(Request {
         stamp_ns: 0,
         tick: state.tick,
@@ -118,15 +132,13 @@ pub fn control_step(chain: &Chain, gravity: &Vector3<f64>, inputs: &ControlInput
 }
 
 /// Runs the law on the axes of rotation: the same law on the rotation vector from the tip to its reference.
-fn turn(chain: &Chain, inputs: &ControlInputs<'_>) -> Option<RotationRequest> {
+fn turn<const W: usize>(tip: &Tip<W>, inputs: &ControlInputs<'_>) -> Option<RotationRequest> {
     let ControlInputs { state, parameters, setpoint, previous } = *inputs;
-    let kin = chain.kinematics(&state.joint_position);
-    let velocity = chain.jacobian(&kin).angular_mul(&state.joint_velocity);
     // The axes' origin is the tip's orientation, so their reference is the error itself.
     let measured = TaskSpaceInput {
         position: [0.0; 3],
-        velocity: velocity.into(),
-        reference_position: orientation_error(&setpoint.orientation, &kin.tip_rotation(), &previous.rotation.force),
+        velocity: tip.angular_velocity(&state.joint_velocity).into(),
+        reference_position: orientation_error(&setpoint.orientation, &tip.rotation, &previous.rotation.force),
         reference_velocity: setpoint.angular_velocity,
         contact_force: state.foot_moment,
     };

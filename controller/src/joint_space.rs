@@ -15,6 +15,11 @@ const FASTEST_DAMPING_PER_S: f64 = 200.0;
 /// Largest stiffness of a sampled joint spring over the joint's inertia [1/s^2]: omega tau = 0.17 at one tick of dead time.
 const STIFFEST_PER_S2: f64 = 12_500.0;
 
+/// Lengths of arrays in which the law is compiled. The numbers are the same in each; a short chain takes less time in short ones.
+pub(crate) const SHORT: usize = 4;
+pub(crate) const MIDDLE: usize = 8;
+pub(crate) const LONG: usize = MAX_JOINTS;
+
 /// Torques of a request.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RequestedTorque {
@@ -22,6 +27,13 @@ pub struct RequestedTorque {
     pub total: JointVector,
     /// tau_N [N m; N].
     pub joint_space: JointVector,
+}
+
+impl RequestedTorque {
+    fn of<const W: usize>(total: &[f64; W], joint_space: &[f64; W]) -> Self {
+        let wide = |values: &[f64; W]| core::array::from_fn(|i| values.get(i).copied().unwrap_or(0.0));
+        Self { total: wide(total), joint_space: wide(joint_space) }
+    }
 }
 
 /// Torques that a wrench at the tip (`force` [N], `moment` [N m], world frame) and the law in joint space request in a state.
@@ -37,21 +49,37 @@ pub fn requested_torque(
     force: &Vector3<f64>,
     moment: &Vector3<f64>,
 ) -> RequestedTorque {
+    match chain.dof() {
+        0..=SHORT => torque_within::<SHORT>(chain, gravity, state, p, force, moment),
+        0..=MIDDLE => torque_within::<MIDDLE>(chain, gravity, state, p, force, moment),
+        _ => torque_within::<LONG>(chain, gravity, state, p, force, moment),
+    }
+}
+
+/// [`requested_torque`] in arrays of `W` entries, at least the number of joints.
+pub(crate) fn torque_within<const W: usize>(
+    chain: &Chain,
+    gravity: &Vector3<f64>,
+    state: &State,
+    p: &Parameters,
+    force: &Vector3<f64>,
+    moment: &Vector3<f64>,
+) -> RequestedTorque {
     let ahead = p.predicted_posture(state);
     let gravity = (p.gravity_compensation == 1).then_some(gravity);
     if !p.is_pose() && !p.joint_space.acts() {
-        return RequestedTorque { total: chain.tip_force_torque(&ahead, force, gravity), joint_space: [0.0; MAX_JOINTS] };
+        return RequestedTorque::of(&chain.tip_force_torque::<W>(&ahead, force, gravity), &[0.0; W]);
     }
-    let kin = chain.kinematics(&ahead);
+    let kin = chain.kinematics_within::<W>(&ahead);
     let jacobian = chain.jacobian(&kin);
     let mut total = jacobian.linear_transpose_mul(force);
-    let mut joint_space = [0.0; MAX_JOINTS];
+    let mut joint_space = [0.0; W];
     if p.is_pose() {
         add(&mut total, &jacobian.angular_transpose_mul(moment));
     }
     if p.joint_space.acts() {
         let mass = chain.mass_matrix(&kin);
-        let inertia: JointVector = core::array::from_fn(|i| mass[(i, i)]);
+        let inertia: [f64; W] = core::array::from_fn(|i| mass[(i, i)]);
         let rows = if p.is_pose() { TaskRows::Both } else { TaskRows::Linear };
         let desired = posture_torque(chain.dof(), &p.joint_space, &inertia, &ahead, &state.joint_velocity);
         joint_space = bounded(chain, chain.null_space_torque(&mass, &jacobian, rows, &desired));
@@ -61,15 +89,21 @@ pub fn requested_torque(
     if let Some(gravity) = gravity {
         add(&mut total, &chain.gravity_torque(&kin, gravity));
     }
-    RequestedTorque { total, joint_space }
+    RequestedTorque::of(&total, &joint_space)
 }
 
-fn add(sum: &mut JointVector, other: &JointVector) {
+fn add<const W: usize>(sum: &mut [f64; W], other: &[f64; W]) {
     sum.iter_mut().zip(other).for_each(|(sum, other)| *sum += other);
 }
 
 /// `K_n (q_n - q) - D_n q'`, each joint with its share of the largest inertia, so that all move alike.
-fn posture_torque(n: usize, p: &JointSpaceParameters, inertia: &JointVector, q: &JointVector, qd: &JointVector) -> JointVector {
+fn posture_torque<const W: usize>(
+    n: usize,
+    p: &JointSpaceParameters,
+    inertia: &[f64; W],
+    q: &JointVector,
+    qd: &JointVector,
+) -> [f64; W] {
     let largest = inertia[..n].iter().fold(0.0, |most: f64, value| most.max(*value));
     core::array::from_fn(|i| {
         if i >= n || largest <= 0.0 {
@@ -80,7 +114,7 @@ fn posture_torque(n: usize, p: &JointSpaceParameters, inertia: &JointVector, q: 
 }
 
 /// The torque, scaled as a whole until every joint has at most its share of the effort: it stays in the null space.
-fn bounded(chain: &Chain, torque: JointVector) -> JointVector {
+fn bounded<const W: usize>(chain: &Chain, torque: [f64; W]) -> [f64; W] {
     let scale = chain.joints().iter().zip(&torque).fold(1.0, |scale: f64, (joint, torque)| {
         let most = SHARE_OF_EFFORT * joint.effort;
         if torque.abs() > most { scale.min(most / torque.abs()) } else { scale }
@@ -89,14 +123,14 @@ fn bounded(chain: &Chain, torque: JointVector) -> JointVector {
 }
 
 /// Damping of each joint, and the spring that pushes it back from a limit: not projected, so they also act on the task.
-fn joint_torque(
+fn joint_torque<const W: usize>(
     chain: &Chain,
     p: &JointSpaceParameters,
-    inertia: &JointVector,
+    inertia: &[f64; W],
     q: &JointVector,
     qd: &JointVector,
-) -> JointVector {
-    let mut torque = [0.0; MAX_JOINTS];
+) -> [f64; W] {
+    let mut torque = [0.0; W];
     for (i, joint) in chain.joints().iter().enumerate() {
         let damping = p.joint_damping.min(FASTEST_DAMPING_PER_S * inertia[i]);
         let stiffness = p.limit_stiffness.min(STIFFEST_PER_S2 * inertia[i]);

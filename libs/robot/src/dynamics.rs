@@ -2,13 +2,13 @@
 //!
 //! The equations of motion are `M(q) q'' + bias(q, q') = tau + J^T F`.
 
-use crate::chain::{Chain, JointVector, MAX_JOINTS};
+use crate::chain::{Chain, MAX_JOINTS};
 use crate::inertia::point_inertia;
 use crate::kinematics::Kinematics;
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
 /// Mass matrix [kg m^2, kg m or kg]: the upper left [`Chain::dof`] rows and columns; the rest is zero.
-pub type MassMatrix = SMatrix<f64, MAX_JOINTS, MAX_JOINTS>;
+pub type MassMatrix<const W: usize = MAX_JOINTS> = SMatrix<f64, W, W>;
 
 impl Chain {
     /// The mass matrix M(q): symmetric, positive definite.
@@ -17,18 +17,18 @@ impl Chain {
     /// moves add up.
     #[inline]
     #[must_use]
-    pub fn mass_matrix(&self, kin: &Kinematics) -> MassMatrix {
+    pub fn mass_matrix<const W: usize>(&self, kin: &Kinematics<W>) -> MassMatrix<W> {
         // About the base, not the world's origin: a robot far from the origin must not lose precision.
         let point = self.base_position;
         // Per unit speed of joint i: angular velocity of the body behind it, and velocity of the body at the point.
-        let motion: [(Vector3<f64>, Vector3<f64>); MAX_JOINTS] = std::array::from_fn(|i| {
+        let motion: [(Vector3<f64>, Vector3<f64>); W] = std::array::from_fn(|i| {
             if kin.rotational[i] {
                 (kin.axis[i], (kin.origin[i] - point).cross(&kin.axis[i]))
             } else {
                 (Vector3::zeros(), kin.axis[i])
             }
         });
-        let mut result = MassMatrix::zeros();
+        let mut result = MassMatrix::<W>::zeros();
         let mut mass = 0.0;
         let mut first_moment: Vector3<f64> = Vector3::zeros();
         let mut inertia: Matrix3<f64> = Matrix3::zeros();
@@ -59,10 +59,16 @@ impl Chain {
     /// if a slice is shorter than [`Chain::dof`].
     #[inline]
     #[must_use]
-    pub fn inverse_dynamics(&self, kin: &Kinematics, qd: &[f64], qdd: &[f64], gravity: &Vector3<f64>) -> JointVector {
+    pub fn inverse_dynamics<const W: usize>(
+        &self,
+        kin: &Kinematics<W>,
+        qd: &[f64],
+        qdd: &[f64],
+        gravity: &Vector3<f64>,
+    ) -> [f64; W] {
         let n = self.bodies.len();
-        let mut force: [Vector3<f64>; MAX_JOINTS] = [Vector3::zeros(); MAX_JOINTS];
-        let mut moment: [Vector3<f64>; MAX_JOINTS] = [Vector3::zeros(); MAX_JOINTS];
+        let mut force: [Vector3<f64>; W] = [Vector3::zeros(); W];
+        let mut moment: [Vector3<f64>; W] = [Vector3::zeros(); W];
         let mut angular_velocity: Vector3<f64> = Vector3::zeros();
         let mut angular_acceleration: Vector3<f64> = Vector3::zeros();
         // Gravity is equivalent to an upward acceleration of the base.
@@ -93,7 +99,7 @@ impl Chain {
             moment[i] = rotation * spin + center.cross(&force[i]);
         }
 
-        let mut torque = [0.0; MAX_JOINTS];
+        let mut torque = [0.0; W];
         let mut total_force: Vector3<f64> = Vector3::zeros();
         let mut total_moment: Vector3<f64> = Vector3::zeros();
         let mut next: Vector3<f64> = Vector3::zeros();
@@ -110,15 +116,15 @@ impl Chain {
     /// Coriolis, centrifugal and gravity terms: inverse dynamics without acceleration [N m or N].
     #[inline]
     #[must_use]
-    pub fn bias(&self, kin: &Kinematics, qd: &[f64], gravity: &Vector3<f64>) -> JointVector {
+    pub fn bias<const W: usize>(&self, kin: &Kinematics<W>, qd: &[f64], gravity: &Vector3<f64>) -> [f64; W] {
         self.inverse_dynamics(kin, qd, &[0.0; MAX_JOINTS], gravity)
     }
 
     /// g(q): the generalised forces [N m or N] that hold the chain at rest under gravity [m/s^2].
     #[inline]
     #[must_use]
-    pub fn gravity_torque(&self, kin: &Kinematics, gravity: &Vector3<f64>) -> JointVector {
-        let mut torque = [0.0; MAX_JOINTS];
+    pub fn gravity_torque<const W: usize>(&self, kin: &Kinematics<W>, gravity: &Vector3<f64>) -> [f64; W] {
+        let mut torque = [0.0; W];
         let mut mass = 0.0;
         let mut first_moment: Vector3<f64> = Vector3::zeros();
         for (i, body) in self.bodies.iter().enumerate().rev() {
@@ -138,7 +144,7 @@ impl Chain {
     /// Kinetic energy of all bodies [J]. Panics if `qd` is shorter than [`Chain::dof`].
     #[inline]
     #[must_use]
-    pub fn kinetic_energy(&self, kin: &Kinematics, qd: &[f64]) -> f64 {
+    pub fn kinetic_energy<const W: usize>(&self, kin: &Kinematics<W>, qd: &[f64]) -> f64 {
         let mut energy = 0.0;
         let mut angular_velocity: Vector3<f64> = Vector3::zeros();
         let mut velocity: Vector3<f64> = Vector3::zeros();
@@ -163,7 +169,7 @@ impl Chain {
     /// Potential energy of all bodies [J] under gravity [m/s^2]; zero with the mass at the world's origin.
     #[inline]
     #[must_use]
-    pub fn potential_energy(&self, kin: &Kinematics, gravity: &Vector3<f64>) -> f64 {
+    pub fn potential_energy<const W: usize>(&self, kin: &Kinematics<W>, gravity: &Vector3<f64>) -> f64 {
         let mut energy = 0.0;
         for (body, center) in self.bodies.iter().zip(&kin.center) {
             energy -= body.inertia.mass_kg * gravity.dot(center);

@@ -1,33 +1,33 @@
 //! The geometric Jacobian of a point.
 
-use crate::chain::{JointVector, MAX_JOINTS};
+use crate::chain::MAX_JOINTS;
 use nalgebra::Vector3;
 
 /// Geometric Jacobian of a point of the chain, column by column, world frame.
 ///
 /// Column i is the velocity of the point (linear) and of its body (angular) when joint i moves at 1 rad/s or 1 m/s.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Jacobian {
+pub struct Jacobian<const W: usize = MAX_JOINTS> {
     /// Number of valid columns, [`crate::Chain::dof`]; the rest is zero.
     pub n: usize,
     /// Linear part J, 3xN [m/rad], or [1] for a prismatic joint.
-    pub linear: [Vector3<f64>; MAX_JOINTS],
+    pub linear: [Vector3<f64>; W],
     /// Angular part, 3xN [1]; zero for a prismatic joint.
-    pub angular: [Vector3<f64>; MAX_JOINTS],
+    pub angular: [Vector3<f64>; W],
 }
 
-impl Jacobian {
+impl<const W: usize> Jacobian<W> {
     /// `J^T F`: the generalised forces [N m or N] equivalent to a force F at the point [N].
     #[inline]
     #[must_use]
-    pub fn linear_transpose_mul(&self, force: &Vector3<f64>) -> JointVector {
+    pub fn linear_transpose_mul(&self, force: &Vector3<f64>) -> [f64; W] {
         transpose_mul(&self.linear, self.n, force)
     }
 
     /// The generalised forces [N m or N] equivalent to a moment on the point's body [N m].
     #[inline]
     #[must_use]
-    pub fn angular_transpose_mul(&self, moment: &Vector3<f64>) -> JointVector {
+    pub fn angular_transpose_mul(&self, moment: &Vector3<f64>) -> [f64; W] {
         transpose_mul(&self.angular, self.n, moment)
     }
 
@@ -51,8 +51,8 @@ impl Jacobian {
 }
 
 #[inline]
-fn transpose_mul(columns: &[Vector3<f64>; MAX_JOINTS], n: usize, vector: &Vector3<f64>) -> JointVector {
-    let mut result = [0.0; MAX_JOINTS];
+fn transpose_mul<const W: usize>(columns: &[Vector3<f64>; W], n: usize, vector: &Vector3<f64>) -> [f64; W] {
+    let mut result = [0.0; W];
     for (value, column) in result.iter_mut().zip(columns).take(n) {
         *value = column.dot(vector);
     }
@@ -60,7 +60,7 @@ fn transpose_mul(columns: &[Vector3<f64>; MAX_JOINTS], n: usize, vector: &Vector
 }
 
 #[inline]
-fn mul(columns: &[Vector3<f64>; MAX_JOINTS], rates: &[f64]) -> Vector3<f64> {
+fn mul<const W: usize>(columns: &[Vector3<f64>; W], rates: &[f64]) -> Vector3<f64> {
     let mut result: Vector3<f64> = Vector3::zeros();
     for (column, rate) in columns.iter().zip(rates) {
         result += column * *rate;

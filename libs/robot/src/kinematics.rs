@@ -6,15 +6,15 @@ use nalgebra::{Isometry3, Matrix3, Vector3};
 
 /// Poses, axes and centres of a chain at one joint position, world frame: the input of all other functions.
 ///
-/// Arrays have [`MAX_JOINTS`] entries; those beyond the chain's joints are zero.
+/// Arrays have `W` entries; those beyond the chain's joints are zero.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Kinematics {
+pub struct Kinematics<const W: usize = MAX_JOINTS> {
     pub(crate) n: usize,
-    pub(crate) rotational: [bool; MAX_JOINTS],
-    pub(crate) axis: [Vector3<f64>; MAX_JOINTS],
-    pub(crate) origin: [Vector3<f64>; MAX_JOINTS],
-    pub(crate) rotation: [Matrix3<f64>; MAX_JOINTS],
-    pub(crate) center: [Vector3<f64>; MAX_JOINTS],
+    pub(crate) rotational: [bool; W],
+    pub(crate) axis: [Vector3<f64>; W],
+    pub(crate) origin: [Vector3<f64>; W],
+    pub(crate) rotation: [Matrix3<f64>; W],
+    pub(crate) center: [Vector3<f64>; W],
     tip_position: Vector3<f64>,
     tip_rotation: Matrix3<f64>,
 }
@@ -26,14 +26,23 @@ impl Chain {
     #[inline]
     #[must_use]
     pub fn kinematics(&self, q: &[f64]) -> Kinematics {
+        self.kinematics_within(q)
+    }
+
+    /// [`Chain::kinematics`] in arrays of `W` entries: the same numbers, sooner for a short chain.
+    ///
+    /// Panics if `q` is shorter than [`Chain::dof`], or `W` is less.
+    #[inline]
+    #[must_use]
+    pub fn kinematics_within<const W: usize>(&self, q: &[f64]) -> Kinematics<W> {
         let n = self.bodies.len();
         let mut kin = Kinematics {
             n,
-            rotational: [false; MAX_JOINTS],
-            axis: [Vector3::zeros(); MAX_JOINTS],
-            origin: [Vector3::zeros(); MAX_JOINTS],
-            rotation: [Matrix3::zeros(); MAX_JOINTS],
-            center: [Vector3::zeros(); MAX_JOINTS],
+            rotational: [false; W],
+            axis: [Vector3::zeros(); W],
+            origin: [Vector3::zeros(); W],
+            rotation: [Matrix3::zeros(); W],
+            center: [Vector3::zeros(); W],
             tip_position: Vector3::zeros(),
             tip_rotation: Matrix3::zeros(),
         };
@@ -79,12 +88,12 @@ impl Chain {
     /// Geometric Jacobian of the tip, linear and angular, world frame.
     #[inline]
     #[must_use]
-    pub fn jacobian(&self, kin: &Kinematics) -> Jacobian {
+    pub fn jacobian<const W: usize>(&self, kin: &Kinematics<W>) -> Jacobian<W> {
         kin.point_jacobian(self.dof() - 1, &kin.tip_position)
     }
 }
 
-impl Kinematics {
+impl<const W: usize> Kinematics<W> {
     /// Number of movable joints.
     #[inline]
     #[must_use]
@@ -108,7 +117,7 @@ impl Kinematics {
 
     /// Axis of joint `i`, a unit vector.
     ///
-    /// Panics if `i` is not below [`MAX_JOINTS`].
+    /// Panics if `i` is not below `W`.
     #[inline]
     #[must_use]
     pub fn joint_axis(&self, i: usize) -> Vector3<f64> {
@@ -117,7 +126,7 @@ impl Kinematics {
 
     /// Origin of body `i` [m]: the position of joint `i`, with the displacement of a prismatic joint.
     ///
-    /// Panics if `i` is not below [`MAX_JOINTS`].
+    /// Panics if `i` is not below `W`.
     #[inline]
     #[must_use]
     pub fn body_origin(&self, i: usize) -> Vector3<f64> {
@@ -126,7 +135,7 @@ impl Kinematics {
 
     /// Orientation of body `i`: a rotation matrix, body to world.
     ///
-    /// Panics if `i` is not below [`MAX_JOINTS`].
+    /// Panics if `i` is not below `W`.
     #[inline]
     #[must_use]
     pub fn body_rotation(&self, i: usize) -> Matrix3<f64> {
@@ -135,7 +144,7 @@ impl Kinematics {
 
     /// Centre of mass of body `i` [m].
     ///
-    /// Panics if `i` is not below [`MAX_JOINTS`].
+    /// Panics if `i` is not below `W`.
     #[inline]
     #[must_use]
     pub fn body_center(&self, i: usize) -> Vector3<f64> {
@@ -144,7 +153,7 @@ impl Kinematics {
 
     /// Pose of body `i`, the link that joint `i` moves [m].
     ///
-    /// Panics if `i` is not below [`MAX_JOINTS`].
+    /// Panics if `i` is not below `W`.
     #[inline]
     #[must_use]
     pub fn body_pose(&self, i: usize) -> Isometry3<f64> {
@@ -156,10 +165,10 @@ impl Kinematics {
     /// Columns of joints beyond the body are zero. Panics if `body` is not below [`Kinematics::dof`].
     #[inline]
     #[must_use]
-    pub fn point_jacobian(&self, body: usize, point: &Vector3<f64>) -> Jacobian {
+    pub fn point_jacobian(&self, body: usize, point: &Vector3<f64>) -> Jacobian<W> {
         assert!(body < self.n, "body {body} of a chain of {} joints", self.n);
         let mut jacobian =
-            Jacobian { n: self.n, linear: [Vector3::zeros(); MAX_JOINTS], angular: [Vector3::zeros(); MAX_JOINTS] };
+            Jacobian { n: self.n, linear: [Vector3::zeros(); W], angular: [Vector3::zeros(); W] };
         for (i, axis) in self.axis.iter().enumerate().take(body + 1) {
             if self.rotational[i] {
                 jacobian.linear[i] = axis.cross(&(point - self.origin[i]));

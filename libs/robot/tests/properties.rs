@@ -55,12 +55,12 @@ proptest! {
         gravity in gravity(),
     ) {
         let chain = chain(&segments);
-        let (tip, kin) = (chain.tip(&motion.q), chain.kinematics(&motion.q));
+        let (tip, kin) = (chain.tip::<MAX_JOINTS>(&motion.q), chain.kinematics(&motion.q));
         let jacobian = chain.jacobian(&kin);
         prop_assert_eq!(tip.position, kin.tip_position());
         prop_assert_eq!(tip.velocity(&motion.qd), jacobian.linear_mul(&motion.qd));
         let torque = jacobian.linear_transpose_mul(&force);
-        prop_assert_eq!(chain.tip_force_torque(&motion.q, &force, None), torque);
+        prop_assert_eq!(chain.tip_force_torque::<MAX_JOINTS>(&motion.q, &force, None), torque);
         let hold = chain.gravity_torque(&kin, &gravity);
         let both: JointVector = core::array::from_fn(|i| torque[i] + hold[i]);
         prop_assert_eq!(chain.tip_force_torque(&motion.q, &force, Some(&gravity)), both);
