@@ -3,11 +3,10 @@
 
     tests/descriptions.py --fetch FOLDER      clones the packages into FOLDER (1 GB)
     tests/descriptions.py FOLDER              compares; prints a table per package and the worst differences
-    tests/descriptions.py --hold FOLDER       presses with six of the robots, with the gains of `hapfic calibrate` alone
+    tests/descriptions.py --hold FOLDER       presses with six of the robots and pushes them, with the gains of `hapfic calibrate` alone
 
-Needs `cargo build --release`, `cargo build --release -p hapfic-robot --example model`, and `pip install pin numpy mcap
-mcap-protobuf-support`. It is not part of the tests, and no description is
-kept in this repository. A chain is the longest one from the root of a file that the stack can take (1 to 16 movable
+Needs `cargo build --release`, `cargo build --release -p hapfic-robot --example model`, the same with `-p hapfic-simulation
+--example hold`, and `pip install pin numpy`. It is not part of the tests, and no description is kept in this repository. A chain is the longest one from the root of a file that the stack can take (1 to 16 movable
 joints, no mimic, planar or floating joint in it); the posture is random within the limits, the other joints are locked.
 """
 import json
@@ -28,6 +27,7 @@ PACKAGES = {
     "robot-assets": "https://github.com/ankurhanda/robot-assets",
 }
 MODEL = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "target", "release", "examples", "model")
+HOLD = os.path.join(os.path.dirname(MODEL), "hold")
 HAPFIC = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "target", "release", "hapfic")
 MOVABLE = ("revolute", "continuous", "prismatic")
 FILES_PER_PACKAGE = 2000
@@ -156,9 +156,9 @@ ROBOTS = {
 
 
 def hold(folder):
-    """Each robot presses for 30 s on a floor of 1e5 N/m in the posture that calibration chooses."""
-    print("| robot | F_d, N | settled rms, % | orientation, degrees | fastest joint at the end, rad/s | moved in 20 s, rad |")
-    print("|---|---|---|---|---|---|")
+    """Each robot presses for 30 s on a floor of 1e5 N/m in the posture that calibration chooses, and is pushed at 15 s."""
+    print("| robot | F_d, N | settled rms, % | orientation, degrees | drift of 10 s, rad | pushed by, rad | off at the end, rad | at a stop |")
+    print("|---|---|---|---|---|---|---|---|")
     for name, (path, base, tip, force, radius) in ROBOTS.items():
         urdf = os.path.abspath(os.path.join(folder, path))
         words = ["--base", base, "--tip", tip, "--force", str(force), "--set", f"robot.foot.radius_m={radius}"]
@@ -169,7 +169,7 @@ def hold(folder):
             f"start_position_rad = {posture}\n[robot.foot]\nradius_m = {radius}\n{text[text.index('[controller]'):]}"
         )
         with tempfile.TemporaryDirectory() as work:
-            file, log = os.path.join(work, "hold.toml"), os.path.join(work, "hold.mcap")
+            file = os.path.join(work, "hold.toml")
             open(file, "w").write(scenario)
             checked = subprocess.run([HAPFIC, "check", file], capture_output=True, text=True, check=True).stdout
             x, y, z = map(float, re.search(r"foot starts at \(([-\d.]+), ([-\d.]+), ([-\d.]+)\)", checked).groups())
@@ -181,30 +181,12 @@ def hold(folder):
                 f"[[operator]]\nat_s = 0.5\ndesired_force_n = [0, 0, {force}]\n"
             )
             open(file, "w").write(scenario)
-            subprocess.run([HAPFIC, "simulate", file, "--log", log], capture_output=True, check=True)
-            states, commands = read(log)
-        settled = [s.foot_force[2] - force for tick, s in states.items() if tick >= 5000]
-        rms = 100 * math.sqrt(sum(e * e for e in settled) / len(settled)) / force
-        turned = max((math.dist((0, 0, 0), c.rotation_error) for t, c in commands.items() if t >= 5000 and c.rotation_error), default=None)
-        last = states[max(states)]
-        fastest = max(abs(rate) for rate in last.joint_velocity)
-        moved = max(abs(a - b) for a, b in zip(states[9999].joint_position, last.joint_position))
-        orientation = "-" if turned is None else f"{math.degrees(turned):.4f}"
-        print(f"| {name} | {force} | {rms:.3f} | {orientation} | {fastest:.0e} | {moved:.0e} |")
-
-
-def read(log):
-    from mcap.reader import make_reader
-    from mcap_protobuf.decoder import DecoderFactory
-
-    states, commands = {}, {}
-    with open(log, "rb") as file:
-        for _, channel, _, message in make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages():
-            if channel.topic == "/state":
-                states[message.tick] = message
-            elif channel.topic == "/command":
-                commands[message.tick] = message
-    return states, commands
+            found = json.loads(subprocess.run([HOLD, file], capture_output=True, text=True, check=True).stdout)
+        turned = f"{found['turned_degrees']:.4f}" if found["joints"] >= 6 else "-"
+        print(
+            f"| {name} | {force} | {found['settled_percent']:.3f} | {turned} | {found['drift_rad']:.0e} | {found['pushed_rad']:.2f} "
+            f"| {found['returned_rad']:.0e} | {'yes' if found['at_stop'] else 'no'} |", flush=True
+        )
 
 
 def main():

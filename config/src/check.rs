@@ -1,6 +1,7 @@
 //! Conditions between several values, and the conversion of a raw scenario into [`Settings`].
 
 mod fault;
+mod foot;
 mod task;
 mod world;
 
@@ -11,8 +12,8 @@ use crate::places::Places;
 use crate::policy::{Fidelity, ResetPolicy, Saturation, Search};
 use crate::raw::{PerJoint, RawController, RawFault, RawOperator, RawProcesses, RawRealtime, RawRobot, RawScenario};
 use crate::settings::{
-    ExternalProcesses, Foot, MAX_JOINTS, MIN_SPACING_TICKS, PlantSettings, RealtimeSettings, RecorderSettings, RobotSettings,
-    Settings, SupervisorSettings, Urdf,
+    ExternalProcesses, MAX_JOINTS, MIN_SPACING_TICKS, PlantSettings, RealtimeSettings, RecorderSettings, RobotSettings, Settings,
+    SupervisorSettings, Urdf,
 };
 use crate::tree::{Node, describe_number};
 use task::{ARM_JOINTS, rotation};
@@ -81,7 +82,7 @@ pub(crate) fn settings(mut raw: RawScenario, tree: &Node, urdf: Urdf) -> Result<
             velocity_limit: raw.robot.velocity_limit_rad_per_s.map(|value| value.values(joints)),
             joint_friction: raw.robot.joint_friction_n_m.map(|value| value.values(joints)),
             armature: raw.robot.armature_kg_m2.map(|value| value.values(joints)),
-            foot: raw.robot.foot.map(|foot| Foot { radius_m: foot.radius_m, offset_m: foot.offset_m }),
+            foot: raw.robot.foot.as_ref().map(|foot| at.foot(foot)).transpose()?,
             urdf,
             base_link: raw.robot.base_link,
             tip_link: raw.robot.tip_link,

@@ -83,7 +83,7 @@ pub struct RobotSettings {
     pub joint_friction: Option<JointValues>,
     /// Inertia of the rotors at the joints [kg m^2; kg]; `None`: none.
     pub armature: Option<JointValues>,
-    /// A sphere in place of the tip link's shapes.
+    /// Foot in place of the tip link's shapes.
     pub foot: Option<Foot>,
 }
 
@@ -96,14 +96,27 @@ pub enum JointValues {
     ByName(Vec<(String, f64)>),
 }
 
-/// Spherical foot.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Foot {
-    /// Radius [m].
-    pub radius_m: f64,
-    /// Centre in the tip frame [m].
-    pub offset_m: [f64; 3],
+/// Foot of a robot.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Foot {
+    /// Spheres of one radius.
+    Spheres {
+        /// Radius [m].
+        radius_m: f64,
+        /// Centres in the tip frame [m]; 1 to [`MAX_SPHERES`].
+        centers_m: Vec<[f64; 3]>,
+    },
+    /// A box along the axes of the tip frame.
+    Box {
+        /// Edges along x, y, z [m].
+        size_m: [f64; 3],
+        /// Centre in the tip frame [m].
+        offset_m: [f64; 3],
+    },
 }
+
+/// Maximum number of spheres of a foot.
+pub const MAX_SPHERES: usize = 8;
 
 /// Loaded robot description.
 #[derive(Clone, Debug, PartialEq)]

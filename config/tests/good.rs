@@ -2,7 +2,8 @@
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use hapfic_config::{
-    Fidelity, JointValues, OnLoss, ResetPolicy, Saturation, Search, Settings, TorqueSaturation, json_schema, robots, scenarios,
+    Fidelity, Foot, JointValues, OnLoss, ResetPolicy, Saturation, Search, Settings, TorqueSaturation, json_schema, robots,
+    scenarios,
 };
 use std::path::Path;
 
@@ -22,6 +23,24 @@ fn again(settings: &Settings) -> Settings {
     let urdf = &settings.robot.urdf;
     let toml = settings.effective_toml();
     Settings::from_effective(&toml, &urdf.name, &urdf.text).unwrap_or_else(|error| panic!("{error}\n{toml}"))
+}
+
+#[test]
+fn foot_is_spheres_or_box() {
+    let foot = |table: &str| {
+        let settings = load(&format!("{MINIMAL}[robot.foot]\n{table}\n"), &[]);
+        assert_eq!(again(&settings), settings);
+        settings.robot.foot.unwrap()
+    };
+    assert_eq!(foot("radius_m = 0.02"), Foot::Spheres { radius_m: 0.02, centers_m: vec![[0.0; 3]] });
+    assert_eq!(
+        foot("radius_m = 0.01\noffset_m = [0, 0, 0.5]\ncenters_m = [[0.25, 0, 0], [-0.25, 0, 0]]"),
+        Foot::Spheres { radius_m: 0.01, centers_m: vec![[0.25, 0.0, 0.5], [-0.25, 0.0, 0.5]] }
+    );
+    assert_eq!(
+        foot("size_m = [0.1, 0.06, 0.02]\noffset_m = [0, 0, -0.01]"),
+        Foot::Box { size_m: [0.1, 0.06, 0.02], offset_m: [0.0, 0.0, -0.01] }
+    );
 }
 
 #[test]
@@ -180,7 +199,7 @@ max_acceleration = 1000
     assert_eq!(again(&s), s);
     assert_eq!((s.duration_ticks, s.seed), (2000, 9_223_372_036_854_775_807));
     assert_eq!(s.robot.joint_damping, Some(JointValues::InOrder(vec![11.46; 3])));
-    assert_eq!(s.robot.foot, Some(hapfic_config::Foot { radius_m: 0.03, offset_m: [0.0, 0.0, 0.01] }));
+    assert_eq!(s.robot.foot, Some(Foot::Spheres { radius_m: 0.03, centers_m: vec![[0.0, 0.0, 0.01]] }));
     assert_eq!(s.robot.effort_limit, Some(JointValues::InOrder(vec![80.0, 70.0, 60.5])));
     assert_eq!(s.supervisor.torque_peak.as_deref(), Some([40.0; 3].as_slice()));
     assert_eq!((s.supervisor.standby, s.supervisor.tick_timeout_ms), (false, 50));

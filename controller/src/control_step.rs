@@ -83,8 +83,8 @@ impl PreviousStates {
 #[must_use]
 pub fn control_step(chain: &Chain, gravity: &Vector3<f64>, inputs: &ControlInputs<'_>, controller: Process) -> Option<Request> {
     match chain.dof() {
-        0..=SHORT => step_within::<SHORT>(chain, gravity, inputs, controller),
-        0..=MIDDLE => step_within::<MIDDLE>(chain, gravity, inputs, controller),
+        n if n <= SHORT => step_within::<SHORT>(chain, gravity, inputs, controller),
+        n if n <= MIDDLE => step_within::<MIDDLE>(chain, gravity, inputs, controller),
         _ => step_within::<LONG>(chain, gravity, inputs, controller),
     }
 }

@@ -50,8 +50,8 @@ pub fn requested_torque(
     moment: &Vector3<f64>,
 ) -> RequestedTorque {
     match chain.dof() {
-        0..=SHORT => torque_within::<SHORT>(chain, gravity, state, p, force, moment),
-        0..=MIDDLE => torque_within::<MIDDLE>(chain, gravity, state, p, force, moment),
+        n if n <= SHORT => torque_within::<SHORT>(chain, gravity, state, p, force, moment),
+        n if n <= MIDDLE => torque_within::<MIDDLE>(chain, gravity, state, p, force, moment),
         _ => torque_within::<LONG>(chain, gravity, state, p, force, moment),
     }
 }

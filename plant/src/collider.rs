@@ -6,6 +6,7 @@ use arrayvec::ArrayVec;
 use hapfic_messages::MAX_OBJECTS;
 use hapfic_robot::{Chain, JointKind, Kinematics, MAX_JOINTS};
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use parry3d_f64::shape::ConvexPolyhedron;
 
 /// Body that a collider is fixed to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -94,14 +95,19 @@ impl ColliderState {
         match collider.shape {
             ContactShape::Ball(_) | ContactShape::HalfSpace(_) => shift,
             // The Frobenius norm bounds the spectral one.
-            ContactShape::Capsule { .. } | ContactShape::Box(_) => {
+            ContactShape::Capsule { .. } | ContactShape::Box(_) | ContactShape::Hull { .. } => {
                 shift + (self.rotation - from.1).norm() * collider.bounding_radius
             }
         }
     }
 
     /// The shape at its pose, as input of the distance queries.
-    pub(crate) fn posed_shape<'a>(&self, collider: &'a Collider, objects: &[FreeBody]) -> PosedShape<'a> {
+    pub(crate) fn posed_shape<'a>(
+        &self,
+        collider: &'a Collider,
+        hulls: &'a [ConvexPolyhedron],
+        objects: &[FreeBody],
+    ) -> PosedShape<'a> {
         match &collider.shape {
             ContactShape::HalfSpace(shape) => PosedShape::HalfSpace {
                 shape,
@@ -113,6 +119,11 @@ impl ColliderState {
             ContactShape::Capsule { axis, radius } => {
                 let end = |z: f64| vector(&(self.center + self.rotation.column(2) * z));
                 PosedShape::Capsule { axis: parry3d_f64::shape::Segment::new(end(axis[0]), end(axis[1])), radius: *radius }
+            }
+            ContactShape::Hull { index, .. } => {
+                let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(self.rotation));
+                let pose = pose(&Isometry3::from_parts(Translation3::from(self.center), rotation));
+                PosedShape::Hull { hull: &hulls[*index], pose }
             }
             ContactShape::Box(cuboid) => {
                 let rotation = match collider.parent {

@@ -1,14 +1,14 @@
 //! Contact points of two shapes. parry computes the distances that are not plain geometry.
 //!
 //! Contact points against the floor are the corners of a box and the ends of a capsule. Two boxes have the corners of
-//! their manifold. Every other pair has its nearest point. Each point has the whole k and b of the law. Distances of a
+//! their manifold. Every other pair, also that of a hull, has its nearest point. Each point has the whole k and b of the law. Distances of a
 //! capsule are those of its axis, a segment, less the radius, and thus exact.
 
 use arrayvec::ArrayVec;
 use nalgebra::{Isometry3, Matrix3, Vector3};
 use parry3d_f64::math::{Pose, Rotation, Vector};
 use parry3d_f64::query::{self, ContactManifold, DefaultQueryDispatcher, PersistentQueryDispatcher};
-use parry3d_f64::shape::{Ball, Cuboid, HalfSpace, Segment, Shape};
+use parry3d_f64::shape::{Ball, ConvexPolyhedron, Cuboid, HalfSpace, Segment, Shape};
 
 /// Maximum number of contact points of a pair.
 pub(crate) const MAX_CONTACT_POINTS: usize = 8;
@@ -24,6 +24,8 @@ pub(crate) enum ContactShape {
     Capsule { axis: [f64; 2], radius: f64 },
     /// A box.
     Box(Cuboid),
+    /// A convex hull: its index among those of the scene, and the radius of its bounding sphere [m].
+    Hull { index: usize, radius: f64 },
 }
 
 impl ContactShape {
@@ -39,6 +41,7 @@ impl ContactShape {
             Self::Ball(ball) => Some(ball.radius),
             Self::Capsule { axis, radius } => Some(axis[0].abs().max(axis[1].abs()) + radius),
             Self::Box(cuboid) => Some(cuboid.half_extents.length()),
+            Self::Hull { radius, .. } => Some(*radius),
         }
     }
 }
@@ -50,6 +53,7 @@ pub(crate) enum PosedShape<'a> {
     Ball { ball: &'a Ball, center: Vector3<f64> },
     Capsule { axis: Segment, radius: f64 },
     Box { cuboid: &'a Cuboid, pose: Pose, center: Vector3<f64>, rotation: Matrix3<f64> },
+    Hull { hull: &'a ConvexPolyhedron, pose: Pose },
 }
 
 impl PosedShape<'_> {
@@ -60,6 +64,7 @@ impl PosedShape<'_> {
             Self::Ball { ball, center } => (*ball, Pose::from_translation(vector(center)), 0.0),
             Self::Capsule { axis, radius } => (axis, Pose::identity(), *radius),
             Self::Box { cuboid, pose, .. } => (*cuboid, *pose, 0.0),
+            Self::Hull { hull, pose } => (*hull, *pose, 0.0),
         }
     }
 }

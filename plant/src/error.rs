@@ -16,7 +16,7 @@ pub enum PlantError {
     Robot(#[from] hapfic_robot::RobotError),
     /// The tip link has no collision shape.
     #[error(
-        "link '{link}': found no collision shape, expected a sphere: the tip link must be able to touch the floor and the objects. Hint: robot.foot.radius_m and robot.foot.offset_m give it one"
+        "link '{link}': found no collision shape, expected spheres, a capsule or a box: the tip link must be able to touch the floor and the objects. Hint: robot.foot gives it some, such as radius_m = 0.02"
     )]
     NoFoot {
         /// The tip link.
@@ -24,13 +24,13 @@ pub enum PlantError {
     },
     /// The foot has a shape for which there is no contact rule.
     #[error(
-        "link '{link}': found {shape:?} as collision shape of the foot, expected a sphere. Hint: robot.foot.radius_m puts one in its place"
+        "link '{link}': found {shape} as collision shape of the foot, expected spheres, a capsule or a box. Hint: robot.foot puts spheres or a box in its place"
     )]
     FootShape {
         /// The tip link.
         link: String,
         /// Its shape.
-        shape: hapfic_robot::Shape,
+        shape: String,
     },
     /// Two bodies have the same name.
     #[error(

@@ -4,6 +4,7 @@ use crate::collider::{Collider, ColliderState};
 use crate::contact_point::{ContactFinder, ContactPoints, ContactShape};
 use crate::object::FreeBody;
 use nalgebra::{Matrix3, Vector3};
+use parry3d_f64::shape::ConvexPolyhedron;
 
 /// Search distance beyond the requested one [m]: a pair stays apart until its shapes have moved that far.
 const MARGIN: f64 = 5e-3;
@@ -44,7 +45,7 @@ impl PairCache {
         against: (&Collider, &ColliderState),
         objects: &[FreeBody],
         reach: f64,
-        finder: &mut ContactFinder,
+        (finder, hulls): (&mut ContactFinder, &[ConvexPolyhedron]),
     ) -> &ContactPoints {
         if self.instant == Some(instant) && reach <= self.within {
             return &self.contacts;
@@ -60,8 +61,8 @@ impl PairCache {
         self.within = if boxes { reach } else { reach + MARGIN };
         self.instant = Some(instant);
         finder.find_contacts(
-            &body.1.posed_shape(body.0, objects),
-            &against.1.posed_shape(against.0, objects),
+            &body.1.posed_shape(body.0, hulls, objects),
+            &against.1.posed_shape(against.0, hulls, objects),
             self.within,
             &mut self.contacts,
         );

@@ -11,7 +11,7 @@ use hapfic_messages::Physics;
 use hapfic_robot::{Chain, Collision, Kinematics, Shape};
 use nalgebra::{Isometry3, Matrix3, Vector3};
 use parry3d_f64::math::Vector;
-use parry3d_f64::shape::{Ball, Cuboid, HalfSpace};
+use parry3d_f64::shape::{Ball, ConvexPolyhedron, Cuboid, HalfSpace};
 
 /// Stiffness below which foot and shank may touch the same place [N/m]. They make one contact then: the deeper one.
 const SOFT: f64 = 1e5;
@@ -52,6 +52,7 @@ pub(crate) struct CollisionScene {
     collider_states: ColliderStates,
     pair_caches: Vec<PairCache>,
     finder: ContactFinder,
+    hulls: Vec<ConvexPolyhedron>,
 }
 
 /// Contact points, each with the index of its pair.
@@ -64,20 +65,27 @@ fn inscribed(radius: f64, length: f64) -> ContactShape {
     if half > 0.0 { ContactShape::capsule(-half, half, radius) } else { ContactShape::Ball(Ball::new(radius)) }
 }
 
-fn contact_shape(shape: &Shape) -> ContactShape {
-    match *shape {
+/// The shape for the contacts; a hull joins `hulls`. `None` if a hull has no volume.
+fn contact_shape(shape: &Shape, hulls: &mut Vec<ConvexPolyhedron>) -> Option<ContactShape> {
+    Some(match *shape {
         Shape::Sphere { radius } => ContactShape::Ball(Ball::new(radius)),
         Shape::Cylinder { radius, length } => inscribed(radius, length),
         Shape::Capsule { radius, length } => ContactShape::capsule(-0.5 * length, 0.5 * length, radius),
         Shape::Box { size } => ContactShape::Box(Cuboid::new(Vector::new(0.5 * size[0], 0.5 * size[1], 0.5 * size[2]))),
-    }
+        Shape::Hull { ref corners } => {
+            let corners: Vec<Vector> = corners.iter().map(|corner| Vector::from_array(*corner)).collect();
+            let radius = corners.iter().fold(0.0, |most: f64, corner| most.max(corner.length()));
+            hulls.push(ConvexPolyhedron::from_convex_hull(&corners)?);
+            ContactShape::Hull { index: hulls.len() - 1, radius }
+        }
+    })
 }
 
 /// The same on a soft body: the capsule's axis spans the whole cylinder, so that the shank's reaches into the foot.
-fn contact_shape_on_soft(shape: &Shape) -> ContactShape {
+fn on_soft(collider: &Collider, shape: &Shape) -> ContactShape {
     match *shape {
         Shape::Cylinder { radius, length } => ContactShape::capsule(-0.5 * length, 0.5 * length, radius),
-        _ => contact_shape(shape),
+        _ => collider.shape,
     }
 }
 
@@ -121,6 +129,7 @@ impl CollisionScene {
             collider_states: ColliderStates::new(0),
             pair_caches: Vec::new(),
             finder: ContactFinder::default(),
+            hulls: Vec::new(),
         };
         let link_colliders = scene.link_colliders()?;
         let mut environment = Vec::new();
@@ -196,12 +205,13 @@ impl CollisionScene {
         let mut link_colliders = Vec::new();
         for collision in collisions {
             let Some(body) = collision.body else { continue };
-            // A flat foot would need a rule for the edge between foot and shank.
-            if self.is_foot(&collision) && !matches!(collision.shape, Shape::Sphere { .. }) {
-                return Err(PlantError::FootShape { link: collision.link.clone(), shape: collision.shape });
+            // A disc would be a capsule, and a hull has a single contact point: neither stands flat.
+            if self.is_foot(&collision) && matches!(collision.shape, Shape::Cylinder { .. } | Shape::Hull { .. }) {
+                return Err(PlantError::FootShape { link: collision.link.clone(), shape: collision.shape.describe() });
             }
-            let collider =
-                self.add_named_collider(BodyId::Link(body), contact_shape(&collision.shape), collision.origin, &collision.link)?;
+            // A hull without volume touches nothing; the description was warned of.
+            let Some(shape) = contact_shape(&collision.shape, &mut self.hulls) else { continue };
+            let collider = self.add_named_collider(BodyId::Link(body), shape, collision.origin, &collision.link)?;
             link_colliders.push((collider, collision));
         }
         Ok(link_colliders)
@@ -209,7 +219,7 @@ impl CollisionScene {
 
     fn object<'a>(&mut self, index: usize, object: &'a Object) -> Result<EnvironmentBody<'a>, PlantError> {
         let shape = match object.shape {
-            ObjectShape::Box { size_m } => contact_shape(&Shape::Box { size: size_m }),
+            ObjectShape::Box { size_m: [x, y, z] } => ContactShape::Box(Cuboid::new(Vector::new(0.5 * x, 0.5 * y, 0.5 * z))),
             ObjectShape::Ball { radius_m } => ContactShape::Ball(Ball::new(radius_m)),
         };
         let collider = self.add_named_collider(BodyId::Object(index), shape, Isometry3::identity(), &object.name)?;
@@ -218,19 +228,21 @@ impl CollisionScene {
 
     fn pair_with_links(&mut self, link_colliders: &[(Collider, Collision)], other: &EnvironmentBody) {
         let law = law(other.surface);
+        let round = |collision: &Collision| matches!(collision.shape, Shape::Sphere { .. });
+        let feet = link_colliders.iter().filter(|(_, collision)| self.is_foot(collision)).count();
         let mut foot = None;
         for (collider, collision) in link_colliders {
             let sensed = self.is_foot(collision);
             let mut body = *collider;
             let mut foot_pair = None;
             if law.stiffness < SOFT && !sensed {
-                // The link that carries the foot reaches into it; other links do not.
+                // The link that carries a single sphere reaches into it; other links do not, and a flat foot is wider.
                 foot_pair = foot.filter(|(_, parent)| *parent == collider.parent).map(|(pair, _)| pair);
                 if foot_pair.is_some() {
-                    body = self.add_collider(collider.with(contact_shape_on_soft(&collision.shape), self.colliders.len()));
+                    body = self.add_collider(collider.with(on_soft(collider, &collision.shape), self.colliders.len()));
                 }
             }
-            if sensed {
+            if sensed && feet == 1 && round(collision) {
                 foot = Some((self.pairs.len(), collider.parent));
             }
             self.pairs.push(ContactPair { body, against: other.collider, law, sensed, foot_pair });
@@ -258,8 +270,14 @@ impl CollisionScene {
         let ContactPair { body, against, .. } = &self.pairs[index];
         let (at, to) = (self.collider_states.of(body), self.collider_states.of(against));
         let pair_cache = &mut self.pair_caches[index];
-        let contacts =
-            pair_cache.contacts(self.collider_states.instant, (body, at), (against, to), objects, reach, &mut self.finder);
+        let contacts = pair_cache.contacts(
+            self.collider_states.instant,
+            (body, at),
+            (against, to),
+            objects,
+            reach,
+            (&mut self.finder, &self.hulls),
+        );
         contacts.iter().filter(move |contact| -contact.depth < reach)
     }
 

@@ -322,3 +322,35 @@ fn object_name_of_link_is_rejected() {
     let settings = Settings::from_effective(&scenario, "leg.urdf", hapfic_config::robots()[0].1).unwrap();
     assert!(Plant::new(&settings).unwrap_err().to_string().contains("'shank'"));
 }
+
+/// A mesh on the robot's slide comes to rest where its lowest corner touches the floor.
+#[test]
+fn mesh_of_link_rests_on_floor() {
+    let folder = tempfile::tempdir().unwrap();
+    let corners = [[0.125, 0.0, -0.25], [-0.125, 0.125, 0.0], [-0.125, -0.125, 0.0], [0.0, 0.0, 0.25]];
+    let mesh: String = corners.iter().map(|[x, y, z]| format!("v {x} {y} {z}\n")).collect();
+    std::fs::write(folder.path().join("wedge.obj"), mesh + "f 1 2 3\nf 1 2 4\nf 2 3 4\nf 1 3 4\n").unwrap();
+    let urdf = r#"<robot name="slide"><link name="base"/>
+        <joint name="rail" type="prismatic"><parent link="base"/><child link="body"/><axis xyz="0 0 1"/>
+          <limit lower="0" upper="5" effort="100" velocity="10"/></joint>
+        <link name="body"><inertial><mass value="2"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>
+          <collision><geometry><mesh filename="wedge.obj"/></geometry></collision></link>
+        <joint name="end" type="fixed"><parent link="body"/><child link="tip"/><origin xyz="0 0 1"/></joint>
+        <link name="tip"><collision><geometry><sphere radius="0.05"/></geometry></collision></link></robot>"#;
+    let file = folder.path().join("slide.urdf");
+    std::fs::write(&file, urdf).unwrap();
+    let scenario = format!(
+        "[robot]\nurdf = {file:?}\nbase_link = \"base\"\ntip_link = \"tip\"\nstart_position_rad = [0.26]\n\
+         [world.floor]\nstiffness_n_per_m = 1e4\ndamping_n_s_per_m = 300.0\n"
+    );
+    let mut plant = Plant::new(&Settings::from_effective(&scenario, file.to_str().unwrap(), urdf).unwrap()).unwrap();
+    for _ in 0..1500 {
+        plant.world().advance(FREE, 1000);
+    }
+    let advance = plant.world().advance(FREE, 1000);
+    let contact = advance.contacts[0];
+    assert_eq!(advance.contact_count, 1);
+    assert!((contact.force[2] - 2.0 * G).abs() < 1e-6, "{contact:?}");
+    assert!((contact.point[0] - 0.125).abs() < 1e-9 && contact.point[1].abs() < 1e-9, "{contact:?}");
+    assert!((plant.world().q[0] - 0.25 + contact.depth).abs() < 1e-9, "{} {contact:?}", plant.world().q[0]);
+}

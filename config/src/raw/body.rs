@@ -57,22 +57,32 @@ pub(crate) struct RawRobot {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) armature_kg_m2: Option<PerJoint>,
 
-    /// A sphere in place of whatever shapes the tip link has. Needed where the tip has none, or a mesh.
+    /// A foot in place of whatever shapes the tip link has. Needed where the tip has none, or a mesh.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(with = "RawFoot")]
     pub(crate) foot: Option<RawFoot>,
 }
 
-/// Spherical foot.
+/// Foot: one sphere, several, or a box. It has either `radius_m` or `size_m`.
 #[derive(Clone, Debug, Deserialize, JsonSchema, Serialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct RawFoot {
-    /// Radius [m], in [1e-3, 1].
-    pub(crate) radius_m: f64,
+    /// Radius of a sphere, or of each of `centers_m` [m], in [1e-3, 1].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) radius_m: Option<f64>,
 
-    /// Centre in the tip frame [m], each in [-10, 10].
+    /// Edges of a box along x, y, z of the tip frame [m], each in [1e-3, 1]. Flat on a plane it rests on four corners, each with
+    /// the whole stiffness and damping of the surface.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) size_m: Option<[f64; 3]>,
+
+    /// Centre of the sphere or box in the tip frame [m], each in [-10, 10].
     #[serde(default)]
     pub(crate) offset_m: [f64; 3],
+
+    /// Centres of several spheres, from `offset_m` on [m], each in [-1, 1]; 1 to 8 of them. A flat foot is four at its corners.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) centers_m: Option<Vec<[f64; 3]>>,
 }
 
 /// Surroundings of the robot.

@@ -6,7 +6,7 @@ mod law;
 mod per_joint;
 mod stack;
 
-pub(crate) use body::{RawObject, RawPlant, RawRobot, RawWorld};
+pub(crate) use body::{RawFoot, RawObject, RawPlant, RawRobot, RawWorld};
 pub(crate) use fault::{RawFault, RawTargets};
 pub(crate) use law::{RawController, RawOperator, RawPlanner};
 pub(crate) use per_joint::PerJoint;

@@ -145,6 +145,23 @@ fn lists_of_robot_are_left_to_robot_model() {
 }
 
 #[test]
+fn foot_has_one_form() {
+    let many = format!("radius_m = 0.01\ncenters_m = {:?}", vec![[0.0; 3]; 9]);
+    for (table, parts) in [
+        ("radius_m = 0.02\nsize_m = [0.1, 0.1, 0.1]", ["x.toml:", "robot.foot.size_m: found radius_m and size_m"]),
+        ("offset_m = [0, 0, 0]", ["x.toml:", "robot.foot: found neither radius_m nor size_m"]),
+        ("size_m = [0.1, 0.1, 0.1]\ncenters_m = [[0, 0, 0]]", ["x.toml:", "robot.foot.centers_m: found centres beside size_m"]),
+        ("radius_m = 0.01\ncenters_m = []", ["x.toml:", "robot.foot.centers_m: found 0 centres, expected 1 to 8"]),
+        (&many, ["x.toml:", "robot.foot.centers_m: found 9 centres"]),
+        ("size_m = [0.1, 0, 0.1]", ["robot.foot.size_m[1]", "[0.001, 1]"]),
+        ("radius_m = 0.01\ncenters_m = [[0, 0, 2]]", ["robot.foot.centers_m[0][2]", "[-1, 1]"]),
+    ] {
+        let error = Settings::from_str(&format!("{ROBOT}[robot.foot]\n{table}\n"), "x.toml", None, &[]).unwrap_err().to_string();
+        assert!(parts.iter().all(|part| error.contains(part)), "{table}: {error}");
+    }
+}
+
+#[test]
 fn hint_names_probable_meaning() {
     let cases = [
         ("[operator]\nat = 1\ntaper = 0.1\n", "write [[operator]], with double brackets"),

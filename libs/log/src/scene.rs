@@ -65,6 +65,10 @@ fn shape(shape: &RobotShape, origin: &nalgebra::Isometry3<f64>, color: [f64; 4])
         // Viewers have no capsules: the enclosing cylinder replaces them.
         RobotShape::Capsule { radius, length } => ViewerShape::Cylinder { radius, length: length + 2.0 * radius },
         RobotShape::Box { size } => ViewerShape::Box { size },
+        // Its bounding box, about whose middle the corners are.
+        RobotShape::Hull { ref corners } => ViewerShape::Box {
+            size: core::array::from_fn(|axis| 2.0 * corners.iter().fold(0.0, |most: f64, corner| most.max(corner[axis].abs()))),
+        },
     };
     let (position, orientation) = pose(origin);
     SceneShape { position, orientation, shape, color }

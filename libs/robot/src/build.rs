@@ -8,8 +8,8 @@ use crate::parts;
 use crate::urdf::{self, UrdfTree};
 use crate::xml::Element;
 use arrayvec::ArrayVec;
-use hapfic_config::JointValues;
-use nalgebra::{Isometry3, IsometryMatrix3, Matrix3, Vector3};
+use hapfic_config::{Foot, JointValues};
+use nalgebra::{Isometry3, IsometryMatrix3, Matrix3, Point3, UnitQuaternion, Vector3};
 
 /// Length below which an axis has no direction.
 const SHORTEST_AXIS: f64 = 1e-9;
@@ -29,8 +29,8 @@ pub struct Replacements<'a> {
     pub joint_friction: Option<&'a JointValues>,
     /// Inertia of the rotors at the joints [kg m^2; kg].
     pub armature: Option<&'a JointValues>,
-    /// A sphere in place of whatever shapes the tip link has: radius [m], centre in the tip frame [m].
-    pub foot: Option<(f64, [f64; 3])>,
+    /// A foot in place of whatever shapes the tip link has.
+    pub foot: Option<&'a Foot>,
 }
 
 impl Chain {
@@ -109,6 +109,7 @@ impl Chain {
             joints: ArrayVec::new(),
             collisions: Vec::new(),
             warnings: Vec::new(),
+            unread: Vec::new(),
         };
         let mut bodies: ArrayVec<ChainBody, MAX_JOINTS> = ArrayVec::new();
         // Pose of the current link in the frame of its body.
@@ -128,15 +129,9 @@ impl Chain {
             }
         }
         builder.check_masses(&bodies)?;
-        if let Some((radius, offset)) = replacements.foot {
-            builder.collisions.retain(|collision| collision.link != tip_link);
-            let center = pose * nalgebra::Point3::from(offset);
-            builder.collisions.push(Collision {
-                link: tip_link.to_owned(),
-                body: bodies.len().checked_sub(1),
-                origin: Isometry3::translation(center.x, center.y, center.z),
-                shape: Shape::Sphere { radius },
-            });
+        builder.warn_of_meshes();
+        if let Some(foot) = replacements.foot {
+            builder.replace_foot(foot, tip_link, bodies.len().checked_sub(1), &pose);
         }
 
         let chain = Self {
@@ -203,6 +198,8 @@ pub(crate) struct ChainBuilder<'t> {
     pub(crate) joints: ArrayVec<Joint, MAX_JOINTS>,
     collisions: Vec<Collision>,
     warnings: Vec<String>,
+    /// Collision meshes that were not read: link, and why.
+    unread: Vec<(String, RobotError)>,
 }
 
 impl ChainBuilder<'_> {
@@ -294,8 +291,9 @@ impl ChainBuilder<'_> {
                 (Ok(_), None) => {}
             }
             for collision in link.element.children("collision") {
-                match parts::collision(link.name, collision, body, &pose) {
+                match parts::collision(link.name, collision, body, &pose, tree.file()) {
                     Ok(collision) => self.collisions.push(collision),
+                    Err(error @ RobotError::Mesh { .. }) => self.unread.push((link.name.to_owned(), error)),
                     // A shape stops no load: dynamics needs none.
                     Err(error) => self.warnings.push(format!("{error} (left out)")),
                 }
@@ -316,6 +314,38 @@ impl ChainBuilder<'_> {
             }
         }
         Ok(inertia)
+    }
+
+    /// One warning for all meshes that were not read: robots have one for each link.
+    fn warn_of_meshes(&mut self) {
+        let Some((first, error)) = self.unread.first() else { return };
+        let mut others: Vec<&str> = self.unread.iter().map(|(link, _)| link.as_str()).filter(|link| link != first).collect();
+        others.dedup();
+        let left_out = match others.len() {
+            0 => "left out".to_owned(),
+            1 => format!("left out, as that of link {}", others[0]),
+            _ => format!("left out, as those of the links {}", others.join(", ")),
+        };
+        self.warnings.push(format!("{error} ({left_out})"));
+    }
+
+    /// Puts a foot in place of the shapes of the tip link, which is at `pose` on `body`.
+    fn replace_foot(&mut self, foot: &Foot, tip_link: &str, body: Option<usize>, pose: &IsometryMatrix3<f64>) {
+        self.collisions.retain(|collision| collision.link != tip_link);
+        let rotation = UnitQuaternion::from_rotation_matrix(&pose.rotation);
+        let mut add = |center: [f64; 3], rotation, shape| {
+            let center = pose * Point3::from(center);
+            let origin = Isometry3::from_parts(center.coords.into(), rotation);
+            self.collisions.push(Collision { link: tip_link.to_owned(), body, origin, shape });
+        };
+        match foot {
+            Foot::Spheres { radius_m, centers_m } => {
+                for center in centers_m {
+                    add(*center, UnitQuaternion::identity(), Shape::Sphere { radius: *radius_m });
+                }
+            }
+            Foot::Box { size_m, offset_m } => add(*offset_m, rotation, Shape::Box { size: *size_m }),
+        }
     }
 
     /// File and line of a link.

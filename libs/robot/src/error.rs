@@ -292,7 +292,7 @@ pub enum RobotError {
     },
     /// A mesh as collision shape.
     #[error(
-        "{file}: link '{link}' <collision>: found mesh '{mesh}'; expected box, sphere, cylinder or capsule, meshes are not supported: replace it by such shapes"
+        "{file}: link '{link}' <collision>: found mesh '{mesh}': {reason}, expected an STL or OBJ file, or a box, sphere, cylinder or capsule"
     )]
     Mesh {
         /// Name of the source, with the line of the element if there is one.
@@ -301,6 +301,8 @@ pub enum RobotError {
         link: String,
         /// The mesh's file.
         mesh: String,
+        /// Why it was not read.
+        reason: String,
     },
     /// A table of the scenario names a joint that the chain does not have.
     #[error("{key}: found joint '{found}', expected one of {known}")]

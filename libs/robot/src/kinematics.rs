@@ -167,8 +167,7 @@ impl<const W: usize> Kinematics<W> {
     #[must_use]
     pub fn point_jacobian(&self, body: usize, point: &Vector3<f64>) -> Jacobian<W> {
         assert!(body < self.n, "body {body} of a chain of {} joints", self.n);
-        let mut jacobian =
-            Jacobian { n: self.n, linear: [Vector3::zeros(); W], angular: [Vector3::zeros(); W] };
+        let mut jacobian = Jacobian { n: self.n, linear: [Vector3::zeros(); W], angular: [Vector3::zeros(); W] };
         for (i, axis) in self.axis.iter().enumerate().take(body + 1) {
             if self.rotational[i] {
                 jacobian.linear[i] = axis.cross(&(point - self.origin[i]));

@@ -56,6 +56,7 @@ mod error;
 mod inertia;
 mod jacobian;
 mod kinematics;
+mod mesh;
 mod null_space;
 mod parts;
 mod reach;

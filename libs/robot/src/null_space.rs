@@ -62,13 +62,13 @@ impl Chain {
             let (linear, angular) = (&jacobian.linear[i], if m == 6 { jacobian.angular[i] } else { Vector3::zeros() });
             [linear.x, linear.y, linear.z, angular.x, angular.y, angular.z, tau[i], 0.0]
         });
-        for i in 0..n {
+        for (i, factors) in root.iter().enumerate().take(n) {
             let (above, rest) = half.split_at_mut(i);
             let row = &mut rest[0];
-            for (entry, other) in root[i].iter().zip(above) {
+            for (entry, other) in factors.iter().zip(above) {
                 row.iter_mut().zip(other).for_each(|(value, other)| *value -= entry * *other);
             }
-            row.iter_mut().for_each(|value| *value *= root[i][i]);
+            row.iter_mut().for_each(|value| *value *= factors[i]);
         }
         // J M^-1 J^T in the first m rows and columns, J M^-1 tau in the row of tau.
         let mut mobility = [[0.0; COLUMNS]; COLUMNS];
@@ -89,8 +89,10 @@ impl Chain {
         substitute(&mobility, &mut held, m);
         let force = Vector3::new(held[0], held[1], held[2]);
         let moment = if m == 6 { Vector3::new(held[3], held[4], held[5]) } else { Vector3::zeros() };
-        core::array::from_fn(|i| {
-            if i < n { tau[i] - jacobian.linear[i].dot(&force) - jacobian.angular[i].dot(&moment) } else { 0.0 }
-        })
+        core::array::from_fn(
+            |i| {
+                if i < n { tau[i] - jacobian.linear[i].dot(&force) - jacobian.angular[i].dot(&moment) } else { 0.0 }
+            },
+        )
     }
 }

@@ -3,6 +3,7 @@
 use crate::collision::{Collision, Shape};
 use crate::error::RobotError;
 use crate::inertia::RigidInertia;
+use crate::mesh;
 use crate::urdf::Link;
 use crate::xml::Element;
 use nalgebra::{Isometry3, IsometryMatrix3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
@@ -81,12 +82,18 @@ pub(crate) fn collision(
     collision: Element<'_>,
     body: Option<usize>,
     on_body: &IsometryMatrix3<f64>,
+    file: &str,
 ) -> Result<Collision, RobotError> {
     let own = pose(collision, || format!("link '{link}' <collision><origin>"))?;
     let missing = || collision.unreadable(format!("link '{link}' <collision> has no <geometry> with a shape"));
     let geometry = collision.child("geometry").and_then(Element::first).ok_or_else(missing)?;
-    let shape = shape(link, geometry)?;
     let placed = on_body * own;
+    let (shape, placed) = if geometry.tag() == "mesh" {
+        let (center, corners) = mesh::hull(link, geometry, file)?;
+        (Shape::Hull { corners }, placed * Translation3::from(center))
+    } else {
+        (shape(link, geometry)?, placed)
+    };
     let origin = Isometry3::from_parts(placed.translation, UnitQuaternion::from_rotation_matrix(&placed.rotation));
     Ok(Collision { link: link.to_owned(), body, origin, shape })
 }
@@ -107,10 +114,6 @@ fn shape(link: &str, geometry: Element<'_>) -> Result<Shape, RobotError> {
             let size = geometry.triple("size", place)?.unwrap_or([0.0; 3]);
             size.iter().try_for_each(|edge| geometry.positive(*edge, place))?;
             Ok(Shape::Box { size })
-        }
-        "mesh" => {
-            let mesh = geometry.attribute("filename").unwrap_or_default().to_owned();
-            Err(RobotError::Mesh { file: geometry.place(), link: link.to_owned(), mesh })
         }
         other => Err(geometry.unreadable(format!("link '{link}' <collision> has the unknown shape <{other}>"))),
     }

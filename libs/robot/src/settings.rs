@@ -18,7 +18,7 @@ impl Chain {
             velocity_limit: robot.velocity_limit.as_ref(),
             joint_friction: robot.joint_friction.as_ref(),
             armature: robot.armature.as_ref(),
-            foot: robot.foot.map(|foot| (foot.radius_m, foot.offset_m)),
+            foot: robot.foot.as_ref(),
         };
         let (base, tip) = (robot.base_link.as_str(), robot.tip_link.as_str());
         let start = |dof: usize| check_length("robot.start_position_rad", Some(&robot.start_position), dof, base, tip);

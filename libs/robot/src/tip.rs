@@ -49,12 +49,7 @@ impl Chain {
     /// Panics if `q` is shorter than [`Chain::dof`]; ignores further values.
     #[inline]
     #[must_use]
-    pub fn tip_force_torque<const W: usize>(
-        &self,
-        q: &[f64],
-        force: &Vector3<f64>,
-        gravity: Option<&Vector3<f64>>,
-    ) -> [f64; W] {
+    pub fn tip_force_torque<const W: usize>(&self, q: &[f64], force: &Vector3<f64>, gravity: Option<&Vector3<f64>>) -> [f64; W] {
         let mut torque = self.tip::<W>(q).torque(force);
         if let Some(gravity) = gravity {
             let hold = self.gravity_torque(&self.kinematics_within::<W>(q), gravity);

@@ -78,7 +78,7 @@ fn leg_joints_and_shapes_match_urdf() {
     assert_eq!((knee.lower, knee.upper, knee.effort, knee.velocity_limit, knee.damping), (-2.9, 2.9, 80.0, 20.0, 0.0));
 
     let shapes: Vec<(&str, Option<usize>, Shape)> =
-        leg.collisions().iter().map(|collision| (collision.link.as_str(), collision.body, collision.shape)).collect();
+        leg.collisions().iter().map(|collision| (collision.link.as_str(), collision.body, collision.shape.clone())).collect();
     assert_eq!(
         shapes,
         [

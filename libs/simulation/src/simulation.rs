@@ -10,10 +10,10 @@ use hapfic_gate::parameter_schedule::ParameterSchedule;
 use hapfic_gate::protocol::{ControllerSlot, GateInputs, Observation};
 use hapfic_gate::torque_check::TorqueCheck;
 use hapfic_gate::{Gate, GateLimits};
-use hapfic_messages::{Command, Mode, Operator, Process, Reference, State, ValidationError};
+use hapfic_messages::{Command, MAX_JOINTS, Mode, Operator, Process, Reference, State, ValidationError};
 use hapfic_planner::TickPlan;
 use hapfic_plant::{Plant, PlantError};
-use hapfic_robot::Chain;
+use hapfic_robot::{Chain, JointVector, cholesky};
 use nalgebra::Vector3;
 
 /// Dead time from a state to the torque that answers it [ticks].
@@ -138,6 +138,20 @@ impl Simulation {
     #[must_use]
     pub fn plant(&mut self) -> &mut Plant {
         &mut self.plant
+    }
+
+    /// Gives the tip an impulse [N s], world frame: the joints change their speed by `M^-1 J^T p`, as after a short blow.
+    pub fn push_tip(&mut self, impulse: &Vector3<f64>) {
+        let world = self.plant.world();
+        let (chain, kin) = (world.chain(), world.kinematics());
+        let n = chain.dof();
+        let mut root: [JointVector; MAX_JOINTS] = chain.mass_matrix(&kin).into();
+        let mut change = chain.jacobian(&kin).linear_transpose_mul(impulse);
+        // Positive definite at every posture: the description was checked.
+        if cholesky::factor(&mut root, n) {
+            cholesky::substitute(&root, &mut change, n);
+            world.qd.iter_mut().zip(change).for_each(|(rate, change)| *rate += change);
+        }
     }
 
     /// Messages of the last tick; before the first tick, the initial state and command.

@@ -5,7 +5,6 @@ use crate::calibrate::{effective_masses, posture_at};
 use crate::stability::{REST_AMPLITUDE_M, StabilityResult, TEST_S, same_loop, settles, settles_within};
 use crate::{DeadTime, Simulation, SimulationError, pool};
 use hapfic_config::{Diagnostic, Floor, OperatorChange, ParameterSettings, Settings, Surface};
-use hapfic_robot::Shape;
 use std::sync::atomic::AtomicBool;
 
 /// Stiffness of the built-in walls [N/m].
@@ -221,10 +220,8 @@ impl Advisor {
         let tip = kin.tip_position();
         let shapes = self.chain.collisions().iter().filter(|shape| shape.body.is_some() && shape.link == self.chain.tip_link());
         let lowest = shapes
-            .filter_map(|shape| {
-                let Shape::Sphere { radius } = shape.shape else { return None };
-                Some(self.chain.collision_pose(&kin, shape).translation.z - radius)
-            })
+            .flat_map(|shape| shape.spheres(&self.chain.collision_pose(&kin, shape)))
+            .map(|(center, radius)| center.z - radius)
             .reduce(f64::min)?;
         let mass = effective_masses(&self.chain, &q).map_or(MASS_KG, |masses| masses.axes_kg[2].max(MASS_KG));
         let floor = pressing.world.floor.as_mut()?;

@@ -2,7 +2,6 @@
 
 use super::{Advisor, Case};
 use hapfic_config::{Object, ObjectShape};
-use hapfic_robot::Shape;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 /// Place of the foot relative to a surface.
@@ -53,16 +52,13 @@ impl Advisor {
         self.surfaces(case).into_iter().max_by(|a, b| a.depth_m.total_cmp(&b.depth_m))
     }
 
-    /// Spheres of the foot with its frame at the target: centres and radii [m]. A foot without a sphere is a point.
+    /// Spheres of the foot with its frame at the target: centres and radii [m]; corners have radius zero. Without a shape it is a point.
     fn foot(&self, case: &Case<'_>) -> Vec<(Vector3<f64>, f64)> {
         let kin = self.chain.kinematics(&case.reach.q);
         let shapes = self.chain.collisions().iter().filter(|shape| shape.body.is_some() && shape.link == self.chain.tip_link());
-        let spheres = shapes.filter_map(|shape| {
-            let Shape::Sphere { radius } = shape.shape else { return None };
-            let offset = self.chain.collision_pose(&kin, shape).translation.vector - kin.tip_position();
-            Some((case.target + offset, radius))
-        });
-        let mut spheres: Vec<_> = spheres.collect();
+        let spheres = shapes.flat_map(|shape| shape.spheres(&self.chain.collision_pose(&kin, shape)));
+        let mut spheres: Vec<_> =
+            spheres.map(|(center, radius)| (case.target + center.coords - kin.tip_position(), radius)).collect();
         if spheres.is_empty() {
             spheres.push((case.target, 0.0));
         }

@@ -4,7 +4,7 @@ use hapfic_config::{ParameterSettings, Settings, robots};
 use hapfic_robot::{Chain, ends};
 use hapfic_simulation::Simulation;
 use hapfic_simulation::calibrate::{calibrate, start_posture};
-use nalgebra::{DMatrix, DVector};
+use nalgebra::Vector3;
 
 /// A robot, what a scenario adds to its description, and the force that it must hold [N].
 const ROBOTS: [(&str, &str, f64); 4] = [
@@ -33,36 +33,21 @@ fn settings(name: &str, extra: &str) -> Settings {
     Settings::from_str(&scenario, name, None, &[]).unwrap()
 }
 
-/// The robot with its tip on the floor, under the force.
+/// The robot with its foot on the floor, under the force.
 fn pressing(settings: &Settings, set: &ParameterSettings, force: f64) -> Simulation {
     let chain = Chain::from_settings(&settings.robot).unwrap();
-    let tip = chain.kinematics(&settings.robot.start_position).tip_position();
-    let radius = chain
-        .collisions()
-        .iter()
-        .filter(|shape| shape.link == chain.tip_link())
-        .find_map(|shape| if let hapfic_robot::Shape::Sphere { radius } = shape.shape { Some(radius) } else { None })
-        .unwrap();
+    let kin = chain.kinematics(&settings.robot.start_position);
+    let tip = kin.tip_position();
+    let foot = chain.collisions().iter().filter(|shape| shape.link == chain.tip_link());
+    let spheres = foot.flat_map(|shape| shape.spheres(&chain.collision_pose(&kin, shape)));
+    let lowest = spheres.map(|(center, radius)| center.z - radius).fold(f64::INFINITY, f64::min);
     let mut pressing = settings.clone();
     let floor = pressing.world.floor.as_mut().unwrap();
-    (floor.height_m, floor.tip_only) = (tip.z - radius, true);
+    (floor.height_m, floor.tip_only) = (lowest, true);
     let depth = 0.3 * force / set.stiffness[2];
     pressing.initial =
         ParameterSettings { target_position: Some([tip.x, tip.y, tip.z - depth]), desired_force: [0.0, 0.0, force], ..*set };
     Simulation::new(&pressing).unwrap()
-}
-
-/// Gives the tip an impulse along y [N s].
-fn push(simulation: &mut Simulation, chain: &Chain) {
-    let world = simulation.plant().world();
-    let kin = world.kinematics();
-    let (mass, jacobian) = (chain.mass_matrix(&kin), chain.jacobian(&kin));
-    let n = chain.dof();
-    let change = DMatrix::from_fn(n, n, |i, j| mass[(i, j)])
-        .cholesky()
-        .unwrap()
-        .solve(&DVector::from_fn(n, |i, _| jacobian.linear[i].y * PUSH_N_S));
-    world.qd[..n].iter_mut().zip(change.iter()).for_each(|(rate, change)| *rate += change);
 }
 
 #[test]
@@ -90,7 +75,7 @@ fn built_in_robots_hold_force_and_orientation_with_calibrated_gains_and_return_f
             }
             if tick == PUSHED {
                 held = Some(state.joint_position);
-                push(&mut simulation, &chain);
+                simulation.push_tip(&Vector3::new(0.0, PUSH_N_S, 0.0));
             }
         }
         let error = (squares / f64::from(count)).sqrt() / force;
@@ -100,6 +85,40 @@ fn built_in_robots_hold_force_and_orientation_with_calibrated_gains_and_return_f
         let (held, now) = (held.unwrap(), simulation.snapshot().state.joint_position);
         let moved = held.iter().zip(&now).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         assert!(moved < 0.01, "{name}: {moved} rad off its posture after the push");
+    }
+}
+
+/// A flat foot stands on a corner of each side: it takes the force, and the moments that keep it flat.
+#[test]
+fn flat_foot_holds_force_on_all_its_corners() {
+    let feet = [
+        "[robot.foot]\nsize_m = [0.1, 0.06, 0.02]\n",
+        "[robot.foot]\nradius_m = 0.01\ncenters_m = [[0.05, 0.03, 0], [0.05, -0.03, 0], [-0.05, 0.03, 0], [-0.05, -0.03, 0]]\n",
+    ];
+    for foot in feet {
+        let settings = settings("arm6.urdf", &format!("armature_kg_m2 = 0.02\n{foot}"));
+        let found = calibrate(&settings, Some(20.0)).unwrap();
+        let mut simulation = pressing(&settings, &found.set, 20.0);
+        let (mut squares, mut count, mut points) = (0.0, 0, 0);
+        for tick in 0..PUSHED {
+            let state = simulation.step().unwrap().state;
+            if tick >= SETTLED {
+                squares += (state.foot_force[2] - 20.0).powi(2);
+                count += 1;
+                points = points.max(state.contact_count);
+                if tick == PUSHED - 1 {
+                    println!(
+                        "{:?} {:?} {:?}",
+                        &state.contacts[..state.contact_count as usize],
+                        state.foot_moment,
+                        simulation.snapshot().command.request.rotation.error
+                    );
+                }
+            }
+        }
+        let error = (squares / f64::from(count)).sqrt() / 20.0;
+        assert!(error < 2e-3, "{foot}: {error} of the force");
+        assert_eq!(points, 4, "{foot}");
     }
 }
 
