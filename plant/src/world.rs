@@ -12,7 +12,7 @@ use crate::object::FreeBody;
 use crate::point::ConstraintPoint;
 use crate::scene::{CollisionScene, PairContacts};
 use crate::step_scope::{ConstraintSource, StepScope};
-use hapfic_robot::{Chain, JointVector, Kinematics, MAX_JOINTS};
+use hapfic_robot::{JointVector, Kinematics, MAX_JOINTS};
 use nalgebra::Vector3;
 
 /// Action of the drive for a tick.
@@ -103,12 +103,6 @@ impl PhysicsWorld {
     pub(crate) fn update_colliders(&mut self, kin: &Kinematics) {
         self.scene.update_colliders(kin, &self.qd, &self.objects);
         self.scene.note_passages(&mut self.tick_sums.physics);
-    }
-
-    /// The robot.
-    #[must_use]
-    pub fn chain(&self) -> &Chain {
-        &self.scene.chain
     }
 
     /// Forward kinematics at the present position.

@@ -201,6 +201,10 @@ wire_enum! {
         OverSpeed = 8, "over_speed";
         /// The tip is turned further than x_b,R from its reference, and does not make up for it by a moment.
         RotationOutsideBound = 9, "rotation_outside_bound";
+        /// The reference rests, and the tip stays turned from it by more than a degree where no moment is wanted.
+        OrientationNotReached = 10, "orientation_not_reached";
+        /// The moment has missed a constant M_d by more than 5 % for 1 s.
+        MomentNotReached = 11, "moment_not_reached";
     }
 }
 

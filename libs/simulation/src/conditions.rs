@@ -36,6 +36,8 @@ const AT_LIMIT: f64 = 0.98;
 const HOLD: i64 = 50;
 /// Ticks for which the reference rests and the foot stays away before a target counts as out of reach.
 const REST: i64 = 300;
+/// Orientation error at rest that counts as not reached [rad]: one degree.
+const TURNED: f64 = 0.0175;
 /// Distance to a joint's limit that counts as at its stop [rad], or [m] for a prismatic joint.
 const STOP: f64 = 2e-3;
 /// Share of the rule's limit from which on the margin is small.
@@ -77,11 +79,14 @@ pub struct TaskWatch {
     tau_s: f64,
     watched: Vec<Watched>,
     force: [ForceWindow; 3],
+    moment: [ForceWindow; 3],
     energy: [PassivityObserver; 3],
     /// Command of the tick before, and the version of its parameters.
     before: Option<Command>,
     /// Ticks for which the reference has been at the target.
     arrived: i64,
+    /// Ticks for which the reference has not turned.
+    still: i64,
     margin: f64,
     last_tick: i64,
 }
@@ -108,9 +113,11 @@ impl TaskWatch {
             tau_s: 1.5 * PERIOD_S + filter_s,
             watched,
             force: Default::default(),
+            moment: Default::default(),
             energy: Default::default(),
             before: None,
             arrived: 0,
+            still: 0,
             margin: 0.0,
             last_tick: -1,
         }
@@ -181,16 +188,19 @@ impl TaskWatch {
             });
         }
         if p.is_pose() {
-            self.rotation(&mut found, active, command, p);
+            let turns = reference.angular_velocity.iter().any(|rate| rate.abs() > 1e-9);
+            self.still = if turns { 0 } else { self.still + 1 };
+            self.rotation(&mut found, active, state, command, p);
         }
         self.joints(&mut found, state, p);
         self.before = Some(*command);
         found.events
     }
 
-    /// Bound of the orientation's error.
-    fn rotation(&mut self, found: &mut Observations, active: bool, command: &Command, p: &Parameters) {
+    /// Error of the orientation, and the moment.
+    fn rotation(&mut self, found: &mut Observations, active: bool, state: &State, command: &Command, p: &Parameters) {
         let request = &command.request.rotation;
+        let law = p.of_rotation();
         for axis in 0..3 {
             let error = request.error[axis] - request.state.offset[axis];
             let bound = p.rotation.bound[axis];
@@ -199,6 +209,20 @@ impl TaskWatch {
             self.observe(found, TaskCondition::RotationOutsideBound, axis, outside, HOLD, || {
                 format!("{:.2} degrees off the reference, x_b,R {:.2} degrees", error.to_degrees(), bound.to_degrees())
             });
+            let turned = active && !held && self.still > REST && error.abs() > TURNED;
+            self.observe(found, TaskCondition::OrientationNotReached, axis, turned, REST, || {
+                format!("{:.2} degrees off the reference at rest", error.to_degrees())
+            });
+            let desired = law.desired_force[axis];
+            self.moment[axis].push(state.foot_moment[axis], axis, &law);
+            if found.tick % EVERY == 0 {
+                let mean = self.moment[axis].figures().mean;
+                let constant = self.moment[axis].constant >= MISSED_TICKS;
+                let missed = active && desired != 0.0 && constant && (mean - desired).abs() > MISSED * desired.abs();
+                self.observe(found, TaskCondition::MomentNotReached, axis, missed, 0, || {
+                    format!("mean {mean:.3} N m instead of {desired:.3} N m")
+                });
+            }
         }
     }
 

@@ -13,10 +13,6 @@ pub struct Extremes {
     pub torque: [f64; MAX_JOINTS],
     /// Ticks in which the peak limited the torque of a joint.
     pub limited_ticks: u64,
-    /// Largest angle between the tip and its reference in a pose task [rad]; zero in a position task.
-    pub turned_rad: f64,
-    /// The same at the last tick [rad].
-    pub turned_at_end_rad: f64,
     /// Work of the joints' torques, as sum of absolute values [J].
     pub work_j: f64,
     /// q of the previous tick [rad or m].
@@ -37,11 +33,7 @@ impl Extremes {
         let work = |before: [f64; MAX_JOINTS]| -> f64 {
             (0..joints).map(|i| (state.joint_torque[i] * (state.joint_position[i] - before[i])).abs()).sum()
         };
-        let request = &command.request.rotation;
-        let turned = norm(&core::array::from_fn(|axis| request.error[axis] - request.state.offset[axis]));
         Self {
-            turned_rad: self.turned_rad.max(turned),
-            turned_at_end_rad: turned,
             foot_force_n: self.foot_force_n.max(norm(&state.foot_force)),
             contact_force_n: contacts.map(|contact| norm(&contact.force)).fold(self.contact_force_n, f64::max),
             torque,

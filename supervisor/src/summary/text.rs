@@ -39,6 +39,10 @@ impl Summary {
         row(out, "|x - x_d| max", t.max_m.map(|v| format!("{:.3} mm", v * 1e3)))?;
         row(out, "          rms", t.rms_m.map(|v| format!("{:.3} mm", v * 1e3)))?;
         row(out, "bound x_b", t.bound_m.map(|v| format!("{:.1} mm", v * 1e3)))?;
+        if let Some(orientation) = &t.orientation {
+            let [most, rms, last] = [orientation.max_rad, orientation.rms_rad, orientation.last_rad].map(f64::to_degrees);
+            writeln!(out, "  |e_R|         at most {most:.3}, rms {rms:.3}, at the end {last:.4} degrees")?;
+        }
         let c = &self.force_command;
         row(out, "|F_c| max", c.max_n.map(|v| format!("{v:.1} N")))?;
         row(out, "limit F_max", c.limit_n.map(|v| format!("{v:.0} N")))?;

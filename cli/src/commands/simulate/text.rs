@@ -89,9 +89,9 @@ pub fn single(scenario: &str, done: &Done) -> String {
     line("sliding rms", axes(force.sliding_rms_percent.map(some)) + " % of F_d");
     let limited = done.extremes.limited_ticks;
     line("torque max", format!("{:.2} N m, limited in {limited} ticks", done.extremes.largest_torque()));
-    if done.extremes.turned_rad > 0.0 {
-        let [most, end] = [done.extremes.turned_rad, done.extremes.turned_at_end_rad].map(f64::to_degrees);
-        line("|e_R|", format!("at most {most:.3}, at the end {end:.4} degrees"));
+    if let Some(orientation) = &tracking.orientation {
+        let [most, last] = [orientation.max_rad, orientation.last_rad].map(f64::to_degrees);
+        line("|e_R|", format!("at most {most:.3}, at the end {last:.4} degrees"));
     }
     line("work of the joints", format!("{:.3} J", done.extremes.work_j));
     for task in &done.tasks {

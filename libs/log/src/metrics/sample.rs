@@ -162,10 +162,13 @@ pub(super) struct CommandSample {
     /// dx; `None` in a log without it, as for the error.
     pub(super) offset: Option<Vector3<f64>>,
     pub(super) error: Option<Vector3<f64>>,
+    /// Angle from the tip to its reference [rad]; `None` in a position task.
+    pub(super) turned: Option<f64>,
 }
 
 impl CommandSample {
     pub(super) fn new(message: &proto::Command) -> Option<Self> {
+        let rotation_offset = vector_if_any(&message.rotation_offset)?;
         Some(Self {
             force: vector(&message.force)?,
             active: message.mode == Mode::Active.name(),
@@ -174,6 +177,8 @@ impl CommandSample {
             limited: message.limited != 0 || message.rate_limited != 0,
             offset: vector_if_any(&message.offset)?,
             error: vector_if_any(&message.error)?,
+            turned: vector_if_any(&message.rotation_error)?
+                .map(|error| (error - rotation_offset.unwrap_or_default()).norm()),
         })
     }
 }

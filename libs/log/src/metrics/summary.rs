@@ -37,8 +37,21 @@ pub struct TrackingSummary {
     pub rms_ratio: [f64; 3],
     /// Ticks at which the error of any axis exceeded x_b of that tick.
     pub outside_ticks: u64,
+    /// Angle between the tip and its reference, in active ticks; `None` in a position task.
+    pub orientation: Option<OrientationSummary>,
     /// The same per axis, with causes.
     pub outside: OutsideSummary,
+}
+
+/// Angle between the tip and its reference orientation; the searched offset does not count.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct OrientationSummary {
+    /// Largest [rad].
+    pub max_rad: f64,
+    /// Root mean square [rad].
+    pub rms_rad: f64,
+    /// In the last active tick [rad].
+    pub last_rad: f64,
 }
 
 /// Ticks at which the error of an axis exceeded x_b, each counted once: with the first cause that applies.

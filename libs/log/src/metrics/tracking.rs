@@ -2,7 +2,7 @@
 
 use super::sample::{CommandSample, ParameterSample, ReferenceSample, StateSample};
 use super::sum::Sum;
-use super::summary::{OutsideSummary, TrackingSummary};
+use super::summary::{OrientationSummary, OutsideSummary, TrackingSummary};
 
 /// Share of F_max from which F_c counts as at its limit: the profile approaches it up to a small step at the end.
 pub(super) const AT_LIMIT: f64 = 0.999;
@@ -15,6 +15,8 @@ const REST_M_PER_S: f64 = 1e-3;
 pub(super) struct TrackingSums {
     axes: [TrackingAxisSums; 3],
     outside: u64,
+    turned: Sum,
+    turned_last: f64,
 }
 
 /// Sums of an axis.
@@ -41,6 +43,10 @@ impl TrackingSums {
         command: Option<&CommandSample>,
         set: Option<&ParameterSample>,
     ) {
+        if let Some(turned) = command.filter(|command| command.active).and_then(|command| command.turned) {
+            self.turned.add(turned);
+            self.turned_last = turned;
+        }
         let mut outside = false;
         for (i, axis) in self.axes.iter_mut().enumerate() {
             let error = state.position[i] - reference.position[i];
@@ -70,6 +76,11 @@ impl TrackingSums {
             max_ratio: self.axes.map(|axis| axis.ratio.largest),
             rms_ratio: self.axes.map(|axis| axis.ratio.rms().unwrap_or(0.0)),
             outside_ticks: self.outside,
+            orientation: self.turned.rms().map(|rms_rad| OrientationSummary {
+                max_rad: self.turned.largest,
+                rms_rad,
+                last_rad: self.turned_last,
+            }),
             outside: OutsideSummary {
                 ticks: self.axes.map(|axis| axis.outside),
                 force_limited_ticks: self.axes.map(|axis| axis.force_limited),

@@ -109,6 +109,20 @@ fn conditions_late_torque_is_not_passive() {
     assert!(falls(DeadTime::Five));
 }
 
+/// In the air no moment can be reached; a stop keeps the tool from its orientation.
+#[test]
+fn conditions_moment_and_orientation_not_reached() {
+    let moment = ["operator=[{at_s=0, desired_moment_n_m=[0, 0, 0.5]}]", "world.object=[]"];
+    let (_, reports) = run("arm-press", &moment, &[], 1500);
+    let found = find(&reports, TaskCondition::MomentNotReached, "z");
+    assert!(found.since_tick.is_some() && found.found.contains("instead of 0.500 N m"), "{found:?}");
+    let turned =
+        ["operator=[{at_s=0, target_orientation_rpy_rad=[1.5707963, 0, 0]}]", "controller.max_moment_n_m=[0.2, 0.2, 0.2]"];
+    let (_, reports) = run("arm-press", &turned, &[], 8000);
+    let found = reports.iter().find(|report| report.condition == TaskCondition::OrientationNotReached.name());
+    assert!(found.is_some_and(|report| report.found.contains("degrees off the reference at rest")), "{reports:?}");
+}
+
 #[test]
 fn conditions_joint_at_its_stop_is_named() {
     let settings = Settings::load("floor", &[]).unwrap();
