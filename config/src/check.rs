@@ -10,7 +10,7 @@ use crate::fault::Fault;
 use crate::parameters::{OperatorChange, ParameterSettings};
 use crate::places::Places;
 use crate::policy::{Fidelity, ResetPolicy, Saturation, Search};
-use crate::raw::{PerJoint, RawController, RawFault, RawOperator, RawProcesses, RawRealtime, RawRobot, RawScenario};
+use crate::raw::{PerJoint, RawController, RawFault, RawOperator, RawProcesses, RawRealtime, RawRecorder, RawRobot, RawScenario};
 use crate::settings::{
     ExternalProcesses, MAX_JOINTS, MIN_SPACING_TICKS, PlantSettings, RealtimeSettings, RecorderSettings, RobotSettings, Settings,
     SupervisorSettings, Urdf,
@@ -122,11 +122,7 @@ pub(crate) fn settings(mut raw: RawScenario, tree: &Node, urdf: Urdf) -> Result<
             credit_ticks: raw.supervisor.credit_ticks,
         },
         realtime: at.realtime(&raw.realtime)?,
-        recorder: RecorderSettings {
-            flush_ms: raw.recorder.flush_ms,
-            viewer_rate_hz: raw.recorder.viewer_rate_hz,
-            chunk_kib: raw.recorder.chunk_kib,
-        },
+        recorder: at.recorder(&raw.recorder)?,
         processes: at.processes(raw.processes)?,
         effective,
         places: Places::new(tree, usize::from(starts)),
@@ -320,6 +316,28 @@ impl ScenarioCheck<'_> {
             core_controller: raw.core_controller,
             core_standby: raw.core_standby,
             core_planner: raw.core_planner,
+        })
+    }
+
+    fn recorder(&self, raw: &RawRecorder) -> Result<RecorderSettings, ConfigError> {
+        if let Some(keep) = raw.keep_mb
+            && raw.part_mb.is_none_or(|part| u64::from(keep) < 3 * u64::from(part))
+        {
+            let expected = match raw.part_mb {
+                Some(part) => format!("at least {} MB, three times recorder.part_mb", 3 * u64::from(part)),
+                None => "recorder.part_mb beside it".to_owned(),
+            };
+            let help = "whole parts are removed, and the first and the present one stay";
+            return Err(ConfigError::Combination(self.diagnostic("recorder.keep_mb", &format!("{keep} MB"), &expected, help)));
+        }
+        Ok(RecorderSettings {
+            flush_ms: raw.flush_ms,
+            viewer_rate_hz: raw.viewer_rate_hz,
+            chunk_kib: raw.chunk_kib,
+            part_mb: raw.part_mb,
+            keep_mb: raw.keep_mb,
+            min_free_mb: raw.min_free_mb,
+            on_failure: raw.on_failure,
         })
     }
 

@@ -42,7 +42,7 @@ pub use embedded::{Scenario, robots, scenarios};
 pub use error::{ConfigError, Diagnostic, Location};
 pub use fault::{Fault, FaultKind, FaultTarget};
 pub use parameters::{JointSpaceSettings, OperatorChange, ParameterSettings, RotationSettings};
-pub use policy::{Fidelity, OnLoss, Placement, ResetPolicy, Saturation, Search, Task, TorqueSaturation};
+pub use policy::{Fidelity, OnFailure, OnLoss, Placement, ResetPolicy, Saturation, Search, Task, TorqueSaturation};
 pub use schema::json_schema;
 pub use settings::{
     ExternalProcesses, Floor, Foot, JointValues, MAX_JOINTS, MAX_OBJECTS, MAX_SPHERES, MIN_SPACING_TICKS, Object, ObjectShape,

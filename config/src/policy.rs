@@ -79,6 +79,17 @@ pub enum Placement {
     Free,
 }
 
+/// What follows when the log can no longer be written.
+#[derive(Clone, Copy, Debug, Default, Deserialize, Eq, JsonSchema, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum OnFailure {
+    /// The run stops: a run without its log is worth nothing.
+    #[default]
+    Stop,
+    /// Control goes on without a log; the summary counts what is missing.
+    Continue,
+}
+
 /// Reaction of a run to the loss of its plant.
 #[derive(Clone, Copy, Debug, Default, Deserialize, Eq, JsonSchema, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]

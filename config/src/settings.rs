@@ -3,7 +3,7 @@
 use crate::fault::Fault;
 use crate::parameters::{OperatorChange, ParameterSettings};
 use crate::places::Places;
-use crate::policy::{Fidelity, OnLoss, Placement, TorqueSaturation};
+use crate::policy::{Fidelity, OnFailure, OnLoss, Placement, TorqueSaturation};
 
 /// Period T of the control loop [s].
 pub const PERIOD_S: f64 = 0.001;
@@ -292,6 +292,14 @@ pub struct RecorderSettings {
     pub viewer_rate_hz: f64,
     /// Size of a chunk before compression [KiB].
     pub chunk_kib: u32,
+    /// Size at which the log goes on in a new part [MB]; `None`: it is one file.
+    pub part_mb: Option<u32>,
+    /// Size of all parts above which the oldest but the first are removed [MB]; `None`: all stay.
+    pub keep_mb: Option<u32>,
+    /// Free space of the disk below which the log ends [MB].
+    pub min_free_mb: u32,
+    /// What follows when the log can no longer be written.
+    pub on_failure: OnFailure,
 }
 
 /// External processes, program first; `None`: the built-in process.

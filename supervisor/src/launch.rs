@@ -11,7 +11,7 @@ use crate::request::RunRequest;
 use crate::summary::{Losses, RecorderSummary, RunFault, RunSummary, Summary};
 use crate::watch::{self, RunTimes, Watch, WatchStart};
 use anyhow::{Context, Result};
-use hapfic_config::Settings;
+use hapfic_config::{OnFailure, Settings};
 use hapfic_controller::parameters::TipPose;
 use hapfic_gate::GateLimits;
 use hapfic_gate::parameter_schedule::ParameterSchedule;
@@ -134,6 +134,7 @@ impl PreparedRun {
             chain: plant.chain().clone(),
             tasks: TaskFollower::new(TaskWatch::new(settings, plant.chain().clone())),
             flush_every: Duration::from_millis(settings.recorder.flush_ms.into()),
+            least_free: u64::from(settings.recorder.min_free_mb) * 1_000_000,
             log: request.log.clone(),
             shared: Arc::clone(&shared),
             latest: Arc::clone(&latest),
@@ -321,7 +322,10 @@ fn summarise(
     let latest = recorder.latest();
     let (recorded, incidents, error) = recorder.finish();
     let mut completed = times.completed && faults.is_empty();
-    if let Some(error) = error {
+    let mut unlogged = None;
+    if let (Some(error), OnFailure::Continue) = (&error, request.settings.recorder.on_failure) {
+        unlogged = Some(format!("ended early: {error}"));
+    } else if let Some(error) = error {
         completed = false;
         faults.push(RunFault {
             process: "recorder".to_owned(),
@@ -362,7 +366,9 @@ fn summarise(
         messages: recorded.map_or(0, |r| r.messages),
         lost,
         file_bytes: recorded.map_or(0, |r| r.file_bytes),
-        problem: log_problem(&request.log, log_file),
+        parts: recorded.map_or(1, |r| r.parts[0]),
+        removed_parts: recorded.map_or(0, |r| r.parts[1]),
+        problem: unlogged.or_else(|| log_problem(&request.log, log_file)),
     };
     Summary::new(run, &metrics, log)
 }

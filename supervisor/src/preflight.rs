@@ -1,5 +1,6 @@
 //! Checks of the machine before anything starts: a run that cannot last is rejected with the number that it needs.
 
+use crate::recorder::free_bytes;
 use anyhow::{Result, ensure};
 use hapfic_config::{PERIOD_S, Settings};
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
@@ -8,8 +9,8 @@ use std::path::Path;
 
 /// Folder of POSIX shared memory.
 const SHM: &str = "/dev/shm";
-/// Shared memory of a run, with room for a restart [bytes]: the segments of all processes have 45 MB, all reserved.
-const SHM_BYTES: u64 = 56 << 20;
+/// Shared memory of a run, with room for a restart [bytes]: the segments of all processes have 58 MB, all reserved.
+const SHM_BYTES: u64 = 60 << 20;
 /// Open files of a supervisor with all processes connected, and room for restarts.
 const OPEN_FILES: u64 = 512;
 /// Size of a log per simulated second [bytes]: twice that of the scenario `floor`.
@@ -38,7 +39,8 @@ pub fn check(settings: &Settings, log: &Path) -> Result<()> {
         "RLIMIT_NOFILE: found {files} open files, expected at least {OPEN_FILES}. Hint: `ulimit -n {OPEN_FILES}`"
     );
     let bytes = getrlimit(Resource::Fsize).current.unwrap_or(u64::MAX);
-    let needed = settings.duration_ticks as f64 * PERIOD_S * LOG_BYTES_PER_S + LOG_BYTES_PER_S;
+    let whole = settings.duration_ticks as f64 * PERIOD_S * LOG_BYTES_PER_S + LOG_BYTES_PER_S;
+    let needed = settings.recorder.part_mb.map_or(whole, |part| whole.min(2e6 * f64::from(part)));
     // A pipe or a device has no size.
     let is_file = std::fs::metadata(log).map_or(true, |metadata| metadata.is_file());
     ensure!(
@@ -47,6 +49,17 @@ pub fn check(settings: &Settings, log: &Path) -> Result<()> {
         bytes as f64 / 1e6,
         needed / 1e6,
         settings.duration_ticks as f64 * PERIOD_S
+    );
+    let least = u64::from(settings.recorder.min_free_mb) * 1_000_000;
+    // The folder may still be missing: it will be on the disk of the one above it.
+    let free =
+        log.ancestors().skip(1).find_map(|above| free_bytes(if above.as_os_str().is_empty() { Path::new(".") } else { above }));
+    ensure!(
+        !is_file || free.is_none_or(|free| free >= least),
+        "{}: found {} MB free on its disk, expected at least recorder.min_free_mb = {}",
+        log.display(),
+        free.unwrap_or(0) / 1_000_000,
+        least / 1_000_000
     );
     Ok(())
 }

@@ -96,8 +96,12 @@ pub struct RecorderSummary {
     pub messages: u64,
     /// Ticks missing in `/state` or `/command`.
     pub lost: u64,
-    /// Size of the file [bytes].
+    /// Size of all parts that were written [bytes].
     pub file_bytes: u64,
+    /// Number of parts that were written.
+    pub parts: u32,
+    /// Number of parts that were removed again (`recorder.keep_mb`).
+    pub removed_parts: u32,
     /// Description of a log that was deleted or replaced during the run.
     pub problem: Option<String>,
 }

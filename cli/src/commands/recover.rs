@@ -6,8 +6,30 @@ use hapfic_log::{Recovery, TickGaps};
 use std::fmt::Write;
 use std::path::Path;
 
-/// Recovers a log and prints what the copy keeps and what is lost.
+/// Recovers a log, part by part, and prints what the copies keep and what is lost.
 pub fn recover(log: &Path, output: Option<&Path>) -> Result<CommandOutcome> {
+    let parts = hapfic_log::parts(log);
+    if let (Some(output), true) = (output, parts.len() > 1) {
+        return Ok(CommandOutcome::Rejected(anyhow::anyhow!(
+            "{}: found {} parts for the one output {}, expected none given: each part is recovered beside itself",
+            log.display(),
+            parts.len(),
+            output.display()
+        )));
+    }
+    let mut outcome = CommandOutcome::Done;
+    for part in &parts {
+        // The others are recovered all the same; the first failure decides the exit code.
+        match (recover_part(part, output)?, &outcome) {
+            (CommandOutcome::Rejected(error), CommandOutcome::Done) => outcome = CommandOutcome::Rejected(error),
+            (CommandOutcome::Rejected(error), _) => crate::log_line(&format!("hapfic: {error}")),
+            _ => {}
+        }
+    }
+    Ok(outcome)
+}
+
+fn recover_part(log: &Path, output: Option<&Path>) -> Result<CommandOutcome> {
     match hapfic_log::recover(log, output) {
         Ok(found) => {
             print(text(log, &found).trim_end());

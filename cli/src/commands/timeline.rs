@@ -2,12 +2,12 @@
 
 use crate::{CommandOutcome, log_line, print};
 use anyhow::Result;
-use hapfic_log::{LogError, Reader, timeline};
+use hapfic_log::{LogError, LogParts, timeline};
 use std::path::Path;
 
 /// Prints the entries. In place of the scenario's own, they reproduce the run in lockstep.
 pub fn timeline(log: &Path) -> Result<CommandOutcome> {
-    let reader = match Reader::open(log) {
+    let reader = match LogParts::open(log) {
         Ok(reader) => reader,
         Err(e) => return Ok(CommandOutcome::Rejected(e.into())),
     };

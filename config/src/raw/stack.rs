@@ -1,7 +1,7 @@
 //! Supervisor, real-time settings, recorder and processes as written.
 
 use super::PerJoint;
-use crate::policy::{Placement, TorqueSaturation};
+use crate::policy::{OnFailure, Placement, TorqueSaturation};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -168,11 +168,35 @@ pub(crate) struct RawRecorder {
 
     /// Size of a chunk of the file before compression [KiB], an integer in [1, 65536]. Raising it compresses better.
     pub(crate) chunk_kib: u32,
+
+    /// Size at which the log goes on in a new part, `NAME.part2.mcap` and so on [MB], an integer in [1, 1000000]. Default: one file.
+    /// Every part can be read alone; `report`, `recover` and `timeline` read all parts of `NAME.mcap`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) part_mb: Option<u32>,
+
+    /// Size of all parts above which the oldest but the first are removed [MB], an integer in [2, 100000000], at least three times
+    /// `part_mb`. Default: all stay.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) keep_mb: Option<u32>,
+
+    /// Free space of the disk below which the log ends, before the disk is full [MB], an integer in [0, 1000000].
+    pub(crate) min_free_mb: u32,
+
+    /// What follows when the log can no longer be written: a full disk, a deleted folder.
+    pub(crate) on_failure: OnFailure,
 }
 
 impl Default for RawRecorder {
     fn default() -> Self {
-        Self { flush_ms: 50, viewer_rate_hz: 60.0, chunk_kib: 256 }
+        Self {
+            flush_ms: 50,
+            viewer_rate_hz: 60.0,
+            chunk_kib: 256,
+            part_mb: None,
+            keep_mb: None,
+            min_free_mb: 64,
+            on_failure: OnFailure::Stop,
+        }
     }
 }
 

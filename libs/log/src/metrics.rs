@@ -24,7 +24,8 @@ pub use latency::Latencies;
 pub use moments::{AirSummary, IntegrationSummary, JointSummary, MAX_PAIRS, MomentsSummary, ObjectSummary, PairSummary};
 pub use objects::angle_between;
 pub use summary::{
-    ForceCommandSummary, ForceSummary, MetricsSummary, OrientationSummary, OutsideSummary, Quantiles, TickSummary, TimingSummary, TrackingSummary,
+    ForceCommandSummary, ForceSummary, MetricsSummary, OrientationSummary, OutsideSummary, Quantiles, TickSummary, TimingSummary,
+    TrackingSummary,
 };
 pub use window::WINDOW;
 

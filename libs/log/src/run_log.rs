@@ -74,6 +74,12 @@ pub fn create_run_log(run: &RunLog<'_>) -> Result<Writer, LogError> {
             bytes: settings.robot.urdf.text.clone().into_bytes(),
         },
     ];
-    let options = WriterOptions { start_unix_ns: run.start_unix_ns, chunk_bytes: u64::from(settings.recorder.chunk_kib) * 1024 };
+    let bytes = |megabytes: Option<u32>| megabytes.map(|megabytes| u64::from(megabytes) * 1_000_000);
+    let options = WriterOptions {
+        start_unix_ns: run.start_unix_ns,
+        chunk_bytes: u64::from(settings.recorder.chunk_kib) * 1024,
+        part_bytes: bytes(settings.recorder.part_mb),
+        keep_bytes: bytes(settings.recorder.keep_mb),
+    };
     Writer::create(run.path, &names, &[("hapfic".to_owned(), header)], &attachments, &options)
 }

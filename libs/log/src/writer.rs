@@ -12,12 +12,14 @@ use mcap::records::{MessageHeader, Metadata};
 use mcap::write::NoSeek;
 use prost::Message;
 use std::borrow::Cow;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::fmt;
 use std::fs::{File, TryLockError};
 use std::io::{self, BufWriter, Write};
 use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 /// Largest chunk [bytes]: its buffer is allocated as a whole.
@@ -31,11 +33,15 @@ pub struct WriterOptions {
     /// Uncompressed size at which a chunk is closed, at most 16 MiB [bytes]. A larger chunk compresses better, but a
     /// killed writer loses more.
     pub chunk_bytes: u64,
+    /// Size of the file from which on the next state begins a new part [bytes]; `None`: the log is one file.
+    pub part_bytes: Option<u64>,
+    /// Size of all parts above which the oldest but the first are removed [bytes].
+    pub keep_bytes: Option<u64>,
 }
 
 impl Default for WriterOptions {
     fn default() -> Self {
-        Self { start_unix_ns: 0, chunk_bytes: 256 * 1024 }
+        Self { start_unix_ns: 0, chunk_bytes: 256 * 1024, part_bytes: None, keep_bytes: None }
     }
 }
 
@@ -45,8 +51,10 @@ pub struct LogTotals {
     messages: [u64; Topic::COUNT],
     /// Size of the encoded messages, before compression [bytes].
     pub message_bytes: u64,
-    /// Size of the file [bytes].
+    /// Size of all parts that were written [bytes].
     pub file_bytes: u64,
+    /// Number of parts that were written, and of those that were removed again.
+    pub parts: [u32; 2],
 }
 
 impl LogTotals {
@@ -74,6 +82,30 @@ pub struct Writer<W: Write = BufWriter<File>> {
     message_bytes: u64,
     buffer: Vec<u8>,
     unflushed: bool,
+    /// Size of the present part [bytes].
+    part_bytes: Arc<AtomicU64>,
+    parts: Option<Parts<W>>,
+}
+
+/// Output, and a second handle of a regular file.
+type OpenFile<W> = (W, Option<File>);
+
+/// What the next part of a log needs.
+struct Parts<W: Write> {
+    header: Vec<(String, BTreeMap<String, String>)>,
+    attachments: Vec<Attachment>,
+    options: WriterOptions,
+    first: PathBuf,
+    /// Opens the file of a part.
+    open: fn(&Path) -> Result<OpenFile<W>, LogError>,
+    /// Number of the present part.
+    number: u32,
+    /// Finished parts that are there: path and size [bytes].
+    finished: VecDeque<(PathBuf, u64)>,
+    finished_bytes: u64,
+    removed: u32,
+    /// The last two parameter sets, with their ticks: every part begins with those that may be in force.
+    sets: VecDeque<(i64, Vec<u8>)>,
 }
 
 impl Writer<BufWriter<File>> {
@@ -92,22 +124,48 @@ impl Writer<BufWriter<File>> {
         options: &WriterOptions,
     ) -> Result<Self, LogError> {
         let path = path.as_ref();
-        let failed = |cause| LogError::Create { path: path.to_owned(), cause };
-        // Truncated only with the lock: another run may be writing the file.
-        let file = open_for_writing(path).map_err(failed)?;
-        match file.try_lock() {
-            Ok(()) => {}
-            Err(TryLockError::WouldBlock) => return Err(LogError::Busy { path: path.to_owned() }),
-            Err(TryLockError::Error(cause)) => return Err(failed(cause)),
+        let (output, disk) = create_file(path)?;
+        // Parts of the log that stood here: beside the new one they would be read as its own.
+        for stale in crate::parts::parts(path).into_iter().skip(1) {
+            std::fs::remove_file(&stale).map_err(|cause| LogError::Create { path: stale.clone(), cause })?;
         }
-        let mut disk = None;
-        if file.metadata().map_err(failed)?.is_file() {
-            file.set_len(0).map_err(failed)?;
-            disk = Some(file.try_clone().map_err(failed)?);
+        let mut writer = Self::new(output, path, names, header, attachments, options)?;
+        // A pipe or a device has no parts.
+        if options.part_bytes.is_some() && disk.is_some() {
+            writer.parts = Some(Parts {
+                header: header.to_vec(),
+                attachments: attachments.to_vec(),
+                options: *options,
+                first: path.to_owned(),
+                open: create_file,
+                number: 1,
+                finished: VecDeque::new(),
+                finished_bytes: 0,
+                removed: 0,
+                sets: VecDeque::new(),
+            });
         }
-        let writer = Self::new(BufWriter::with_capacity(64 * 1024, file), path, names, header, attachments, options)?;
-        Ok(Self { disk, ..writer })
+        writer.disk = disk;
+        Ok(writer)
     }
+}
+
+/// Creates or empties a file, and locks it.
+fn create_file(path: &Path) -> Result<OpenFile<BufWriter<File>>, LogError> {
+    let failed = |cause| LogError::Create { path: path.to_owned(), cause };
+    // Truncated only with the lock: another run may be writing the file.
+    let file = open_for_writing(path).map_err(failed)?;
+    match file.try_lock() {
+        Ok(()) => {}
+        Err(TryLockError::WouldBlock) => return Err(LogError::Busy { path: path.to_owned() }),
+        Err(TryLockError::Error(cause)) => return Err(failed(cause)),
+    }
+    let mut disk = None;
+    if file.metadata().map_err(failed)?.is_file() {
+        file.set_len(0).map_err(failed)?;
+        disk = Some(file.try_clone().map_err(failed)?);
+    }
+    Ok((BufWriter::with_capacity(64 * 1024, file), disk))
 }
 
 /// Time that a pipe may stay without a reader.
@@ -155,6 +213,7 @@ impl<W: Write> Writer<W> {
         options: &WriterOptions,
     ) -> Result<Self, LogError> {
         let failed = |error| LogError::write(path, error);
+        let part_bytes = Arc::new(AtomicU64::new(0));
         let mut mcap = mcap::WriteOptions::new()
             .compression(Some(mcap::Compression::Lz4))
             .profile("")
@@ -162,7 +221,7 @@ impl<W: Write> Writer<W> {
             .chunk_size(Some(options.chunk_bytes.min(MAX_CHUNK_BYTES)))
             // ChunkReader are assembled in memory: otherwise the file would hold an unfinished chunk most of the time.
             .disable_seeking(true)
-            .create(NoSeek::new(CountingWriter { inner: output, bytes: 0 }))
+            .create(NoSeek::new(CountingWriter { inner: output, bytes: Arc::clone(&part_bytes) }))
             .map_err(failed)?;
         let name_record = (Names::METADATA.to_owned(), names.to_metadata());
         for (name, metadata) in header.iter().chain([&name_record]) {
@@ -200,6 +259,8 @@ impl<W: Write> Writer<W> {
             message_bytes: 0,
             buffer: Vec::with_capacity(4096),
             unflushed: false,
+            part_bytes,
+            parts: None,
         })
     }
 
@@ -261,19 +322,80 @@ impl<W: Write> Writer<W> {
     /// # Errors
     /// [`LogError::Write`].
     pub fn finish(self) -> Result<LogTotals, LogError> {
-        let Self { mut mcap, path, messages, message_bytes, .. } = self;
-        mcap.finish().map_err(|error| LogError::write(&path, error))?;
-        let mut output = mcap.into_inner().into_inner();
-        output.flush().map_err(|cause| LogError::Write { path, cause })?;
-        Ok(LogTotals { messages, message_bytes, file_bytes: output.bytes })
+        let Self { mcap, path, messages, message_bytes, part_bytes, parts, .. } = self;
+        close(mcap, &path)?;
+        let (before, counts) = parts.map_or((0, [1, 0]), |parts| (parts.finished_bytes, [parts.number, parts.removed]));
+        let file_bytes = before + part_bytes.load(Ordering::Relaxed);
+        Ok(LogTotals { messages, message_bytes, file_bytes, parts: counts })
+    }
+
+    /// Finishes the present part and begins the next, with the parameter sets that may be in force.
+    fn next_part(&mut self) -> Result<(), LogError> {
+        let Some(mut parts) = self.parts.take() else { return Ok(()) };
+        parts.number += 1;
+        let path = crate::parts::part_path(&parts.first, parts.number);
+        let mut header = parts.header.clone();
+        for (name, record) in &mut header {
+            if name == "hapfic" {
+                record.insert("part".to_owned(), parts.number.to_string());
+            }
+        }
+        let (output, disk) = (parts.open)(&path)?;
+        let next = Self::new(output, &path, &self.names, &header, &parts.attachments, &parts.options)?;
+        let Self { mcap, path: finished, part_bytes, .. } =
+            std::mem::replace(self, Self { disk, messages: self.messages, message_bytes: self.message_bytes, ..next });
+        close(mcap, &finished)?;
+        let size = part_bytes.load(Ordering::Relaxed);
+        parts.finished.push_back((finished, size));
+        parts.finished_bytes += size;
+        for (tick, set) in &parts.sets {
+            let at = self.time_of(*tick);
+            self.write(Topic::Operator, *tick, at, set)?;
+        }
+        if let Some(keep) = parts.options.keep_bytes {
+            let mut there: u64 = parts.finished.iter().map(|(_, size)| size).sum();
+            // The first part is the start of the run, and stays.
+            while there + parts.options.part_bytes.unwrap_or(0) > keep && parts.finished.len() > 1 {
+                let Some((old, size)) = parts.finished.remove(1) else { break };
+                match std::fs::remove_file(&old) {
+                    Err(cause) if cause.kind() != io::ErrorKind::NotFound => return Err(LogError::Write { path: old, cause }),
+                    _ => {}
+                }
+                there -= size;
+                parts.removed += 1;
+            }
+        }
+        self.parts = Some(parts);
+        Ok(())
     }
 
     /// Writes a message with its number and times.
     pub(crate) fn put(&mut self, topic: Topic, tick: i64, log_time: u64, message: &impl Message) -> Result<(), LogError> {
-        self.buffer.clear();
+        let mut buffer = std::mem::take(&mut self.buffer);
+        buffer.clear();
         message
-            .encode(&mut self.buffer)
+            .encode(&mut buffer)
             .map_err(|error| LogError::Write { path: self.path.clone(), cause: io::Error::other(error) })?;
+        // A tick begins with its state.
+        let limit = self.parts.as_ref().and_then(|parts| parts.options.part_bytes);
+        if topic == Topic::State && limit.is_some_and(|limit| self.part_bytes.load(Ordering::Relaxed) >= limit) {
+            self.next_part()?;
+        }
+        self.write(topic, tick, log_time, &buffer)?;
+        if let (Topic::Operator, Some(parts)) = (topic, &mut self.parts) {
+            parts.sets.push_back((tick, buffer.clone()));
+            if parts.sets.len() > 2 {
+                parts.sets.pop_front();
+            }
+        }
+        self.messages[topic.index()] += 1;
+        self.message_bytes += buffer.len() as u64;
+        self.buffer = buffer;
+        Ok(())
+    }
+
+    /// Writes an encoded message.
+    fn write(&mut self, topic: Topic, tick: i64, log_time: u64, encoded: &[u8]) -> Result<(), LogError> {
         let header = MessageHeader {
             channel_id: self.channels[topic.index()],
             // Cut to 32 bits: wraps after 49 days.
@@ -283,11 +405,15 @@ impl<W: Write> Writer<W> {
         };
         // Set before the write: after a failure a flush must fail, too.
         self.unflushed = true;
-        self.mcap.write_to_known_channel(&header, &self.buffer).map_err(|error| LogError::write(&self.path, error))?;
-        self.messages[topic.index()] += 1;
-        self.message_bytes += self.buffer.len() as u64;
-        Ok(())
+        self.mcap.write_to_known_channel(&header, encoded).map_err(|error| LogError::write(&self.path, error))
     }
+}
+
+/// Writes summary and index.
+fn close<W: Write>(mut mcap: mcap::Writer<NoSeek<CountingWriter<W>>>, path: &Path) -> Result<(), LogError> {
+    mcap.finish().map_err(|error| LogError::write(path, error))?;
+    let mut output = mcap.into_inner().into_inner();
+    output.flush().map_err(|cause| LogError::Write { path: path.to_owned(), cause })
 }
 
 impl<W: Write> fmt::Debug for Writer<W> {

@@ -7,7 +7,7 @@ use crate::output::{self, FigureImage, OutputPaths};
 use crate::run::RunInfo;
 use crate::tasks::TaskSummary;
 use crate::{Incident, LoggedEvent, figures, html, snapshots, table};
-use hapfic_log::{Names, Reader};
+use hapfic_log::{LogError, LogMessage, LogParts, Names, Reader};
 use serde_json::{Value, json};
 use std::io::Read;
 use std::path::Path;
@@ -22,7 +22,7 @@ pub struct Report {
 }
 
 impl Report {
-    /// Reads a log, once from its start to its end.
+    /// Reads a log with all its parts, once from its start to its end.
     ///
     /// For a truncated or damaged log, the report covers the part before the damage. [`RunInfo::cut_off`] holds the
     /// cause.
@@ -30,7 +30,9 @@ impl Report {
     /// # Errors
     /// [`ReportError::Log`] if the file cannot be opened or is no log, [`ReportError::Empty`] if it holds no state.
     pub fn read(log: &Path) -> Result<Self, ReportError> {
-        Self::from_reader(Reader::open(log)?, log)
+        let log_parts = LogParts::open(log)?;
+        let (run, names) = (RunInfo::new(log.to_owned(), log_parts.metadata()), log_parts.names());
+        Self::collect(log_parts, run, names)
     }
 
     /// Reads an open log, as [`Report::read`]; the report names it `log`.
@@ -38,20 +40,28 @@ impl Report {
     /// # Errors
     /// [`ReportError::Empty`].
     pub fn from_reader<R: Read>(reader: Reader<R>, log: &Path) -> Result<Self, ReportError> {
-        let mut run = RunInfo::new(log.to_owned(), reader.metadata());
-        let names = reader.names();
+        let (run, names) = (RunInfo::new(log.to_owned(), reader.metadata()), reader.names());
+        Self::collect(reader, run, names)
+    }
+
+    fn collect(
+        messages: impl Iterator<Item = Result<LogMessage, LogError>>,
+        mut run: RunInfo,
+        names: Names,
+    ) -> Result<Self, ReportError> {
         let mut collected = Collected::default();
         let mut cut_off = None;
-        for entry in reader {
+        for entry in messages {
             match entry {
                 Ok(entry) => collected.push(&entry),
-                Err(error) => cut_off = Some(error.to_string()),
+                // Of several damaged parts the first is named.
+                Err(error) => cut_off = cut_off.or_else(|| Some(error.to_string())),
             }
         }
         if collected.states == 0 {
             let others = format!("{} messages of other topics", collected.messages);
             let found = cut_off.map_or_else(|| others.clone(), |cause| format!("{others} ({cause})"));
-            return Err(ReportError::Empty { path: log.to_owned(), found });
+            return Err(ReportError::Empty { path: run.log, found });
         }
         run.end(collected.last_tick, collected.messages, cut_off);
         collected.events.sort();

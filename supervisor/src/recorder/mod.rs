@@ -4,6 +4,7 @@
 //! 10 ms, in lockstep every 1 ms (`drain.rs`). The writer thread encodes, computes the metrics and writes (`write.rs`).
 //! Neither is a real-time thread.
 
+mod disk;
 mod drain;
 mod incident;
 mod latest;
@@ -12,10 +13,11 @@ mod views;
 mod write;
 
 use anyhow::{Context, Result};
+use disk::Disk;
 use drain::DrainThread;
 use hapfic_gate_process::status::SharedStatus;
 use hapfic_ipc::{Domain, IpcError};
-use hapfic_log::{LogError, Metrics, MetricsSummary, Viewer, Writer};
+use hapfic_log::{LogError, LogTotals, Metrics, MetricsSummary, Viewer, Writer};
 use hapfic_messages::{Clock, Command, Event, Operator, Process, Reference, Request, State, Timing};
 use hapfic_robot::Chain;
 use hapfic_simulation::conditions::TaskFollower;
@@ -83,6 +85,8 @@ pub struct RecorderStart {
     pub tasks: TaskFollower,
     /// Interval at which the file is flushed.
     pub flush_every: Duration,
+    /// Free space of the disk below which the log ends [bytes].
+    pub least_free: u64,
     /// Path of the log.
     pub log: PathBuf,
     /// Status shared with the other threads of the supervisor.
@@ -102,12 +106,14 @@ pub struct RecordingResult {
     pub active: bool,
     /// States and commands among the messages.
     pub ticks: [u64; 2],
-    /// Size of the file [bytes].
+    /// Size of all parts of the log [bytes].
     pub file_bytes: u64,
+    /// Number of parts that were written, and of those that were removed again.
+    pub parts: [u32; 2],
 }
 
-/// Result of the writer thread: size of the file, metrics, brakes and stops.
-type WriterResult = (Result<u64, LogError>, RecordingResult, Option<IncidentSummary>);
+/// Result of the writer thread: totals of the log, metrics, brakes and stops.
+type WriterResult = (Result<LogTotals, LogError>, RecordingResult, Option<IncidentSummary>);
 
 /// A running recorder.
 pub struct Recorder {
@@ -131,7 +137,20 @@ impl Recorder {
         let (sender, receiver) = sync_channel(if start.clock == Clock::Lockstep { QUEUE_LOCKSTEP } else { QUEUE_REALTIME });
         let (recycle, empty_batches) = sync_channel(EMPTY_BATCHES);
         let (ready, connected) = channel();
-        let RecorderStart { domain, clock, credit_ticks, writer, viewer, chain, tasks, flush_every, log, shared, latest } = start;
+        let RecorderStart {
+            domain,
+            clock,
+            credit_ticks,
+            writer,
+            viewer,
+            chain,
+            tasks,
+            flush_every,
+            least_free,
+            log,
+            shared,
+            latest,
+        } = start;
         let [drain_status, at_end] = [Arc::clone(&shared), Arc::clone(&shared)];
         let [latest_tasks, latest_at_end] = [Arc::clone(&latest), Arc::clone(&latest)];
         let drain = std::thread::Builder::new()
@@ -165,6 +184,7 @@ impl Recorder {
                     active: false,
                     timing_log_ns: 0,
                     incidents: PostMortem::new(&log, clock),
+                    disk: Disk::new(&log, least_free),
                 }
                 .run(&receiver, &recycle, flush_every)
             })
@@ -209,13 +229,17 @@ impl Recorder {
             Err(_) => Some("the recorder's thread panicked".to_owned()),
         };
         match self.write.join() {
-            Ok((Ok(file_bytes), recorded, incidents)) => (Some(RecordingResult { file_bytes, ..recorded }), incidents, drained),
+            Ok((Ok(totals), recorded, incidents)) => {
+                let recorded = RecordingResult { file_bytes: totals.file_bytes, parts: totals.parts, ..recorded };
+                (Some(recorded), incidents, drained)
+            }
             Ok((Err(e), recorded, incidents)) => (Some(recorded), incidents, Some(e.to_string())),
             Err(_) => (None, None, Some("the writer's thread panicked".to_owned())),
         }
     }
 }
 
+pub(crate) use disk::free_bytes;
 pub use incident::IncidentSummary;
 pub use latest::LatestMessages;
 

@@ -1,5 +1,6 @@
 //! The writer thread: encodes and writes messages, computes the metrics, and keeps the post-mortem.
 
+use super::disk::Disk;
 use super::incident::PostMortem;
 use super::viewer_frames::ViewerFrames;
 use super::{LatestMessages, RecordedMessage, RecordingResult, WriterResult};
@@ -26,6 +27,7 @@ pub(super) struct WriterThread {
     pub(super) active: bool,
     pub(super) timing_log_ns: u64,
     pub(super) incidents: PostMortem,
+    pub(super) disk: Disk,
 }
 
 impl WriterThread {
@@ -63,7 +65,7 @@ impl WriterThread {
                 Err(RecvTimeoutError::Disconnected) => break,
             }
             if failed.is_none() && flushed.elapsed() >= flush_every {
-                failed = self.writer.flush().err();
+                failed = self.writer.flush().and_then(|()| self.disk.check()).err();
                 flushed = Instant::now();
             }
             if failed.is_some() {
@@ -76,10 +78,11 @@ impl WriterThread {
             messages: Topic::ALL.iter().map(|t| self.writer.messages(*t)).sum(),
             ticks: [self.writer.messages(Topic::State), self.writer.messages(Topic::Command)],
             file_bytes: 0,
+            parts: [1, 0],
         };
         let finished = match failed {
             Some(e) => Err(e),
-            None => self.writer.finish().map(|totals| totals.file_bytes),
+            None => self.writer.finish(),
         };
         (finished, recorded, self.incidents.finish())
     }

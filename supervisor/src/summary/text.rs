@@ -78,9 +78,14 @@ impl Summary {
         }
         writeln!(
             out,
-            "  log                {} messages, {:.1} MB, {} ticks lost: {}",
+            "  log                {} messages, {:.1} MB{}, {} ticks lost: {}",
             self.recorder.messages,
             self.recorder.file_bytes as f64 / 1e6,
+            match (self.recorder.parts, self.recorder.removed_parts) {
+                (1, _) => String::new(),
+                (parts, 0) => format!(" in {parts} parts"),
+                (parts, removed) => format!(" in {parts} parts, {removed} of them removed"),
+            },
             self.recorder.lost,
             self.log.display()
         )?;

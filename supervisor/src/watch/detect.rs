@@ -6,7 +6,7 @@ use super::slot::ProcessSlot;
 use crate::children::started;
 use crate::recorder;
 use anyhow::Result;
-use hapfic_config::OnLoss;
+use hapfic_config::{OnFailure, OnLoss};
 use hapfic_messages::{Clock, Detector, Phase, Process};
 use std::sync::atomic::Ordering;
 use std::thread::JoinHandle;
@@ -45,7 +45,8 @@ impl Watch<'_> {
                 return Ok(false);
             }
         }
-        if self.run.shared.recorder.log_failed.load(Ordering::Acquire) || self.run.recorder.failed() {
+        let stops = self.run.settings.recorder.on_failure == OnFailure::Stop;
+        if self.run.recorder.failed() || (stops && self.run.shared.recorder.log_failed.load(Ordering::Acquire)) {
             self.fault("recorder", "cannot write the log any further".to_owned(), Detector::Recorder);
             return Ok(false);
         }

@@ -32,7 +32,15 @@ fn full_disk_ends_run_log_readable() {
         return;
     };
     let faults = "fault=[{kind=\"full_disk\",at_s=0.5}]";
-    let end = stack.run(&["run", "floor", "--clock", "lockstep", "--duration", "60", "--log", "small/run.mcap", "--set", faults]);
+    let words = ["run", "floor", "--clock", "lockstep", "--log", "small/run.mcap", "--set"];
+    let refused = stack.run(&[words.as_slice(), &["recorder.min_free_mb=64"]].concat());
+    assert!(
+        refused.expect(2).err.contains("4 MB free on its disk, expected at least recorder.min_free_mb = 64"),
+        "{}",
+        refused.err
+    );
+    let any = ["--set", "recorder.min_free_mb=0"];
+    let end = stack.run(&[words.as_slice(), &[faults, "--duration", "60"], &any].concat());
     end.expect(3);
     assert!(end.out.contains("FAULT              recorder cannot write the log any further"), "{}", end.out);
     let log = folder.join("run.mcap");
@@ -42,6 +50,17 @@ fn full_disk_ends_run_log_readable() {
     stack.run(&["recover", "small/run.mcap", "--output", recovered.to_str().unwrap()]).expect(0);
     let trace = EventTrace::read(if recovered.exists() { &recovered } else { &log });
     assert!(trace.commands.len() > 300, "{} commands", trace.commands.len());
+
+    // The same, and control goes on: the summary says what is missing.
+    std::fs::remove_file(&log).unwrap();
+    let go_on = ["--duration", "3", "--set", "recorder.on_failure=\"continue\"", "--summary-json", "end.json"];
+    let end = stack.run(&[words.as_slice(), &[faults], &any, &go_on].concat());
+    end.expect(0);
+    let summary: serde_json::Value = serde_json::from_slice(&std::fs::read(stack.path("end.json")).unwrap()).unwrap();
+    assert_eq!((&summary["completed"], &summary["timing"]["brake_ticks"]), (&true.into(), &0.into()), "{summary}");
+    let recorder = &summary["recorder"];
+    assert!(recorder["problem"].as_str().unwrap().starts_with("ended early: "), "{recorder}");
+    assert!(recorder["lost"].as_u64().unwrap() > 1000, "{recorder}");
 }
 
 #[test]

@@ -177,8 +177,7 @@ impl CommandSample {
             limited: message.limited != 0 || message.rate_limited != 0,
             offset: vector_if_any(&message.offset)?,
             error: vector_if_any(&message.error)?,
-            turned: vector_if_any(&message.rotation_error)?
-                .map(|error| (error - rotation_offset.unwrap_or_default()).norm()),
+            turned: vector_if_any(&message.rotation_error)?.map(|error| (error - rotation_offset.unwrap_or_default()).norm()),
         })
     }
 }

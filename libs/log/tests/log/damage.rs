@@ -48,7 +48,7 @@ fn small_logs() -> [Vec<u8>; 2] {
 fn real_log() -> &'static (Vec<u8>, Vec<LogMessage>) {
     static LOG: OnceLock<(Vec<u8>, Vec<LogMessage>)> = OnceLock::new();
     LOG.get_or_init(|| {
-        let bytes = log(6, &WriterOptions { start_unix_ns: 0, chunk_bytes: 4096 });
+        let bytes = log(6, &WriterOptions { chunk_bytes: 4096, ..WriterOptions::default() });
         let entries = read(&bytes).0;
         (bytes, entries)
     })

@@ -21,7 +21,10 @@ struct SampleLog {
 fn sample() -> &'static SampleLog {
     static SAMPLE: OnceLock<SampleLog> = OnceLock::new();
     SAMPLE.get_or_init(|| {
-        let bytes = log(80, &WriterOptions { start_unix_ns: 1_760_000_000_000_000_000, chunk_bytes: 16 * 1024 });
+        let bytes = log(
+            80,
+            &WriterOptions { start_unix_ns: 1_760_000_000_000_000_000, chunk_bytes: 16 * 1024, ..WriterOptions::default() },
+        );
         let mut ranges: Vec<_> = mcap::Summary::read(&bytes)
             .unwrap()
             .unwrap()

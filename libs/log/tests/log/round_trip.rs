@@ -297,3 +297,65 @@ fn metrics_live_equal_those_from_log() {
     assert_eq!(later.summary(), live.summary());
     assert_eq!(live.summary().ticks.last, Some(799));
 }
+
+#[test]
+fn parts_are_found_in_their_order() {
+    let folder = path("parts");
+    let _ = std::fs::remove_dir_all(&folder);
+    std::fs::create_dir_all(&folder).unwrap();
+    let at = |name: &str| folder.join(name);
+    for name in ["run.mcap", "run.part2.mcap", "run.part10.mcap", "run.part3.mcap", "run.partial.mcap", "other.part2.mcap"] {
+        std::fs::write(at(name), "").unwrap();
+    }
+    let names = ["run.mcap", "run.part2.mcap", "run.part3.mcap", "run.part10.mcap"].map(at);
+    assert_eq!(hapfic_log::parts(&at("run.mcap")), names);
+    assert_eq!(hapfic_log::parts(&at("run.part3.mcap")), [at("run.part3.mcap")]);
+    assert_eq!(hapfic_log::parts(&at("run.partial.mcap")), [at("run.partial.mcap")]);
+    assert_eq!(hapfic_log::part_path(&at("a.mcap"), 12), at("a.part12.mcap"));
+}
+
+#[test]
+fn parts_begin_with_a_state_and_the_sets_in_force() {
+    let folder = path("rolled");
+    let _ = std::fs::remove_dir_all(&folder);
+    std::fs::create_dir_all(&folder).unwrap();
+    let log = folder.join("run.mcap");
+    let options =
+        WriterOptions { chunk_bytes: 4096, part_bytes: Some(60_000), keep_bytes: Some(200_000), ..WriterOptions::default() };
+    let mut writer = Writer::create(&log, &names(), &header(), &attachments(), &options).unwrap();
+    for tick in 0..500 {
+        write_tick(&mut writer, tick).unwrap();
+    }
+    let totals = writer.finish().unwrap();
+    assert_eq!(totals.messages(Topic::State), 500);
+    let [written, removed] = totals.parts;
+    let there = hapfic_log::parts(&log);
+    assert_eq!(there.len() as u32, written - removed);
+    assert!(removed > 0 && there[0] == log, "{there:?}");
+    let size = |path: &PathBuf| std::fs::metadata(path).unwrap().len();
+    assert!(there.iter().map(size).sum::<u64>() < 200_000 + 60_000);
+    let mut before: Option<(i64, Vec<u64>)> = None;
+    for part in &there {
+        let reader = Reader::open(part).unwrap();
+        assert_eq!((reader.names(), reader.attachments().len()), (names(), attachments().len()));
+        let entries: Vec<_> = reader.map(|entry| entry.unwrap().record).collect();
+        let sets = |entries: &[Record]| -> Vec<u64> {
+            entries
+                .iter()
+                .filter_map(|record| if let Record::Operator(set) = record { Some(set.version) } else { None })
+                .collect()
+        };
+        let state = entries.iter().position(|record| matches!(record, Record::State(_))).unwrap();
+        let Record::State(first) = &entries[state] else { unreachable!() };
+        if let Some((last, versions)) = &before
+            && first.tick == last + 1
+        {
+            assert_eq!(sets(&entries[..state]), versions[versions.len() - 2..], "{}", part.display());
+        }
+        let last = entries.iter().rev().find_map(|record| if let Record::State(s) = record { Some(s.tick) } else { None });
+        before = Some((last.unwrap(), sets(&entries)));
+    }
+    // A new log of this name leaves no part of the old one.
+    Writer::create(&log, &names(), &header(), &attachments(), &options).unwrap().finish().unwrap();
+    assert_eq!(hapfic_log::parts(&log), [log]);
+}

@@ -74,7 +74,7 @@ fn written(fixture: &StackFixture) -> Vec<u8> {
     let header = [("hapfic".to_owned(), BTreeMap::from(record))];
     let media_type = "application/toml".to_owned();
     let attachments = [Attachment { name: "scenario.toml".to_owned(), media_type, bytes: b"seed = 1".to_vec() }];
-    let options = WriterOptions { start_unix_ns: 0, chunk_bytes: 4096 };
+    let options = WriterOptions { start_unix_ns: 0, chunk_bytes: 4096, ..WriterOptions::default() };
     let mut bytes = Vec::new();
     let mut writer =
         Writer::new(&mut bytes, Path::new(NAME), &fixture.names, &header, &attachments, &options).expect("a log in memory");
