@@ -151,43 +151,74 @@ fn switch(code: u32) -> Option<bool> {
     }
 }
 
+/// Names of the vectors that are checked, in their order.
+const VECTORS: [&str; 20] = [
+    "state.offset",
+    "state.x_max",
+    "state.stiffness",
+    "state.max_force",
+    "state.position_bound",
+    "state.force",
+    "state.taper",
+    "state.force_error",
+    "state.slow_error",
+    "state.free_time",
+    "state.x_max_force",
+    "position",
+    "velocity",
+    "reference_position",
+    "reference_velocity",
+    "contact_force",
+    "desired_force",
+    "stiffness",
+    "max_force",
+    "position_bound",
+];
+/// Names of the numbers.
+const NUMBERS: [&str; 5] = ["taper", "damping", "posture_lead", "search_scale", "force_resolution"];
+
 fn check(state: &ControllerState, input: &TaskSpaceInput, p: &Parameters, period_s: f64) -> Result<(), TaskSpaceError> {
     if !period_s.is_finite() || period_s <= 0.0 {
         return Err(TaskSpaceError::Period { found: period_s });
     }
-    check_finite("state.offset", &state.offset)?;
-    check_finite("state.x_max", &state.x_max)?;
-    check_finite("state.stiffness", &state.stiffness)?;
-    check_finite("state.max_force", &state.max_force)?;
-    check_finite("state.position_bound", &state.position_bound)?;
-    check_finite("state.force", &state.force)?;
-    check_finite("state.taper", &state.taper)?;
-    check_finite("state.force_error", &state.force_error)?;
-    check_finite("state.slow_error", &state.slow_error)?;
-    check_finite("state.free_time", &state.free_time)?;
-    check_finite("state.x_max_force", &state.x_max_force)?;
-    check_finite("position", &input.position)?;
-    check_finite("velocity", &input.velocity)?;
-    check_finite("reference_position", &input.reference_position)?;
-    check_finite("reference_velocity", &input.reference_velocity)?;
-    check_finite("contact_force", &input.contact_force)?;
-    check_finite("desired_force", &p.desired_force)?;
-    check_finite("stiffness", &p.stiffness)?;
-    check_finite("max_force", &p.max_force)?;
-    check_finite("position_bound", &p.position_bound)?;
-    check_finite("taper", &[p.taper])?;
-    check_finite("damping", &[p.damping])?;
-    check_finite("posture_lead", &[p.posture_lead])?;
-    check_finite("search_scale", &[p.search_scale])?;
-    check_finite("force_resolution", &[p.force_resolution])
+    let vectors = [
+        &state.offset,
+        &state.x_max,
+        &state.stiffness,
+        &state.max_force,
+        &state.position_bound,
+        &state.force,
+        &state.taper,
+        &state.force_error,
+        &state.slow_error,
+        &state.free_time,
+        &state.x_max_force,
+        &input.position,
+        &input.velocity,
+        &input.reference_position,
+        &input.reference_velocity,
+        &input.contact_force,
+        &p.desired_force,
+        &p.stiffness,
+        &p.max_force,
+        &p.position_bound,
+    ];
+    let numbers = [p.taper, p.damping, p.posture_lead, p.search_scale, p.force_resolution];
+    // 0 times a number is 0, unless it is infinite or NaN: one branch for all. Three sums, so that none waits for another.
+    let mut sums = [0.0; 3];
+    for vector in vectors {
+        sums.iter_mut().zip(vector).for_each(|(sum, value)| *sum += 0.0 * value);
+    }
+    let rest: f64 = numbers.iter().map(|number| 0.0 * number).sum();
+    if sums[0] + sums[1] + sums[2] + rest == 0.0 {
+        return Ok(());
+    }
+    VECTORS.iter().zip(vectors).try_for_each(|(quantity, vector)| check_finite(quantity, vector))?;
+    NUMBERS.iter().zip(&numbers).try_for_each(|(quantity, number)| check_finite(quantity, core::slice::from_ref(number)))
 }
 
 #[inline]
 fn check_finite(quantity: &'static str, values: &[f64]) -> Result<(), TaskSpaceError> {
-    // 0 times a number is 0, unless it is infinite or NaN: one branch for all values.
-    if values.iter().fold(0.0, |sum, value| sum + 0.0 * value) == 0.0 {
-        return Ok(());
-    }
     match values.iter().enumerate().find(|(_, value)| !value.is_finite()) {
         Some((index, &found)) => Err(TaskSpaceError::NotFinite { quantity, index, found }),
         None => Ok(()),
