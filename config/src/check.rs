@@ -321,10 +321,10 @@ impl ScenarioCheck<'_> {
 
     fn recorder(&self, raw: &RawRecorder) -> Result<RecorderSettings, ConfigError> {
         if let Some(keep) = raw.keep_mb
-            && raw.part_mb.is_none_or(|part| u64::from(keep) < 3 * u64::from(part))
+            && raw.part_mb.is_none_or(|part| u64::from(keep) < 4 * u64::from(part))
         {
             let expected = match raw.part_mb {
-                Some(part) => format!("at least {} MB, three times recorder.part_mb", 3 * u64::from(part)),
+                Some(part) => format!("at least {} MB, four times recorder.part_mb", 4 * u64::from(part)),
                 None => "recorder.part_mb beside it".to_owned(),
             };
             let help = "whole parts are removed, and the first and the present one stay";

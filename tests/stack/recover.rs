@@ -98,11 +98,24 @@ fn log_in_parts_is_read_as_one() {
     assert!(end.expect(2).err.contains(&format!("found {} parts for the one output", parts.len())), "{}", end.err);
 
     // A limit removes the oldest but the first; a new run of the same name leaves no part of the old one.
-    let limit = ["recorder.part_mb=1", "recorder.chunk_kib=64", "recorder.keep_mb=3"].map(|set| ["--set", set]).concat();
+    let limit = ["recorder.part_mb=1", "recorder.chunk_kib=64", "recorder.keep_mb=4"].map(|set| ["--set", set]).concat();
     let end = run("run.mcap", &limit);
     end.expect(0);
     let kept = hapfic_log::parts(&stack.path("run.mcap"));
-    assert!(kept.len() <= 3 && kept[0] == parts[0] && kept.last() == parts.last(), "{kept:?}");
+    assert!((3..parts.len()).contains(&kept.len()) && kept[0] == parts[0] && kept.last() == parts.last(), "{kept:?}");
     let removed = format!("{} parts, {} of them removed", parts.len(), parts.len() - kept.len());
     assert!(end.out.contains(&removed), "{}", end.out);
+    let (_, _, cut_off) = ticks("run.mcap");
+    assert!(cut_off.as_str().unwrap().contains("missing: removed by recorder.keep_mb"), "{cut_off}");
+
+    // A part of another run is left out, and whatever is no log is not replaced.
+    std::fs::copy(stack.path("one.mcap"), stack.path("run.part2.mcap")).unwrap();
+    let (_, _, cut_off) = ticks("run.mcap");
+    assert!(cut_off.as_str().unwrap().contains("run.part2.mcap: found another run"), "{cut_off}");
+    std::fs::write(stack.path("run.part3.mcap"), "precious").unwrap();
+    let before = std::fs::read(stack.path("run.mcap")).unwrap();
+    let end = run("run.mcap", &limit);
+    assert!(end.expect(2).err.contains("run.part3.mcap") && end.err.contains("is no log"), "{}", end.err);
+    assert_eq!(std::fs::read_to_string(stack.path("run.part3.mcap")).unwrap(), "precious");
+    assert!(std::fs::read(stack.path("run.mcap")).unwrap() == before && stack.path("run.part2.mcap").exists());
 }

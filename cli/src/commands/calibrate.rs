@@ -1,6 +1,6 @@
 //! `hapfic calibrate`: gains that a robot bears, as a `[controller]` section with reasons.
 
-use crate::{CommandOutcome, print};
+use crate::{CommandOutcome, log_line, print};
 use anyhow::{Context, Result};
 use clap::Args;
 use hapfic_config::Settings;
@@ -48,6 +48,9 @@ pub fn calibrate(args: &CalibrateArgs) -> Result<CommandOutcome> {
     }
     match find(&settings, args.force) {
         Ok(found) => {
+            if let Ok(chain) = Chain::from_settings(&settings.robot) {
+                chain.warnings().iter().for_each(|warning| log_line(&format!("hapfic: {warning}")));
+            }
             print(section(args, &settings, &found)?.trim_end());
             let verified = found.reserve && found.unsteady.is_empty();
             Ok(if verified { CommandOutcome::Done } else { CommandOutcome::NotGoodEnough })
@@ -120,6 +123,21 @@ fn robot_section(what: &str, base: &str, tip: &str, posture: &[f64]) -> String {
     )
 }
 
+/// The `[robot]` tables of a scenario, with all that `--set` gave the robot.
+fn robot_tables(scenario: &str) -> String {
+    let mut inside = false;
+    let mut lines = Vec::new();
+    for line in scenario.lines() {
+        if line.starts_with('[') {
+            inside = line.starts_with("[robot]") || line.starts_with("[robot.");
+        }
+        if inside {
+            lines.push(line);
+        }
+    }
+    lines.join("\n").trim_end().to_owned()
+}
+
 /// A string of TOML.
 fn toml_string(text: &str) -> String {
     let escaped: String = text
@@ -169,7 +187,7 @@ fn section(args: &CalibrateArgs, settings: &Settings, found: &Calibration) -> Re
     match found.pressed_n {
         None => writeln!(
             out,
-            "# walls: not tried: the tip has no ball to press with; give it one as --set 'robot.foot={{radius_m=0.02}}'"
+            "# walls: not tried: the tip has no shape to press with; give it one as --set 'robot.foot={{radius_m=0.02}}'"
         )?,
         Some(force) if found.unsteady.is_empty() => {
             writeln!(out, "# walls of 1e4, 1e5 and 1e6 N/m at damping ratios 0.3 and 0.1: {force} N held within 3 % on all")?;
@@ -200,8 +218,7 @@ fn section(args: &CalibrateArgs, settings: &Settings, found: &Calibration) -> Re
         writeln!(out, "# the rule allowed more: lowered {} times by 0.7, since a simulation did not settle", found.lowered)?;
     }
     if Path::new(&args.what).extension().is_some_and(|ending| ending.eq_ignore_ascii_case("urdf")) {
-        let robot = &settings.robot;
-        writeln!(out, "{}\n", robot_section(&args.what, &robot.base_link, &robot.tip_link, &robot.start_position))?;
+        writeln!(out, "{}\n", robot_tables(&settings.effective_toml()))?;
     }
     writeln!(out, "[controller]")?;
     let row =

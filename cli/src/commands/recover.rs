@@ -11,7 +11,7 @@ pub fn recover(log: &Path, output: Option<&Path>) -> Result<CommandOutcome> {
     let parts = hapfic_log::parts(log);
     if let (Some(output), true) = (output, parts.len() > 1) {
         return Ok(CommandOutcome::Rejected(anyhow::anyhow!(
-            "{}: found {} parts for the one output {}, expected none given: each part is recovered beside itself",
+            "{}: found {} parts for the one output {}, expected one. Hint: without --output each is recovered beside itself; or give the path of one part",
             log.display(),
             parts.len(),
             output.display()

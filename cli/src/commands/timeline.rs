@@ -12,12 +12,15 @@ pub fn timeline(log: &Path) -> Result<CommandOutcome> {
         Err(e) => return Ok(CommandOutcome::Rejected(e.into())),
     };
     let scenario = reader.metadata().get("hapfic").and_then(|run| run.get("scenario")).cloned().unwrap_or_default();
-    let (sets, ended) = timeline::sets(reader);
-    match ended {
-        None => {}
-        // A killed run leaves a truncated log; its intact part still counts.
-        Some(e @ LogError::Truncated { .. }) if !sets.is_empty() => log_line(&format!("hapfic: {e}")),
-        Some(e) => return Ok(CommandOutcome::Rejected(e.into())),
+    let several = reader.part_count() > 1;
+    let (sets, errors) = timeline::sets(reader);
+    for error in errors {
+        // A killed run leaves a truncated log; what is intact still counts, and so do the other parts of a log.
+        if !sets.is_empty() && (several || matches!(error, LogError::Truncated { .. })) {
+            log_line(&format!("hapfic: {error}"));
+        } else {
+            return Ok(CommandOutcome::Rejected(error.into()));
+        }
     }
     if sets.is_empty() {
         return Ok(CommandOutcome::Rejected(anyhow::anyhow!(

@@ -174,7 +174,7 @@ pub(crate) struct RawRecorder {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) part_mb: Option<u32>,
 
-    /// Size of all parts above which the oldest but the first are removed [MB], an integer in [2, 100000000], at least three times
+    /// Size of all parts above which the oldest but the first are removed [MB], an integer in [2, 100000000], at least four times
     /// `part_mb`. Default: all stay.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) keep_mb: Option<u32>,

@@ -71,6 +71,22 @@ pub enum LogError {
         /// Length of the file.
         byte: u64,
     },
+    /// Parts of a log are not there.
+    #[error("{}: {} missing: removed by recorder.keep_mb, or moved. The ticks in between are not read", .first.display(), missing(*.from, *.to))]
+    MissingParts {
+        /// The first part.
+        first: PathBuf,
+        /// Number of the first missing part.
+        from: u32,
+        /// Number of the last missing part.
+        to: u32,
+    },
+    /// A file with the name of a part is of another run.
+    #[error("{}: found another run, expected a part of the log beside it; it is left out", .path.display())]
+    ForeignPart {
+        /// The file.
+        path: PathBuf,
+    },
     /// The content is inconsistent.
     #[error("{}: the log is damaged in the record at byte {byte}: {what}. Everything before it is usable; fetch the file again if there is another copy", .path.display())]
     Damaged {
@@ -81,6 +97,10 @@ pub enum LogError {
         /// Found and expected content.
         what: String,
     },
+}
+
+fn missing(from: u32, to: u32) -> String {
+    if from == to { format!("part {from} is") } else { format!("parts {from} to {to} are") }
 }
 
 impl LogError {

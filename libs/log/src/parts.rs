@@ -1,10 +1,18 @@
 //! Parts of a log: `run.mcap`, `run.part2.mcap`, `run.part3.mcap`, ... Each is a whole log of its own.
 
+use crate::attachment::Attachment;
 use crate::error::LogError;
 use crate::names::Names;
 use crate::reader::{LogMessage, Reader};
+use mcap::MAGIC;
 use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{self, Read};
 use std::path::{Path, PathBuf};
+
+/// Metadata record of a run, and its key for the number of a part.
+pub(crate) const RUN: &str = "hapfic";
+pub(crate) const PART: &str = "part";
 
 /// Path of a part by its number, from 1 on; `first` is the path of the first.
 #[must_use]
@@ -22,36 +30,68 @@ fn first_of(path: &Path) -> (PathBuf, u32) {
     }
 }
 
+/// Whatever has the name of a later part of the log `first`, in the order of the numbers.
+fn later(first: &Path) -> Vec<(u32, PathBuf)> {
+    let folder = first.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let named = std::fs::read_dir(folder).into_iter().flatten().flatten().filter_map(|entry| {
+        let (of, number) = first_of(Path::new(&entry.file_name()));
+        (number > 1 && Some(of.as_os_str()) == first.file_name()).then(|| (number, part_path(first, number)))
+    });
+    let mut found: Vec<_> = named.collect();
+    found.sort_unstable();
+    found
+}
+
 /// Paths of the parts of a log that are there, in their order. The path of a later part gives that part alone.
 ///
-/// Parts that a limit of the recorder has removed are left out; a log without parts gives itself.
+/// Only regular files count; parts that a limit of the recorder has removed are left out.
 #[must_use]
 pub fn parts(path: &Path) -> Vec<PathBuf> {
     let (first, number) = first_of(path);
     if number > 1 {
         return vec![path.to_owned()];
     }
-    let mut numbers: Vec<u32> = Vec::new();
-    let folder = match first.parent() {
-        Some(folder) if !folder.as_os_str().is_empty() => folder.to_owned(),
-        _ => PathBuf::from("."),
-    };
-    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
-        let (of, number) = first_of(Path::new(&entry.file_name()));
-        if number > 1 && Some(of.as_os_str()) == first.file_name() {
-            numbers.push(number);
+    let files = later(&first).into_iter().map(|(_, path)| path).filter(|path| path.is_file());
+    core::iter::once(first.clone()).chain(files).collect()
+}
+
+/// Later parts of an earlier log of this name, which a new log in parts may replace.
+///
+/// # Errors
+/// [`LogError::Create`] if one is anything but a log.
+pub(crate) fn replaceable(first: &Path) -> Result<Vec<PathBuf>, LogError> {
+    let mut found = Vec::new();
+    for (_, path) in later(first) {
+        let is_log = std::fs::symlink_metadata(&path)
+            .is_ok_and(|metadata| metadata.is_file() && (metadata.len() == 0 || begins_as_log(&path)));
+        if !is_log {
+            let what = "it has the name of a part of the log, and is no log";
+            return Err(LogError::Create { path, cause: io::Error::new(io::ErrorKind::AlreadyExists, what) });
         }
+        found.push(path);
     }
-    numbers.sort_unstable();
-    core::iter::once(first.clone()).chain(numbers.into_iter().map(|number| part_path(&first, number))).collect()
+    Ok(found)
+}
+
+fn begins_as_log(path: &Path) -> bool {
+    let mut start = [0; MAGIC.len()];
+    File::open(path).and_then(|mut file| file.read_exact(&mut start)).is_ok() && start == MAGIC
 }
 
 /// Messages of all parts of a log in their order.
 ///
-/// A damaged part gives its valid messages and an error that names it; the next part follows.
+/// A damaged part gives its valid messages and an error that names it; the next part follows. A missing part, and a part of
+/// another run, are errors, too.
 pub struct LogParts {
     reader: Reader,
-    rest: std::vec::IntoIter<PathBuf>,
+    run: BTreeMap<String, String>,
+    attachments: Vec<Attachment>,
+    first: PathBuf,
+    /// Number of the present part.
+    number: u32,
+    rest: std::vec::IntoIter<(u32, PathBuf)>,
+    /// Part to read after an error about a gap before it.
+    waiting: Option<(u32, PathBuf)>,
     count: usize,
 }
 
@@ -61,16 +101,20 @@ impl LogParts {
     /// # Errors
     /// As [`Reader::open`].
     pub fn open(path: impl AsRef<Path>) -> Result<Self, LogError> {
-        let paths = parts(path.as_ref());
-        let count = paths.len();
-        let mut rest = paths.into_iter();
-        let first = rest.next().unwrap_or_else(|| path.as_ref().to_owned());
-        Ok(Self { reader: Reader::open(first)?, rest, count })
+        let (first, number) = first_of(path.as_ref());
+        let files = if number > 1 { Vec::new() } else { later(&first) };
+        let rest: Vec<_> = files.into_iter().filter(|(_, path)| path.is_file()).collect();
+        let reader = Reader::open(&path)?;
+        let run = run_of(&reader);
+        // A log that has no parts is not searched for them.
+        let rest = if run.contains_key(PART) { rest } else { Vec::new() };
+        let attachments = reader.attachments().to_vec();
+        Ok(Self { reader, run, attachments, first, number, count: 1 + rest.len(), rest: rest.into_iter(), waiting: None })
     }
 
     /// Number of parts.
     #[must_use]
-    pub fn count(&self) -> usize {
+    pub fn part_count(&self) -> usize {
         self.count
     }
 
@@ -85,6 +129,38 @@ impl LogParts {
     pub fn names(&self) -> Names {
         self.reader.names()
     }
+
+    fn open_next(&mut self) -> Option<Result<(), LogError>> {
+        let (number, path) = match self.waiting.take() {
+            Some(part) => part,
+            None => {
+                let (number, path) = self.rest.next()?;
+                let expected = self.number + 1;
+                self.number = number;
+                if number > expected {
+                    self.waiting = Some((number, path));
+                    return Some(Err(LogError::MissingParts { first: self.first.clone(), from: expected, to: number - 1 }));
+                }
+                (number, path)
+            }
+        };
+        let reader = match Reader::open(&path) {
+            Ok(reader) => reader,
+            Err(error) => return Some(Err(error)),
+        };
+        let mut run = run_of(&reader);
+        let numbered = run.get(PART).is_some_and(|text| *text == number.to_string());
+        run.insert(PART.to_owned(), self.run.get(PART).cloned().unwrap_or_default());
+        if !numbered || run != self.run || reader.attachments() != self.attachments {
+            return Some(Err(LogError::ForeignPart { path }));
+        }
+        self.reader = reader;
+        Some(Ok(()))
+    }
+}
+
+fn run_of(reader: &Reader) -> BTreeMap<String, String> {
+    reader.metadata().get(RUN).cloned().unwrap_or_default()
 }
 
 impl Iterator for LogParts {
@@ -95,9 +171,8 @@ impl Iterator for LogParts {
             if let Some(entry) = self.reader.next() {
                 return Some(entry);
             }
-            match Reader::open(self.rest.next()?) {
-                Ok(reader) => self.reader = reader,
-                Err(error) => return Some(Err(error)),
+            if let Err(error) = self.open_next()? {
+                return Some(Err(error));
             }
         }
     }

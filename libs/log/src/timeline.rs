@@ -37,10 +37,10 @@ const UNCHANGED: &str = "desired_force";
 /// Ticks of a second.
 const TICKS_PER_S: f64 = 1e9 / TICK_NS as f64;
 
-/// Returns the sets of a log in the order of their versions, and the read error, if any.
+/// Returns the sets of a log in the order of their versions, and the read errors: one, or one for each damaged part.
 #[must_use]
-pub fn sets(reader: impl Iterator<Item = Result<crate::LogMessage, LogError>>) -> (Vec<Operator>, Option<LogError>) {
-    let mut sets = Vec::new();
+pub fn sets(reader: impl Iterator<Item = Result<crate::LogMessage, LogError>>) -> (Vec<Operator>, Vec<LogError>) {
+    let (mut sets, mut errors) = (Vec::new(), Vec::new());
     for entry in reader {
         match entry {
             Ok(entry) => {
@@ -48,10 +48,10 @@ pub fn sets(reader: impl Iterator<Item = Result<crate::LogMessage, LogError>>) -
                     sets.push(set);
                 }
             }
-            Err(error) => return (sorted(sets), Some(error)),
+            Err(error) => errors.push(error),
         }
     }
-    (sorted(sets), None)
+    (sorted(sets), errors)
 }
 
 fn sorted(mut sets: Vec<Operator>) -> Vec<Operator> {

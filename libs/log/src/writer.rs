@@ -5,6 +5,7 @@ mod counting;
 use crate::attachment::Attachment;
 use crate::error::LogError;
 use crate::names::Names;
+use crate::parts::{PART, RUN};
 use crate::time_of;
 use crate::topic::Topic;
 use counting::CountingWriter;
@@ -124,11 +125,17 @@ impl Writer<BufWriter<File>> {
         options: &WriterOptions,
     ) -> Result<Self, LogError> {
         let path = path.as_ref();
+        // Before anything is touched: all that the new log may replace has to be a log.
+        let stale = if options.part_bytes.is_some() { crate::parts::replaceable(path)? } else { Vec::new() };
         let (output, disk) = create_file(path)?;
-        // Parts of the log that stood here: beside the new one they would be read as its own.
-        for stale in crate::parts::parts(path).into_iter().skip(1) {
-            std::fs::remove_file(&stale).map_err(|cause| LogError::Create { path: stale.clone(), cause })?;
+        for stale in stale {
+            std::fs::remove_file(&stale).map_err(|cause| LogError::Create { path: stale, cause })?;
         }
+        let mut header = header.to_vec();
+        if options.part_bytes.is_some() && disk.is_some() {
+            number_part(&mut header, 1);
+        }
+        let header = header.as_slice();
         let mut writer = Self::new(output, path, names, header, attachments, options)?;
         // A pipe or a device has no parts.
         if options.part_bytes.is_some() && disk.is_some() {
@@ -147,6 +154,17 @@ impl Writer<BufWriter<File>> {
         }
         writer.disk = disk;
         Ok(writer)
+    }
+}
+
+/// Writes the number of a part into the record of the run.
+fn number_part(header: &mut Vec<(String, BTreeMap<String, String>)>, number: u32) {
+    let pair = (PART.to_owned(), number.to_string());
+    match header.iter_mut().find(|(name, _)| name == RUN) {
+        Some((_, record)) => {
+            record.insert(pair.0, pair.1);
+        }
+        None => header.push((RUN.to_owned(), BTreeMap::from([pair]))),
     }
 }
 
@@ -288,6 +306,12 @@ impl<W: Write> Writer<W> {
         self.message_bytes
     }
 
+    /// Size of all parts written so far [bytes]; number of parts, and of those that were removed again.
+    #[must_use]
+    pub fn written(&self) -> (u64, [u32; 2]) {
+        totals(self.parts.as_ref(), &self.part_bytes)
+    }
+
     /// Closes the chunk and passes it to the operating system: all messages so far survive a killed writer.
     ///
     /// # Errors
@@ -324,23 +348,26 @@ impl<W: Write> Writer<W> {
     pub fn finish(self) -> Result<LogTotals, LogError> {
         let Self { mcap, path, messages, message_bytes, part_bytes, parts, .. } = self;
         close(mcap, &path)?;
-        let (before, counts) = parts.map_or((0, [1, 0]), |parts| (parts.finished_bytes, [parts.number, parts.removed]));
-        let file_bytes = before + part_bytes.load(Ordering::Relaxed);
-        Ok(LogTotals { messages, message_bytes, file_bytes, parts: counts })
+        let (file_bytes, parts) = totals(parts.as_ref(), &part_bytes);
+        Ok(LogTotals { messages, message_bytes, file_bytes, parts })
     }
 
     /// Finishes the present part and begins the next, with the parameter sets that may be in force.
     fn next_part(&mut self) -> Result<(), LogError> {
         let Some(mut parts) = self.parts.take() else { return Ok(()) };
-        parts.number += 1;
-        let path = crate::parts::part_path(&parts.first, parts.number);
+        let path = crate::parts::part_path(&parts.first, parts.number + 1);
         let mut header = parts.header.clone();
-        for (name, record) in &mut header {
-            if name == "hapfic" {
-                record.insert("part".to_owned(), parts.number.to_string());
+        number_part(&mut header, parts.number + 1);
+        // After an error the present part stays, and with it the counts.
+        let opened = (parts.open)(&path);
+        let (output, disk) = match opened {
+            Ok(opened) => opened,
+            Err(error) => {
+                self.parts = Some(parts);
+                return Err(error);
             }
-        }
-        let (output, disk) = (parts.open)(&path)?;
+        };
+        parts.number += 1;
         let next = Self::new(output, &path, &self.names, &header, &parts.attachments, &parts.options)?;
         let Self { mcap, path: finished, part_bytes, .. } =
             std::mem::replace(self, Self { disk, messages: self.messages, message_bytes: self.message_bytes, ..next });
@@ -407,6 +434,11 @@ impl<W: Write> Writer<W> {
         self.unflushed = true;
         self.mcap.write_to_known_channel(&header, encoded).map_err(|error| LogError::write(&self.path, error))
     }
+}
+
+fn totals<W: Write>(parts: Option<&Parts<W>>, part_bytes: &AtomicU64) -> (u64, [u32; 2]) {
+    let (before, counts) = parts.map_or((0, [1, 0]), |parts| (parts.finished_bytes, [parts.number, parts.removed]));
+    (before + part_bytes.load(Ordering::Relaxed), counts)
 }
 
 /// Writes summary and index.

@@ -5,6 +5,8 @@ use crate::xml::Element;
 use nalgebra::Vector3;
 use parry3d_f64::math::Vector;
 use parry3d_f64::transformation::try_convex_hull;
+use std::fs::File;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -17,6 +19,8 @@ const FLATTEST: f64 = 1e-6;
 /// Most corners of a hull: every distance costs time with each. A rounder hull is replaced by its corners that lie farthest
 /// in as many directions.
 const MOST_CORNERS: usize = 128;
+/// Most points of which a hull is computed: the time grows with the square. More are thinned in the same way before.
+const MOST_POINTS: usize = 1024;
 
 /// Middle of a mesh in its own frame, and the corners of its hull seen from there [m].
 type Hull = (Vector3<f64>, Arc<[[f64; 3]]>);
@@ -42,11 +46,15 @@ fn corners(name: &str, urdf: &str, scale: &Vector3<f64>) -> Result<Hull, String>
     if kind != "stl" && kind != "obj" {
         return Err(format!("found a file of kind '{kind}'"));
     }
-    let size = std::fs::metadata(&path).map_err(|error| error.to_string())?.len();
-    if size > LARGEST {
-        return Err(format!("found {size} bytes, expected at most {LARGEST}"));
+    let mut bytes = Vec::new();
+    let read = File::open(&path).and_then(|file| file.take(LARGEST + 1).read_to_end(&mut bytes));
+    read.map_err(|error| error.to_string())?;
+    if bytes.len() as u64 > LARGEST {
+        return Err(format!("found more than {LARGEST} bytes"));
     }
-    let scene = mesh_loader::Loader::default().load(&path).map_err(|error| error.to_string())?;
+    // The materials of an OBJ are other files, and are not read.
+    let scene = mesh_loader::Loader::default().load_from_slice_with_reader(&bytes, &path, |_| Ok(Vec::new()));
+    let scene = scene.map_err(|error| error.to_string())?;
     let vertices = scene.meshes.iter().flat_map(|mesh| &mesh.vertices);
     let points: Vec<Vector> = vertices
         .map(|vertex| {
@@ -55,11 +63,12 @@ fn corners(name: &str, urdf: &str, scale: &Vector3<f64>) -> Result<Hull, String>
         })
         .collect();
     if let Some(far) = points.iter().find(|point| !point.is_finite() || point.abs().max_element() > FARTHEST) {
-        return Err(format!("found a corner at {far} m, expected all within {FARTHEST} m"));
+        return Err(format!("found a corner at {:.3e} m, expected all within {FARTHEST} m", far.abs().max_element()));
     }
-    let mut hull = convex(&points)?;
+    let few = if points.len() > MOST_POINTS { farthest(&points, MOST_POINTS) } else { points };
+    let mut hull = convex(&few)?;
     if hull.len() > MOST_CORNERS {
-        hull = convex(&farthest(&hull))?;
+        hull = convex(&farthest(&hull, MOST_CORNERS))?;
     }
     let (low, high) = hull.iter().fold((hull[0], hull[0]), |(low, high), point| (low.min(*point), high.max(*point)));
     let middle = 0.5 * (low + high);
@@ -77,11 +86,11 @@ fn convex(points: &[Vector]) -> Result<Vec<Vector>, String> {
 }
 
 /// The points that lie farthest in directions spread evenly over the sphere (a spiral by the golden angle).
-fn farthest(points: &[Vector]) -> Vec<Vector> {
+fn farthest(points: &[Vector], directions: usize) -> Vec<Vector> {
     let golden = core::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
-    let mut chosen: Vec<usize> = (0..MOST_CORNERS)
+    let mut chosen: Vec<usize> = (0..directions)
         .filter_map(|i| {
-            let z = 1.0 - (2 * i + 1) as f64 / MOST_CORNERS as f64;
+            let z = 1.0 - (2 * i + 1) as f64 / directions as f64;
             let (sin, cos) = (golden * i as f64).sin_cos();
             let direction = Vector::new(cos, sin, 0.0) * (1.0 - z * z).sqrt() + Vector::Z * z;
             (0..points.len()).max_by(|a, b| points[*a].dot(direction).total_cmp(&points[*b].dot(direction)))

@@ -72,13 +72,14 @@ impl WriterThread {
                 self.shared.recorder.log_failed.store(true, Ordering::Release);
             }
         }
+        let (file_bytes, parts) = self.writer.written();
         let recorded = RecordingResult {
             metrics: self.metrics.summary(),
             active: self.active,
             messages: Topic::ALL.iter().map(|t| self.writer.messages(*t)).sum(),
             ticks: [self.writer.messages(Topic::State), self.writer.messages(Topic::Command)],
-            file_bytes: 0,
-            parts: [1, 0],
+            file_bytes,
+            parts,
         };
         let finished = match failed {
             Some(e) => Err(e),

@@ -80,7 +80,10 @@ pub fn single(scenario: &str, done: &Done) -> String {
     line("          rms", axes(tracking.rms_m.map(|v| format!("{:.3}", v * 1e3))) + " mm");
     line("outside x_b", format!("{} ticks", tracking.outside_ticks));
     line("|F_c| max", axes(done.metrics.force_command.max_n.map(|v| format!("{v:.1}"))) + " N");
-    line("contact force max", format!("{:.2} N, {:.2} N on the foot", done.extremes.contact_force_n, done.extremes.foot_force_n));
+    line(
+        "contact force max",
+        format!("{:.2} N at one contact, {:.2} N on the foot", done.extremes.contact_force_n, done.extremes.foot_force_n),
+    );
     let held = std::array::from_fn(|axis| settled(force.settled_rms_percent[axis], force.not_reached[axis]));
     line("settled rms", axes(held) + " % of F_d");
     if force.not_reached.iter().any(|segments| *segments > 0) {

@@ -6,6 +6,7 @@ use super::found::Recovery;
 use super::output::{PROTOBUF, RecoveryWriter};
 use super::plausibility::{Plausibility, PlausibilityCheck};
 use super::records::MessageRecord;
+use crate::parts::{PART, RUN};
 use crate::topic::Topic;
 use mcap::records::{self, MessageHeader, Metadata, op};
 use std::collections::BTreeMap;
@@ -76,6 +77,10 @@ impl Copier {
     pub(super) fn metadata(&mut self, metadata: &Metadata) -> Result<(), RecoverError> {
         if let Some(output) = &mut self.output {
             output.metadata(metadata)?;
+        }
+        if metadata.name == RUN && metadata.metadata.get(PART).is_some_and(|number| number != "1") {
+            self.found.states.later_part = true;
+            self.found.commands.later_part = true;
         }
         self.found.metadata.push(metadata.name.clone());
         Ok(())

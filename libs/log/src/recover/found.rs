@@ -61,6 +61,8 @@ pub struct TickGaps {
     pub count: u64,
     /// Number of missing ticks.
     pub missing: u64,
+    /// The log is a later part: its first tick is the first that it can have.
+    pub(super) later_part: bool,
 }
 
 impl TickGaps {
@@ -68,7 +70,8 @@ impl TickGaps {
     pub(super) fn add(&mut self, sequence: u32) {
         let near = self.last.unwrap_or(0);
         let tick = near.saturating_add(i64::from(sequence.wrapping_sub(near as u32) as i32));
-        let expected = self.last.map_or(0, |last| last.saturating_add(1));
+        let begins = if self.later_part { tick } else { 0 };
+        let expected = self.last.map_or(begins, |last| last.saturating_add(1));
         if tick > expected {
             self.count += 1;
             self.missing += tick.abs_diff(expected);

@@ -1,10 +1,11 @@
 //! Built-in robots with the gains that calibration finds for them, and nothing else.
 
 use hapfic_config::{ParameterSettings, Settings, robots};
+use hapfic_plant::ContactLaw;
 use hapfic_robot::{Chain, ends};
 use hapfic_simulation::Simulation;
 use hapfic_simulation::calibrate::{calibrate, start_posture};
-use nalgebra::Vector3;
+use nalgebra::{Rotation3, Vector3};
 
 /// A robot, what a scenario adds to its description, and the force that it must hold [N].
 const ROBOTS: [(&str, &str, f64); 4] = [
@@ -88,7 +89,7 @@ fn built_in_robots_hold_force_and_orientation_with_calibrated_gains_and_return_f
     }
 }
 
-/// A flat foot stands on a corner of each side: it takes the force, and the moments that keep it flat.
+/// A flat foot that is turned level stands on all its corners, each with its share of the force.
 #[test]
 fn flat_foot_holds_force_on_all_its_corners() {
     let feet = [
@@ -97,28 +98,38 @@ fn flat_foot_holds_force_on_all_its_corners() {
     ];
     for foot in feet {
         let settings = settings("arm6.urdf", &format!("armature_kg_m2 = 0.02\n{foot}"));
-        let found = calibrate(&settings, Some(20.0)).unwrap();
-        let mut simulation = pressing(&settings, &found.set, 20.0);
-        let (mut squares, mut count, mut points) = (0.0, 0, 0);
+        let mut set = calibrate(&settings, Some(20.0)).unwrap().set;
+        let chain = Chain::from_settings(&settings.robot).unwrap();
+        let rotation = Rotation3::from_matrix_unchecked(chain.kinematics(&settings.robot.start_position).tip_rotation());
+        // The least turn that makes the sole level.
+        let up = Vector3::z() * (rotation * Vector3::z()).z.signum();
+        let level = Rotation3::rotation_between(&(rotation * Vector3::z()), &up).unwrap() * rotation;
+        let (roll, pitch, yaw) = level.euler_angles();
+        set.rotation.as_mut().unwrap().target_orientation = Some([roll, pitch, yaw]);
+        let mut simulation = pressing(&settings, &set, 20.0);
+        let surface = settings.world.floor.as_ref().unwrap().surface;
+        let law = ContactLaw {
+            stiffness: surface.stiffness_n_per_m,
+            damping: surface.damping_n_s_per_m,
+            transition_width: surface.transition_width_m,
+            friction_static: surface.friction_static,
+            friction_dynamic: surface.friction_dynamic,
+            critical_speed: surface.critical_speed_m_per_s,
+        };
+        let (mut squares, mut count, mut deepest) = (0.0, 0, 0.0_f64);
         for tick in 0..PUSHED {
             let state = simulation.step().unwrap().state;
             if tick >= SETTLED {
                 squares += (state.foot_force[2] - 20.0).powi(2);
                 count += 1;
-                points = points.max(state.contact_count);
-                if tick == PUSHED - 1 {
-                    println!(
-                        "{:?} {:?} {:?}",
-                        &state.contacts[..state.contact_count as usize],
-                        state.foot_moment,
-                        simulation.snapshot().command.request.rotation.error
-                    );
-                }
+                deepest =
+                    state.contacts[..state.contact_count as usize].iter().map(|contact| contact.depth).fold(deepest, f64::max);
             }
         }
         let error = (squares / f64::from(count)).sqrt() / 20.0;
         assert!(error < 2e-3, "{foot}: {error} of the force");
-        assert_eq!(points, 4, "{foot}");
+        let share = law.depth_at(20.0 / 4.0);
+        assert!((deepest / share - 1.0).abs() < 0.1, "{foot}: {deepest} m deep, expected {share} m at a quarter of the force");
     }
 }
 

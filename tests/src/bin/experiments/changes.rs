@@ -70,8 +70,8 @@ pub(crate) fn read(log: &Path) -> Result<Vec<MeasuredChange>, LogError> {
             forces.push((state.tick, force));
         }
     });
-    let (sets, error) = timeline::sets(entries);
-    error.map_or_else(|| Ok(changes(&sets, &forces)), Err)
+    let (sets, errors) = timeline::sets(entries);
+    errors.into_iter().next().map_or_else(|| Ok(changes(&sets, &forces)), Err)
 }
 
 fn changes(sets: &[Operator], forces: &[(i64, f64)]) -> Vec<MeasuredChange> {
