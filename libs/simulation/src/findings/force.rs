@@ -10,6 +10,8 @@ const LINEAR: f64 = 0.95;
 /// F_max above the effort is common: the drive cuts the torque of a large error, and the paper's own F_max is such. Ten
 /// times as much is a slip of a digit, or a limit that limits nothing.
 const FAR_ABOVE: f64 = 10.0;
+/// Distance from which on the foot touches nothing [m]: an object may have moved by less.
+const APART: f64 = 0.01;
 /// Component of F_d into a surface that counts, relative to F_d.
 const INTO: f64 = 1e-3;
 
@@ -18,6 +20,7 @@ impl Advisor {
     pub(super) fn force(&self, case: &Case<'_>, findings: &mut Vec<Finding>) {
         findings.extend((0..3).filter_map(|axis| self.beyond_profile(case, axis)));
         findings.extend(self.pulls(case));
+        findings.extend(self.touches_nothing(case));
         // A force that the law does not reach needs no torque.
         if (0..3).all(|axis| case.set.desired_force[axis].abs() <= case.set.max_force[axis]) {
             findings.extend(self.beyond_effort(case));
@@ -61,6 +64,28 @@ impl Advisor {
         let turned = desired - n * (2.0 * desired.dot(&n));
         let help = format!("F_d is the force of the surface on the foot: pressing is {}", vector(turned.into()));
         Some(self.finding(case, name, false, [found, expected, help]))
+    }
+
+    /// F_d at a target at which the foot touches nothing.
+    fn touches_nothing(&self, case: &Case<'_>) -> Option<Finding> {
+        let name = changed(case.change, &["desired_force", "target_position"])?;
+        if case.set.desired_force == [0.0; 3] {
+            return None;
+        }
+        let nearest = self.nearest_surface(case);
+        if nearest.as_ref().is_some_and(|surface| surface.depth_m > -APART) {
+            return None;
+        }
+        let place = nearest.map_or_else(
+            || "in a world without a surface".to_owned(),
+            |surface| format!("{} mm away from {}", number((-1e3 * surface.depth_m).round()), surface.name),
+        );
+        let found = format!("F_d = {} N at a target whose foot is {place}", vector(case.set.desired_force));
+        let expected = "a target at which the foot touches a surface, or lies in it".to_owned();
+        let help = "without contact the search rests, and no force comes: move the target to the surface".to_owned();
+        // Told for the first target: a script moves on with the same force.
+        let cause = format!("no contact {:?}", case.set.desired_force);
+        Some(Finding { cause, ..self.finding(case, name, false, [found, expected, help]) })
     }
 
     /// F_d that takes more torque than a joint has, at the posture of the target.

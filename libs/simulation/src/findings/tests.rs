@@ -85,10 +85,16 @@ fn desired_force_into_side_of_box_pulls() {
 }
 
 #[test]
-fn desired_force_without_surface_never_pulls() {
+fn desired_force_without_surface_touches_nothing() {
     let mut advisor = advisor(&["operator.2.desired_force=[0, 0, -50]"]);
     advisor.settings.world.floor = None;
-    assert_eq!(advisor.scenario(), []);
+    expect_one(&advisor.scenario(), false, &["F_d = [0, 0, -50] N at a target", "in a world without a surface"]);
+}
+
+#[test]
+fn desired_force_above_surface_touches_nothing() {
+    let found = of_floor(&["operator=[{at=1, target_position=[0, 0.05, 0.1], desired_force=[0, 0, 20]}]"]);
+    expect_one(&found, false, &["F_d = [0, 0, 20] N at a target whose foot is 80 mm away from the floor", "no force comes"]);
 }
 
 #[test]
