@@ -10,8 +10,10 @@ const LINEAR: f64 = 0.95;
 /// F_max above the effort is common: the drive cuts the torque of a large error, and the paper's own F_max is such. Ten
 /// times as much is a slip of a digit, or a limit that limits nothing.
 const FAR_ABOVE: f64 = 10.0;
-/// Distance from which on the foot touches nothing [m]: an object may have moved by less.
+/// Distance from which on the foot touches nothing [m].
 const APART: f64 = 0.01;
+/// Distance up to which a target is reached [m].
+const REACHED: f64 = 1e-3;
 /// Component of F_d into a surface that counts, relative to F_d.
 const INTO: f64 = 1e-3;
 
@@ -66,22 +68,22 @@ impl Advisor {
         Some(self.finding(case, name, false, [found, expected, help]))
     }
 
-    /// F_d at a target at which the foot touches nothing.
+    /// F_d at a target at which the foot touches nothing, on a floor alone: objects move.
     fn touches_nothing(&self, case: &Case<'_>) -> Option<Finding> {
         let name = changed(case.change, &["desired_force", "target_position"])?;
-        if case.set.desired_force == [0.0; 3] {
+        // A target that is out of reach is a finding of its own.
+        let elsewhere = !self.settings.world.objects.is_empty() || case.reach.distance_m > REACHED;
+        if case.set.desired_force == [0.0; 3] || elsewhere {
             return None;
         }
-        let nearest = self.nearest_surface(case);
-        if nearest.as_ref().is_some_and(|surface| surface.depth_m > -APART) {
-            return None;
-        }
-        let place = nearest.map_or_else(
-            || "in a world without a surface".to_owned(),
-            |surface| format!("{} mm away from {}", number((-1e3 * surface.depth_m).round()), surface.name),
+        let surface = self.nearest_surface(case).filter(|surface| surface.depth_m < -APART)?;
+        let found = format!(
+            "F_d = {} N at a target whose foot is {} mm away from {}",
+            vector(case.set.desired_force),
+            number((-1e3 * surface.depth_m).round()),
+            surface.name
         );
-        let found = format!("F_d = {} N at a target whose foot is {place}", vector(case.set.desired_force));
-        let expected = "a target at which the foot touches a surface, or lies in it".to_owned();
+        let expected = "a target at which the foot touches it, or lies in it".to_owned();
         let help = "without contact the search rests, and no force comes: move the target to the surface".to_owned();
         // Told for the first target: a script moves on with the same force.
         let cause = format!("no contact {:?}", case.set.desired_force);
