@@ -34,8 +34,9 @@ fn settings(name: &str, extra: &str) -> Settings {
     Settings::from_str(&scenario, name, None, &[]).unwrap()
 }
 
-/// The robot with its foot on the floor, under the force, with a target that much deeper [m].
-fn pressing(settings: &Settings, set: &ParameterSettings, force: f64, deeper: f64) -> Simulation {
+/// The robot with its foot on the floor, under the force; `sole` is how far the foot reaches below the tip at the target [m], if
+/// it turns on the way.
+fn pressing(settings: &Settings, set: &ParameterSettings, force: f64, sole: Option<f64>) -> Simulation {
     let chain = Chain::from_settings(&settings.robot).unwrap();
     let kin = chain.kinematics(&settings.robot.start_position);
     let tip = kin.tip_position();
@@ -45,7 +46,7 @@ fn pressing(settings: &Settings, set: &ParameterSettings, force: f64, deeper: f6
     let mut pressing = settings.clone();
     let floor = pressing.world.floor.as_mut().unwrap();
     (floor.height_m, floor.tip_only) = (lowest, true);
-    let depth = deeper + 0.3 * force / set.stiffness[2];
+    let depth = sole.map_or(0.0, |sole| tip.z - lowest - sole) + 0.3 * force / set.stiffness[2];
     pressing.initial =
         ParameterSettings { target_position: Some([tip.x, tip.y, tip.z - depth]), desired_force: [0.0, 0.0, force], ..*set };
     Simulation::new(&pressing).unwrap()
@@ -58,7 +59,7 @@ fn built_in_robots_hold_force_and_orientation_with_calibrated_gains_and_return_f
         let found = calibrate(&settings, Some(force)).unwrap();
         assert!(found.reserve && found.unsteady.is_empty() && found.mode.margin <= 0.84, "{name}: {found:?}");
         let chain = Chain::from_settings(&settings.robot).unwrap();
-        let mut simulation = pressing(&settings, &found.set, force, 0.0);
+        let mut simulation = pressing(&settings, &found.set, force, None);
         let (mut squares, mut count, mut turned, mut speed) = (0.0, 0, 0.0_f64, 0.0_f64);
         let mut held = None;
         for tick in 0..END {
@@ -106,7 +107,7 @@ fn flat_foot_holds_force_on_all_its_corners() {
         let level = Rotation3::rotation_between(&(rotation * Vector3::z()), &up).unwrap() * rotation;
         let (roll, pitch, yaw) = level.euler_angles();
         set.rotation.as_mut().unwrap().target_orientation = Some([roll, pitch, yaw]);
-        let mut simulation = pressing(&settings, &set, 20.0, 0.005);
+        let mut simulation = pressing(&settings, &set, 20.0, Some(0.01));
         let surface = settings.world.floor.as_ref().unwrap().surface;
         let law = ContactLaw {
             stiffness: surface.stiffness_n_per_m,
