@@ -230,6 +230,9 @@ const AUTO_RECOVERY_LIMIT: u64 = 64 << 20;
 
 /// Recovers the log of a run whose supervisor was killed, and reports it; a failure does not prevent the start.
 fn recover_orphan(log: &Path) {
+    // Of a log in parts the last one is cut off.
+    let last = hapfic_log::parts(log).pop();
+    let log = last.as_deref().unwrap_or(log);
     // Reading a pipe would block until a writer opens it.
     let Some(metadata) = std::fs::metadata(log).ok().filter(std::fs::Metadata::is_file) else { return };
     if metadata.len() > AUTO_RECOVERY_LIMIT {

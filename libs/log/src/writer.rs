@@ -355,20 +355,22 @@ impl<W: Write> Writer<W> {
     /// Finishes the present part and begins the next, with the parameter sets that may be in force.
     fn next_part(&mut self) -> Result<(), LogError> {
         let Some(mut parts) = self.parts.take() else { return Ok(()) };
+        let done = self.roll(&mut parts);
+        // Also after an error: the totals count what was written.
+        self.parts = Some(parts);
+        done
+    }
+
+    fn roll(&mut self, parts: &mut Parts<W>) -> Result<(), LogError> {
         let path = crate::parts::part_path(&parts.first, parts.number + 1);
         let mut header = parts.header.clone();
         number_part(&mut header, parts.number + 1);
-        // After an error the present part stays, and with it the counts.
-        let opened = (parts.open)(&path);
-        let (output, disk) = match opened {
-            Ok(opened) => opened,
-            Err(error) => {
-                self.parts = Some(parts);
-                return Err(error);
-            }
-        };
+        let (output, disk) = (parts.open)(&path)?;
+        let next = Self::new(output, &path, &self.names, &header, &parts.attachments, &parts.options).inspect_err(|_| {
+            // A part without a beginning says nothing.
+            let _ = std::fs::remove_file(&path);
+        })?;
         parts.number += 1;
-        let next = Self::new(output, &path, &self.names, &header, &parts.attachments, &parts.options)?;
         let Self { mcap, path: finished, part_bytes, .. } =
             std::mem::replace(self, Self { disk, messages: self.messages, message_bytes: self.message_bytes, ..next });
         close(mcap, &finished)?;
@@ -392,7 +394,6 @@ impl<W: Write> Writer<W> {
                 parts.removed += 1;
             }
         }
-        self.parts = Some(parts);
         Ok(())
     }
 
