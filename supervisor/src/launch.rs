@@ -362,8 +362,8 @@ fn summarise(
     let mut lost = metrics.ticks.lost;
     if times.completed && metrics.ticks.last.is_some() {
         // Gaps, and ticks missing at the start and at the end.
-        let written: u64 = recorded.map_or(0, |r| r.ticks.iter().sum());
-        lost = (2 * request.settings.duration_ticks).saturating_sub(written);
+        let written = recorded.map_or(0, |r| r.ticks[0].min(r.ticks[1]));
+        lost = request.settings.duration_ticks.saturating_sub(written);
     }
     let log = RecorderSummary {
         messages: recorded.map_or(0, |r| r.messages),
