@@ -12,6 +12,8 @@
 //!
 //! A loaded contact therefore creeps, slower than v_c: the law itself demands this.
 
+use hapfic_config::Surface;
+
 /// Parameters of a contact between two bodies.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ContactLaw {
@@ -50,6 +52,19 @@ pub struct NormalForce {
 }
 
 impl ContactLaw {
+    /// The law of a surface.
+    #[must_use]
+    pub const fn of(surface: &Surface) -> Self {
+        Self {
+            stiffness: surface.stiffness_n_per_m,
+            damping: surface.damping_n_s_per_m,
+            transition_width: surface.transition_width_m,
+            friction_static: surface.friction_static,
+            friction_dynamic: surface.friction_dynamic,
+            critical_speed: surface.critical_speed_m_per_s,
+        }
+    }
+
     /// s(d): 0 at touch, 1 from w on, with zero slope at both ends.
     #[must_use]
     #[inline]

@@ -7,8 +7,10 @@
 use arrayvec::ArrayVec;
 use nalgebra::{Isometry3, Matrix3, Vector3};
 use parry3d_f64::math::{Pose, Rotation, Vector};
-use parry3d_f64::query::{self, ContactManifold, DefaultQueryDispatcher, PersistentQueryDispatcher};
-use parry3d_f64::shape::{Ball, ConvexPolyhedron, Cuboid, HalfSpace, Segment, Shape};
+use parry3d_f64::query::epa::EPA;
+use parry3d_f64::query::gjk::{self, CsoPoint, GJKResult, VoronoiSimplex};
+use parry3d_f64::query::{self, Contact, ContactManifold, DefaultQueryDispatcher, PersistentQueryDispatcher};
+use parry3d_f64::shape::{Ball, ConvexPolyhedron, Cuboid, HalfSpace, Segment, Shape, SupportMap};
 
 /// Maximum number of contact points of a pair.
 pub(crate) const MAX_CONTACT_POINTS: usize = 8;
@@ -101,9 +103,49 @@ pub(crate) fn pose(p: &Isometry3<f64>) -> Pose {
 #[derive(Clone, Default)]
 pub(crate) struct ContactFinder {
     manifolds: Vec<ContactManifold<(), ()>>,
+    penetration: Penetration,
+}
+
+/// Buffers of the expanding polytope. A clone has its own, still empty.
+#[derive(Default)]
+struct Penetration(EPA);
+
+impl Clone for Penetration {
+    fn clone(&self) -> Self {
+        Self::default()
+    }
 }
 
 impl ContactFinder {
+    /// Lets the buffers grow to what a hull needs, by penetrations of a box from several sides.
+    pub(crate) fn warm_up(&mut self, hull: &ConvexPolyhedron, radius: f64) {
+        let cuboid = Cuboid::new(Vector::splat(radius));
+        for side in [Vector::ZERO, Vector::X, Vector::Y, Vector::Z, Vector::new(0.3, 0.5, 0.7), Vector::new(-0.7, 0.2, -0.4)] {
+            let pos12 = Pose::from_translation(side * (0.5 * radius));
+            let _ = convex_contact(&mut self.penetration, &pos12, hull, &cuboid, 0.0);
+        }
+    }
+
+    /// Contact point midway between the nearest points of two shapes.
+    fn nearest(&mut self, body: &PosedShape, against: &PosedShape, reach: f64, out: &mut ContactPoints) {
+        let ((one, at_one, out_one), (two, at_two, out_two)) = (against.core(), body.core());
+        let rounding = out_one + out_two;
+        let round = one.as_ball().is_some() || two.as_ball().is_some();
+        let contact = match (one.as_support_map(), two.as_support_map()) {
+            (Some(a), Some(b)) if !round => {
+                convex_contact(&mut self.penetration, &at_one.inv_mul(&at_two), a, b, reach + rounding).map(|mut contact| {
+                    contact.transform_by_mut(&at_one, &at_two);
+                    contact
+                })
+            }
+            // A half-space comes first: parry 0.31.1 returns a wrong depth in the other order.
+            _ => query::contact(&at_one, one, &at_two, two, reach + rounding).ok().flatten(),
+        };
+        let Some(contact) = contact else { return };
+        let (a, b) = (contact.point1 + contact.normal1 * out_one, contact.point2 - contact.normal1 * out_two);
+        out.push(ContactPoint { point: back(0.5 * (a + b)), normal: back(contact.normal1), depth: rounding - contact.dist });
+    }
+
     /// Contact points of `body` and `against` with a gap below `reach` [m].
     pub(crate) fn find_contacts(&mut self, body: &PosedShape, against: &PosedShape, reach: f64, out: &mut ContactPoints) {
         out.clear();
@@ -133,7 +175,7 @@ impl ContactFinder {
             (PosedShape::Capsule { axis, radius }, PosedShape::Ball { ball, center }) => {
                 round((&on_axis(axis, center), *radius), (center, ball.radius), reach, out);
             }
-            _ => nearest(body, against, reach, out),
+            _ => self.nearest(body, against, reach, out),
         }
     }
 
@@ -181,12 +223,33 @@ fn round(body: (&Vector3<f64>, f64), against: (&Vector3<f64>, f64), reach: f64, 
     }
 }
 
-/// Contact point midway between the nearest points of two shapes.
-fn nearest(body: &PosedShape, against: &PosedShape, reach: f64, out: &mut ContactPoints) {
-    let ((one, at_one, out_one), (two, at_two, out_two)) = (against.core(), body.core());
-    let rounding = out_one + out_two;
-    // A half-space comes first: parry 0.31.1 returns a wrong depth in the other order.
-    let Ok(Some(contact)) = query::contact(&at_one, one, &at_two, two, reach + rounding) else { return };
-    let (a, b) = (contact.point1 + contact.normal1 * out_one, contact.point2 - contact.normal1 * out_two);
-    out.push(ContactPoint { point: back(0.5 * (a + b)), normal: back(contact.normal1), depth: rounding - contact.dist });
+/// Contact of two convex shapes, in parry's way, but with kept buffers: its own makes them anew for each penetration.
+fn convex_contact(
+    buffers: &mut Penetration,
+    pos12: &Pose,
+    one: &dyn SupportMap,
+    two: &dyn SupportMap,
+    reach: f64,
+) -> Option<Contact> {
+    let mut simplex = VoronoiSimplex::new();
+    let found = match contact_outside(pos12, one, two, reach, &mut simplex) {
+        GJKResult::Intersection => buffers.0.closest_points(pos12, one, two, &simplex),
+        GJKResult::ClosestPoints(point1, point2, normal1) => Some((point1, point2, normal1)),
+        _ => None,
+    };
+    let (point1, on_two, normal1) = found?;
+    let dist = (on_two - point1).dot(normal1);
+    Some(Contact::new(point1, pos12.inverse_transform_point(on_two), normal1, pos12.rotation.inverse() * -normal1, dist))
+}
+
+fn contact_outside(
+    pos12: &Pose,
+    one: &dyn SupportMap,
+    two: &dyn SupportMap,
+    reach: f64,
+    simplex: &mut VoronoiSimplex,
+) -> GJKResult {
+    let direction = pos12.translation.try_normalize().unwrap_or(Vector::X);
+    simplex.reset(CsoPoint::from_shapes(pos12, one, two, direction));
+    gjk::closest_points(pos12, one, two, reach, true, simplex)
 }

@@ -89,20 +89,9 @@ fn on_soft(collider: &Collider, shape: &Shape) -> ContactShape {
     }
 }
 
-fn law(surface: &Surface) -> ContactLaw {
-    ContactLaw {
-        stiffness: surface.stiffness_n_per_m,
-        damping: surface.damping_n_s_per_m,
-        transition_width: surface.transition_width_m,
-        friction_static: surface.friction_static,
-        friction_dynamic: surface.friction_dynamic,
-        critical_speed: surface.critical_speed_m_per_s,
-    }
-}
-
 /// Contact law of two surfaces: stiffness and damping of the softer one, friction of the more slippery one.
 fn combine_surfaces(a: &Surface, b: &Surface) -> ContactLaw {
-    let soft = law(if a.stiffness_n_per_m <= b.stiffness_n_per_m { a } else { b });
+    let soft = ContactLaw::of(if a.stiffness_n_per_m <= b.stiffness_n_per_m { a } else { b });
     let slippery = if a.friction_static <= b.friction_static { a } else { b };
     ContactLaw {
         friction_static: slippery.friction_static,
@@ -167,6 +156,11 @@ impl CollisionScene {
             }
         }
         scene.collider_states = ColliderStates::new(scene.colliders.len());
+        for collider in &scene.colliders {
+            if let ContactShape::Hull { index, radius } = collider.shape {
+                scene.finder.warm_up(&scene.hulls[index], radius);
+            }
+        }
         scene.pair_caches = vec![PairCache::new(); scene.pairs.len()];
         Ok(scene)
     }
@@ -227,7 +221,7 @@ impl CollisionScene {
     }
 
     fn pair_with_links(&mut self, link_colliders: &[(Collider, Collision)], other: &EnvironmentBody) {
-        let law = law(other.surface);
+        let law = ContactLaw::of(other.surface);
         let round = |collision: &Collision| matches!(collision.shape, Shape::Sphere { .. });
         let feet = link_colliders.iter().filter(|(_, collision)| self.is_foot(collision)).count();
         let mut foot = None;

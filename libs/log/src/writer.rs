@@ -1,27 +1,28 @@
 //! Writer of a log.
 
 mod counting;
+mod file;
+mod rolling;
 
 use crate::attachment::Attachment;
 use crate::error::LogError;
 use crate::names::Names;
-use crate::parts::{PART, RUN};
 use crate::time_of;
 use crate::topic::Topic;
 use counting::CountingWriter;
+use file::create_file;
 use mcap::records::{MessageHeader, Metadata};
 use mcap::write::NoSeek;
 use prost::Message;
+use rolling::{Parts, number_part, totals};
 use std::borrow::Cow;
 use std::collections::{BTreeMap, VecDeque};
 use std::fmt;
-use std::fs::{File, TryLockError};
+use std::fs::File;
 use std::io::{self, BufWriter, Write};
-use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::{Duration, Instant};
 
 /// Largest chunk [bytes]: its buffer is allocated as a whole.
 const MAX_CHUNK_BYTES: u64 = 16 << 20;
@@ -88,27 +89,6 @@ pub struct Writer<W: Write = BufWriter<File>> {
     parts: Option<Parts<W>>,
 }
 
-/// Output, and a second handle of a regular file.
-type OpenFile<W> = (W, Option<File>);
-
-/// What the next part of a log needs.
-struct Parts<W: Write> {
-    header: Vec<(String, BTreeMap<String, String>)>,
-    attachments: Vec<Attachment>,
-    options: WriterOptions,
-    first: PathBuf,
-    /// Opens the file of a part.
-    open: fn(&Path) -> Result<OpenFile<W>, LogError>,
-    /// Number of the present part.
-    number: u32,
-    /// Finished parts that are there: path and size [bytes].
-    finished: VecDeque<(PathBuf, u64)>,
-    finished_bytes: u64,
-    removed: u32,
-    /// The last two parameter sets, with their ticks: every part begins with those that may be in force.
-    sets: VecDeque<(i64, Vec<u8>)>,
-}
-
 impl Writer<BufWriter<File>> {
     /// Creates or replaces the file `path` and writes metadata and attachments.
     ///
@@ -156,66 +136,6 @@ impl Writer<BufWriter<File>> {
         Ok(writer)
     }
 }
-
-/// Writes the number of a part into the record of the run.
-fn number_part(header: &mut Vec<(String, BTreeMap<String, String>)>, number: u32) {
-    let pair = (PART.to_owned(), number.to_string());
-    match header.iter_mut().find(|(name, _)| name == RUN) {
-        Some((_, record)) => {
-            record.insert(pair.0, pair.1);
-        }
-        None => header.push((RUN.to_owned(), BTreeMap::from([pair]))),
-    }
-}
-
-/// Creates or empties a file, and locks it.
-fn create_file(path: &Path) -> Result<OpenFile<BufWriter<File>>, LogError> {
-    let failed = |cause| LogError::Create { path: path.to_owned(), cause };
-    // Truncated only with the lock: another run may be writing the file.
-    let file = open_for_writing(path).map_err(failed)?;
-    match file.try_lock() {
-        Ok(()) => {}
-        Err(TryLockError::WouldBlock) => return Err(LogError::Busy { path: path.to_owned() }),
-        Err(TryLockError::Error(cause)) => return Err(failed(cause)),
-    }
-    let mut disk = None;
-    if file.metadata().map_err(failed)?.is_file() {
-        file.set_len(0).map_err(failed)?;
-        disk = Some(file.try_clone().map_err(failed)?);
-    }
-    Ok((BufWriter::with_capacity(64 * 1024, file), disk))
-}
-
-/// Time that a pipe may stay without a reader.
-const READER_TIMEOUT: Duration = Duration::from_secs(5);
-/// Interval at which a reader is looked for.
-const READER_POLL_INTERVAL: Duration = Duration::from_millis(10);
-
-/// Opens a file, or a pipe that has a reader; never blocks for longer than [`READER_TIMEOUT`].
-fn open_for_writing(path: &Path) -> io::Result<File> {
-    let is_pipe = std::fs::metadata(path).is_ok_and(|metadata| metadata.file_type().is_fifo());
-    if !is_pipe {
-        return File::options().write(true).create(true).truncate(false).open(path);
-    }
-    let begun = Instant::now();
-    loop {
-        // Without a reader this open fails, where another would block.
-        match File::options().write(true).custom_flags(O_NONBLOCK).open(path) {
-            Ok(_nonblocking) => return File::options().write(true).open(path),
-            Err(e) if e.raw_os_error() == Some(ENXIO) && begun.elapsed() < READER_TIMEOUT => {
-                std::thread::sleep(READER_POLL_INTERVAL);
-            }
-            Err(e) if e.raw_os_error() == Some(ENXIO) => {
-                return Err(io::Error::other("it is a pipe, and no program has opened it for reading within 5 s"));
-            }
-            Err(e) => return Err(e),
-        }
-    }
-}
-
-/// `O_NONBLOCK` and `ENXIO` of Linux.
-const O_NONBLOCK: i32 = 0o4000;
-const ENXIO: i32 = 6;
 
 impl<W: Write> Writer<W> {
     /// Writes to any output, as [`Writer::create`]; errors name it `path`.
@@ -352,51 +272,6 @@ impl<W: Write> Writer<W> {
         Ok(LogTotals { messages, message_bytes, file_bytes, parts })
     }
 
-    /// Finishes the present part and begins the next, with the parameter sets that may be in force.
-    fn next_part(&mut self) -> Result<(), LogError> {
-        let Some(mut parts) = self.parts.take() else { return Ok(()) };
-        let done = self.roll(&mut parts);
-        // Also after an error: the totals count what was written.
-        self.parts = Some(parts);
-        done
-    }
-
-    fn roll(&mut self, parts: &mut Parts<W>) -> Result<(), LogError> {
-        let path = crate::parts::part_path(&parts.first, parts.number + 1);
-        let mut header = parts.header.clone();
-        number_part(&mut header, parts.number + 1);
-        let (output, disk) = (parts.open)(&path)?;
-        let next = Self::new(output, &path, &self.names, &header, &parts.attachments, &parts.options).inspect_err(|_| {
-            // A part without a beginning says nothing.
-            let _ = std::fs::remove_file(&path);
-        })?;
-        parts.number += 1;
-        let Self { mcap, path: finished, part_bytes, .. } =
-            std::mem::replace(self, Self { disk, messages: self.messages, message_bytes: self.message_bytes, ..next });
-        close(mcap, &finished)?;
-        let size = part_bytes.load(Ordering::Relaxed);
-        parts.finished.push_back((finished, size));
-        parts.finished_bytes += size;
-        for (tick, set) in &parts.sets {
-            let at = self.time_of(*tick);
-            self.write(Topic::Operator, *tick, at, set)?;
-        }
-        if let Some(keep) = parts.options.keep_bytes {
-            let mut there: u64 = parts.finished.iter().map(|(_, size)| size).sum();
-            // The first part is the start of the run, and stays.
-            while there + parts.options.part_bytes.unwrap_or(0) > keep && parts.finished.len() > 1 {
-                let Some((old, size)) = parts.finished.remove(1) else { break };
-                match std::fs::remove_file(&old) {
-                    Err(cause) if cause.kind() != io::ErrorKind::NotFound => return Err(LogError::Write { path: old, cause }),
-                    _ => {}
-                }
-                there -= size;
-                parts.removed += 1;
-            }
-        }
-        Ok(())
-    }
-
     /// Writes a message with its number and times.
     pub(crate) fn put(&mut self, topic: Topic, tick: i64, log_time: u64, message: &impl Message) -> Result<(), LogError> {
         let mut buffer = std::mem::take(&mut self.buffer);
@@ -435,11 +310,6 @@ impl<W: Write> Writer<W> {
         self.unflushed = true;
         self.mcap.write_to_known_channel(&header, encoded).map_err(|error| LogError::write(&self.path, error))
     }
-}
-
-fn totals<W: Write>(parts: Option<&Parts<W>>, part_bytes: &AtomicU64) -> (u64, [u32; 2]) {
-    let (before, counts) = parts.map_or((0, [1, 0]), |parts| (parts.finished_bytes, [parts.number, parts.removed]));
-    (before + part_bytes.load(Ordering::Relaxed), counts)
 }
 
 /// Writes summary and index.

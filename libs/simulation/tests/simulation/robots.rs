@@ -108,15 +108,7 @@ fn flat_foot_holds_force_on_all_its_corners() {
         let (roll, pitch, yaw) = level.euler_angles();
         set.rotation.as_mut().unwrap().target_orientation = Some([roll, pitch, yaw]);
         let mut simulation = pressing(&settings, &set, 20.0, Some(0.01));
-        let surface = settings.world.floor.as_ref().unwrap().surface;
-        let law = ContactLaw {
-            stiffness: surface.stiffness_n_per_m,
-            damping: surface.damping_n_s_per_m,
-            transition_width: surface.transition_width_m,
-            friction_static: surface.friction_static,
-            friction_dynamic: surface.friction_dynamic,
-            critical_speed: surface.critical_speed_m_per_s,
-        };
+        let law = ContactLaw::of(&settings.world.floor.as_ref().unwrap().surface);
         let (mut squares, mut count, mut deepest) = (0.0, 0, 0.0_f64);
         for tick in 0..PUSHED {
             let state = simulation.step().unwrap().state;
