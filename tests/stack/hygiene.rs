@@ -53,6 +53,35 @@ fn accounts(log: &Path) -> BTreeMap<String, ProcessAccount> {
 }
 
 /// Needs no locked memory: a used page stays as long as the machine has enough memory.
+/// A mesh of a link that is deep in an object: the hardest query of a distance.
+#[test]
+fn mesh_deep_in_object_allocates_nothing() {
+    let stack = StackSandbox::new();
+    let mesh = "v 0.125 0 -0.25\nv -0.125 0.125 0\nv -0.125 -0.125 0\nv 0 0 0.25\nf 1 2 3\nf 1 2 4\nf 2 3 4\nf 1 3 4\n";
+    std::fs::write(stack.path("wedge.obj"), mesh).unwrap();
+    let urdf = r#"<robot name="slide"><link name="base"/>
+        <joint name="rail" type="prismatic"><parent link="base"/><child link="body"/><axis xyz="0 0 1"/>
+          <limit lower="-1" upper="5" effort="100" velocity="10"/></joint>
+        <link name="body"><inertial><mass value="2"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>
+          <collision><geometry><mesh filename="wedge.obj"/></geometry></collision></link>
+        <joint name="end" type="fixed"><parent link="body"/><child link="tip"/><origin xyz="0 0 1"/></joint>
+        <link name="tip"><collision><geometry><sphere radius="0.05"/></geometry></collision></link></robot>"#;
+    std::fs::write(stack.path("slide.urdf"), urdf).unwrap();
+    let scenario = "duration_s = 1.0\n[robot]\nurdf = \"slide.urdf\"\nbase_link = \"base\"\ntip_link = \"tip\"\n\
+        start_position_rad = [0.5]\n[world.floor]\n[[world.object]]\nname = \"it\"\nshape = \"box\"\nsize_m = [0.6, 0.6, 0.2]\n\
+        mass_kg = 5.0\nposition_m = [0.125, 0.0, 0.1]\nstiffness_n_per_m = 3000.0\ndamping_n_s_per_m = 50.0\n\
+        [[operator]]\nat_s = 0.2\ntarget_position_m = [0, 0, 1.35]\n";
+    std::fs::write(stack.path("slide.toml"), scenario).unwrap();
+    stack.run(&["run", "slide.toml", "--clock", "lockstep", "--log", "slide.mcap"]).expect(0);
+    let touches = |entry: Result<hapfic_log::LogMessage, _>| match entry.unwrap().record {
+        Record::State(state) => state.contacts.iter().any(|contact| contact.body == "body" && contact.depth > 1e-3),
+        _ => false,
+    };
+    let deep = Reader::open(stack.path("slide.mcap")).unwrap().map(touches).filter(|touches| *touches).count();
+    assert!(deep > 300, "deep in {deep} ticks");
+    assert_eq!(accounts(&stack.path("slide.mcap"))["plant"].allocations, 0);
+}
+
 #[test]
 fn realtime_threads_warm_no_allocations_or_faults() {
     let _lock = realtime_lock();
