@@ -29,7 +29,7 @@ pub enum TaskRows {
 impl TaskRows {
     /// Number of rows.
     #[must_use]
-    pub fn count(self) -> usize {
+    pub const fn count(self) -> usize {
         match self {
             Self::Linear => 3,
             Self::Both => 6,
@@ -54,7 +54,9 @@ impl Chain {
         let none = [0.0; W];
         // Symmetric: columns equal rows.
         let mut root: [[f64; W]; W] = (*mass).into();
-        if n <= m || !factor(&mut root, n) {
+        // Joints that are not there as ones on the diagonal: loops of a fixed length are laid out flat.
+        root.iter_mut().enumerate().skip(n).for_each(|(i, row)| row[i] = 1.0);
+        if n <= m || !factor(&mut root, W) {
             return none;
         }
         // With M = L L^T, each joint's row of L^-1 [J^T tau]: up to six columns of J^T, then tau.
@@ -83,7 +85,11 @@ impl Chain {
             mobility.iter_mut().enumerate().skip(first).take(3).for_each(|(k, row)| row[k] += DAMPING * trace);
         }
         let mut held = mobility[TAU];
-        if !factor(&mut mobility, m) {
+        let definite = match rows {
+            TaskRows::Linear => factor(&mut mobility, TaskRows::Linear.count()),
+            TaskRows::Both => factor(&mut mobility, TaskRows::Both.count()),
+        };
+        if !definite {
             return none;
         }
         substitute(&mobility, &mut held, m);
