@@ -52,7 +52,6 @@ fn accounts(log: &Path) -> BTreeMap<String, ProcessAccount> {
     all
 }
 
-/// Needs no locked memory: a used page stays as long as the machine has enough memory.
 /// A mesh of a link that is deep in an object: the hardest query of a distance.
 #[test]
 fn mesh_deep_in_object_allocates_nothing() {
@@ -82,6 +81,7 @@ fn mesh_deep_in_object_allocates_nothing() {
     assert_eq!(accounts(&stack.path("slide.mcap"))["plant"].allocations, 0);
 }
 
+/// Needs no locked memory: a used page stays as long as the machine has enough memory.
 #[test]
 fn realtime_threads_warm_no_allocations_or_faults() {
     let _lock = realtime_lock();

@@ -7,26 +7,25 @@
 ///
 /// Reads and replaces the lower triangle alone. The diagonal of the factor holds reciprocals.
 #[must_use]
-#[inline]
 pub fn factor<const WIDTH: usize>(m: &mut [[f64; WIDTH]; WIDTH], n: usize) -> bool {
-    for k in 0..n {
-        let pivot = m[k][k];
-        if pivot <= 0.0 || !pivot.is_finite() {
+    for i in 0..n {
+        let (above, rest) = m.split_at_mut(i);
+        let row = &mut rest[0];
+        for j in 0..i {
+            let mut sum = row[j];
+            for k in 0..j {
+                sum -= row[k] * above[j][k];
+            }
+            row[j] = sum * above[j][j];
+        }
+        let mut sum = row[i];
+        for k in 0..i {
+            sum -= row[k] * row[k];
+        }
+        if sum <= 0.0 || !sum.is_finite() {
             return false;
         }
-        let reciprocal = 1.0 / pivot.sqrt();
-        m[k][k] = reciprocal;
-        // What a column takes from those behind it goes at once: no entry waits for the sum before it.
-        let mut column = [0.0; WIDTH];
-        for i in k + 1..n {
-            column[i] = m[i][k] * reciprocal;
-        }
-        for i in k + 1..n {
-            m[i][k] = column[i];
-            for j in k + 1..=i {
-                m[i][j] -= column[i] * column[j];
-            }
-        }
+        row[i] = 1.0 / sum.sqrt();
     }
     true
 }

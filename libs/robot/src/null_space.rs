@@ -29,7 +29,7 @@ pub enum TaskRows {
 impl TaskRows {
     /// Number of rows.
     #[must_use]
-    pub const fn count(self) -> usize {
+    pub fn count(self) -> usize {
         match self {
             Self::Linear => 3,
             Self::Both => 6,
@@ -54,9 +54,7 @@ impl Chain {
         let none = [0.0; W];
         // Symmetric: columns equal rows.
         let mut root: [[f64; W]; W] = (*mass).into();
-        // Joints that are not there as ones on the diagonal: loops of a fixed length are laid out flat.
-        root.iter_mut().enumerate().skip(n).for_each(|(i, row)| row[i] = 1.0);
-        if n <= m || !factor(&mut root, W) {
+        if n <= m || !factor(&mut root, n) {
             return none;
         }
         // With M = L L^T, each joint's row of L^-1 [J^T tau]: up to six columns of J^T, then tau.
@@ -85,11 +83,7 @@ impl Chain {
             mobility.iter_mut().enumerate().skip(first).take(3).for_each(|(k, row)| row[k] += DAMPING * trace);
         }
         let mut held = mobility[TAU];
-        let definite = match rows {
-            TaskRows::Linear => factor(&mut mobility, TaskRows::Linear.count()),
-            TaskRows::Both => factor(&mut mobility, TaskRows::Both.count()),
-        };
-        if !definite {
+        if !factor(&mut mobility, m) {
             return none;
         }
         substitute(&mobility, &mut held, m);
