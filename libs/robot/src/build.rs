@@ -43,7 +43,8 @@ impl Chain {
     /// What is odd but usable is in [`Chain::warnings`].
     ///
     /// # Errors
-    /// Every [`RobotError`]. Names, parents and loops are checked in the whole file, all the rest only in the chain.
+    /// Every [`RobotError`]. Names, parents and loops are checked in the whole file, all the rest only in the chain. A joint
+    /// without a parent or a child in the file is left out, unless the tip is not below the base without it.
     pub fn from_urdf(text: &str, name_of_source: &str, base_link: &str, tip_link: &str) -> Result<Self, RobotError> {
         Self::from_urdf_with(text, name_of_source, base_link, tip_link, &Replacements::default())
     }
@@ -108,7 +109,7 @@ impl Chain {
             replacements,
             joints: ArrayVec::new(),
             collisions: Vec::new(),
-            warnings: Vec::new(),
+            warnings: tree.warnings(),
             unread: Vec::new(),
         };
         let mut bodies: ArrayVec<ChainBody, MAX_JOINTS> = ArrayVec::new();

@@ -22,7 +22,6 @@ pub(crate) struct Joint<'d> {
     /// Its type, as written.
     pub(crate) kind: &'d str,
     pub(crate) child: &'d str,
-    parent: &'d str,
     pub(crate) element: Element<'d>,
 }
 
@@ -37,6 +36,8 @@ pub(crate) struct UrdfTree<'d> {
     above: Vec<Option<usize>>,
     /// The joints below each link.
     below: Vec<Vec<usize>>,
+    /// Joints that connect no two links, as errors: they are left out, unless the chain is not found without them.
+    unconnected: Vec<RobotError>,
 }
 
 /// Reads the XML of a URDF; `file` is its name in messages.
@@ -72,29 +73,38 @@ impl<'d> UrdfTree<'d> {
             let missing = || element.unreadable(format!("<joint> has no <{tag}>"));
             element.child(tag).ok_or_else(missing)?.required("link")
         };
-        let joints = root.children("joint").map(|element| {
-            let (name, kind) = (element.name()?, element.required("type")?);
-            Ok(Joint { name, kind, parent: end(element, "parent")?, child: end(element, "child")?, element })
-        });
-        let joints = joints.collect::<Result<Vec<_>, RobotError>>()?;
         let indices = unique("link", links.iter().map(|link| (link.name, link.element)))?;
-        unique("joint", joints.iter().map(|joint| (joint.name, joint.element)))?;
-
-        let mut ends = Vec::with_capacity(joints.len());
-        let mut above: Vec<Option<usize>> = vec![None; links.len()];
-        let mut below = vec![Vec::new(); links.len()];
-        for (index, joint) in joints.iter().enumerate() {
-            let index_of = |end: &'static str, link: &str| {
-                indices.get(link).copied().ok_or_else(|| RobotError::DanglingJoint {
-                    file: joint.element.place(),
-                    joint: joint.name.to_owned(),
-                    end,
+        let joint = |element: Element<'d>| {
+            let (name, kind) = (element.name()?, element.required("type")?);
+            let index_of = |at: &'static str| {
+                let link = end(element, at)?;
+                let dangling = || RobotError::DanglingJoint {
+                    file: element.place(),
+                    joint: name.to_owned(),
+                    end: at,
                     link: link.to_owned(),
                     expected: names_like(&links, link),
-                })
+                };
+                indices.get(link).copied().ok_or_else(dangling)
             };
-            let parent = index_of("parent", joint.parent)?;
-            let child = index_of("child", joint.child)?;
+            let ends = (index_of("parent")?, index_of("child")?);
+            Ok((Joint { name, kind, child: links[ends.1].name, element }, ends))
+        };
+        let (mut joints, mut ends, mut unconnected) = (Vec::new(), Vec::new(), Vec::new());
+        for read in root.children("joint").map(joint) {
+            match read {
+                Ok((joint, between)) => {
+                    joints.push(joint);
+                    ends.push(between);
+                }
+                Err(error) => unconnected.push(error),
+            }
+        }
+        unique("joint", joints.iter().map(|joint| (joint.name, joint.element)))?;
+
+        let mut above: Vec<Option<usize>> = vec![None; links.len()];
+        let mut below = vec![Vec::new(); links.len()];
+        for (index, (joint, &(parent, child))) in joints.iter().zip(&ends).enumerate() {
             if let Some(first) = above[child] {
                 return Err(RobotError::TwoParents {
                     file: joint.element.place(),
@@ -105,11 +115,15 @@ impl<'d> UrdfTree<'d> {
             }
             above[child] = Some(index);
             below[parent].push(index);
-            ends.push((parent, child));
         }
-        let tree = Self { file, links, joints, ends, above, below };
+        let tree = Self { file, links, joints, ends, above, below, unconnected };
         tree.check_acyclic()?;
         Ok(tree)
+    }
+
+    /// Warnings of the joints that are left out since they connect no two links.
+    pub(crate) fn warnings(&self) -> Vec<String> {
+        self.unconnected.iter().map(|error| format!("{error} (the joint is left out: the chain does not need it)")).collect()
     }
 
     /// Name of the source, for messages.
@@ -154,6 +168,9 @@ impl<'d> UrdfTree<'d> {
         let mut link = tip;
         while link != base {
             let Some(joint) = self.above[link] else {
+                if let Some(error) = self.unconnected.first() {
+                    return Err(error.clone());
+                }
                 return Err(RobotError::NotBelow {
                     file: self.file.to_owned(),
                     base: self.link(base).name.to_owned(),

@@ -116,11 +116,29 @@ fn link_unknown_among_many_lists_nearest() {
 }
 
 #[test]
-fn joint_undeclared_link_is_rejected() {
-    let error = rejected(&with(r#"<link name="cover"/>"#, ""), &["joint 'ear'", "child link 'cover'"]);
-    assert!(matches!(error, RobotError::DanglingJoint { end: "child", .. }));
-    let text = with(r#"<parent link="base"/><child link="cover"/>"#, r#"<parent link="bass"/><child link="cover"/>"#);
-    rejected(&text, &["joint 'ear'", "parent link 'bass'"]);
+fn joint_undeclared_link_in_chain_is_rejected() {
+    let text = with(r#"<parent link="upper"/>"#, r#"<parent link="uper"/>"#);
+    let error = rejected(&text, &["joint 'slide'", "parent link 'uper'", "'upper'"]);
+    assert!(matches!(error, RobotError::DanglingJoint { end: "parent", .. }));
+    rejected(&with(r#"<parent link="upper"/>"#, ""), &["<joint> has no <parent>"]);
+}
+
+#[test]
+fn joint_without_ends_off_chain_is_left_out_with_warning() {
+    let ends = r#"<parent link="base"/><child link="cover"/>"#;
+    let whole = Chain::from_urdf(VALID, "arm.urdf", "base", "tip").unwrap();
+    for (text, parts) in [
+        (with(r#"<link name="cover"/>"#, ""), ["joint 'ear'", "child link 'cover'"]),
+        (with(ends, r#"<parent link="bass"/><child link="cover"/>"#), ["joint 'ear'", "parent link 'bass'"]),
+        (with(ends, r#"<child link="cover"/>"#), ["arm.urdf:", "<joint> has no <parent>"]),
+        (with(ends, r#"<parent link="base"/>"#), ["arm.urdf:", "<joint> has no <child>"]),
+        (with(ends, r#"<parent/><child link="cover"/>"#), ["arm.urdf:", "<parent> has no attribute 'link'"]),
+    ] {
+        let chain = Chain::from_urdf(&text, "arm.urdf", "base", "tip").unwrap();
+        assert_eq!(chain.warnings().len(), whole.warnings().len() + 1, "{:?}", chain.warnings());
+        let warning = &chain.warnings()[0];
+        assert!(parts.iter().all(|part| warning.contains(part)) && warning.contains("left out"), "{warning}");
+    }
 }
 
 #[test]
