@@ -62,18 +62,21 @@ pub enum FaultTarget {
     Controllers,
     /// The supervisor.
     Supervisor,
+    /// The recorder.
+    Recorder,
     /// The machine, for kinds that take no process. It has no word in a scenario.
     #[serde(skip)]
     Machine,
 }
 
-/// All processes that run ticks under the supervisor, then the supervisor itself.
+/// All processes that run ticks under the supervisor, then the recorder and the supervisor itself.
 const PROCESSES: &[FaultTarget] = &[
     FaultTarget::Plant,
     FaultTarget::Planner,
     FaultTarget::Controller,
     FaultTarget::Standby,
     FaultTarget::Controllers,
+    FaultTarget::Recorder,
     FaultTarget::Supervisor,
 ];
 
@@ -107,7 +110,9 @@ impl FaultKind {
             Self::Hog | Self::FullDisk => &[],
             Self::Kill => PROCESSES,
             // No component monitors the supervisor for anything but its death.
-            _ => &PROCESSES[..PROCESSES.len() - 1],
+            Self::Stop => &PROCESSES[..PROCESSES.len() - 1],
+            // The recorder takes part in no tick.
+            _ => &PROCESSES[..PROCESSES.len() - 2],
         }
     }
 }
@@ -123,6 +128,7 @@ impl FaultTarget {
             Self::Standby => "standby",
             Self::Controllers => "controllers",
             Self::Supervisor => "supervisor",
+            Self::Recorder => "recorder",
             Self::Machine => "machine",
         }
     }

@@ -29,14 +29,15 @@ pub struct Child {
 }
 
 impl Child {
-    /// Starts this same program as a process of the stack; it executes the scenario's external command, if any.
+    /// Starts this same program as a process of the stack; it executes the scenario's external command, if any. `input` is
+    /// its standard input.
     ///
     /// Nothing runs between fork and exec, so the kernel shares this process's memory instead of copying its page
     /// tables. The gate, whose pages are locked, therefore has no page faults afterwards.
     ///
     /// # Errors
     /// If the program cannot be started.
-    pub fn start(process: Process, settings: &Settings, run_file: &Path, start: ProcessStart) -> Result<Self> {
+    pub fn start(process: Process, settings: &Settings, run_file: &Path, start: ProcessStart, input: Stdio) -> Result<Self> {
         let mut command = this_program()?;
         command.arg("process").arg(process.name());
         if let Some(external) = external_command(&settings.processes, process) {
@@ -49,7 +50,7 @@ impl Child {
         }
         let mut spawned = command
             .process_group(0)
-            .stdin(Stdio::null())
+            .stdin(input)
             .stdout(Stdio::null())
             .spawn()
             .with_context(|| format!("cannot start the {process} ({:?})", command.get_program()))?;
@@ -124,7 +125,7 @@ pub fn external_command(processes: &ExternalProcesses, process: Process) -> Opti
         Process::Plant => processes.plant.as_ref(),
         Process::Planner => processes.planner.as_ref(),
         Process::Controller | Process::Standby => processes.controller.as_ref(),
-        Process::Supervisor => None,
+        Process::Supervisor | Process::Recorder => None,
     }
 }
 

@@ -1,11 +1,12 @@
 //! A run from start to end: checks, start, watch, end, and removal of its namespace.
 
 use crate::children;
+use crate::latest::LatestMessages;
 use crate::notify::Notify;
 use crate::operator::{self, OperatorServer};
 use crate::preflight;
 use crate::privileges::{self, Cores};
-use crate::recorder::{self, LatestMessages, Recorder};
+use crate::recorder::{self, Recorder, RecorderStart, RecordingOutcome};
 use crate::registry::RunDirectory;
 use crate::request::RunRequest;
 use crate::summary::{Losses, RecorderSummary, RunFault, RunSummary, Summary};
@@ -20,10 +21,9 @@ use hapfic_gate_process::status::{GateCounts, SharedStatus};
 use hapfic_gate_process::{GateNode, GateStart};
 use hapfic_ipc::realtime::{CpuLatencyGuard, Prefault, SchedRequest};
 use hapfic_ipc::{Bus, Domain, IpcError, RunFile, topic};
-use hapfic_log::{RunLog, Viewer, Writer, scene};
+use hapfic_log::{LogFile, RunLog};
 use hapfic_messages::{Clock, Detector, RealtimeMode};
 use hapfic_plant::{Plant, PlantError};
-use hapfic_simulation::conditions::{TaskFollower, TaskWatch};
 use hapfic_simulation::findings::{Advisor, degrees_hint};
 use std::os::unix::fs::MetadataExt;
 use std::path::Path;
@@ -53,10 +53,10 @@ struct PreparedRun {
     directory: RunDirectory,
     plant: Plant,
     advisor: Advisor,
-    writer: Writer,
     /// The created log.
-    log_file: Option<FileId>,
-    viewer: Viewer,
+    log: LogFile,
+    log_id: Option<FileId>,
+    start_unix_ns: u64,
     stop: Arc<AtomicBool>,
 }
 
@@ -75,9 +75,7 @@ impl PreparedRun {
         // Recovery comes before this run creates its log, which may be the same file.
         directory.orphaned_logs().iter().for_each(|log| recover_orphan(log));
         let start_unix_ns = if request.clock == Clock::Realtime { hapfic_ipc::clock::unix_ns() } else { 0 };
-        let writer = hapfic_log::create_run_log(&run_log(request, &plant, start_unix_ns))?;
-        let viewer =
-            Viewer::new(scene::scene(settings, plant.chain()), settings.recorder.viewer_rate_hz.round() as u32, start_unix_ns);
+        let log = hapfic_log::reserve_run_log(&run_log(request, &plant, start_unix_ns))?;
         let stop = Arc::new(AtomicBool::new(false));
         for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP] {
             // The second signal ends the program immediately; the next start then cleans up.
@@ -86,11 +84,11 @@ impl PreparedRun {
         }
         // A scenario may intend what they describe.
         advisor.scenario().iter().for_each(|finding| crate::log_line(&finding.to_string()));
-        Ok(Self { directory, plant, advisor, writer, log_file: file_id(&request.log), viewer, stop })
+        Ok(Self { directory, plant, advisor, log, log_id: file_id(&request.log), start_unix_ns, stop })
     }
 
     fn run(self, request: &RunRequest) -> Result<Summary> {
-        let Self { directory, plant, advisor, writer, log_file, viewer, stop } = self;
+        let Self { directory, plant, advisor, log, log_id, start_unix_ns, stop } = self;
         let settings = &request.settings;
         hapfic_ipc::service::silence_transport_log();
         let domain = Domain::new(&directory.prefix(), &directory.root())?.with_short_timeouts(request.clock);
@@ -101,6 +99,9 @@ impl PreparedRun {
         RunFile {
             prefix: directory.prefix(),
             root: directory.root(),
+            scenario: request.scenario.clone(),
+            log: std::path::absolute(&request.log).unwrap_or_else(|_| request.log.clone()),
+            start_unix_ns,
             supervisor_pid: std::process::id() as i32,
             clock: request.clock,
             realtime: request.realtime,
@@ -125,20 +126,18 @@ impl PreparedRun {
 
         let shared = Arc::new(SharedStatus::new(bus.heartbeats()));
         let latest = Arc::new(LatestMessages::default());
-        let recorder = Recorder::start(recorder::RecorderStart {
+        let root = Path::new(&directory.root()).to_owned();
+        let recorder = Recorder::new(RecorderStart {
             domain: domain.clone(),
+            root: root.clone(),
             clock: request.clock,
-            credit_ticks: settings.supervisor.credit_ticks,
-            writer,
-            viewer,
-            chain: plant.chain().clone(),
-            tasks: TaskFollower::new(TaskWatch::new(settings, plant.chain().clone())),
-            flush_every: Duration::from_millis(settings.recorder.flush_ms.into()),
-            least_free: u64::from(settings.recorder.min_free_mb) * 1_000_000,
-            log: request.log.clone(),
-            shared: Arc::clone(&shared),
-            latest: Arc::clone(&latest),
+            settings,
+            run_file: &run_file,
+            log: &request.log,
+            file: log,
         })?;
+        // Its start takes a while; nothing is sent before it is ready.
+        let mut recorder_process = recorder.start()?;
         let start = TipPose::of(&plant.chain().kinematics(&plant.sample().joint_position));
         let (change_client, change_server) = hapfic_gate_process::change_exchange::exchange();
         let (inject, fault_requests) = std::sync::mpsc::channel();
@@ -163,9 +162,12 @@ impl PreparedRun {
             inject,
             standby: settings.supervisor.standby,
             shared: Arc::clone(&shared),
-            latest,
+            latest: Arc::clone(&latest),
+            root: root.clone(),
             advisor,
         })?;
+        let ready_timeout = Duration::from_millis(settings.supervisor.ready_timeout_ms.into());
+        recorder::await_ready(&mut recorder_process, &shared.heartbeats, ready_timeout)?;
         let gate = start_gate(GateStart {
             domain,
             clock: request.clock,
@@ -189,7 +191,8 @@ impl PreparedRun {
                 request,
                 shared: Arc::clone(&shared),
                 gate,
-                recorder: &recorder,
+                recorder: (&recorder, recorder_process),
+                latest,
                 stop,
                 prefix: directory.prefix(),
                 run_file: &run_file,
@@ -209,9 +212,11 @@ impl PreparedRun {
         watch.end(times.completed)?;
         let faults = std::mem::take(&mut watch.faults);
         let (losses, supervisor_delay) = (watch.losses(), watch.largest_delay());
+        let recorder_end = watch.take_recorder();
         drop(watch);
+        let recorded = recorder.finish(recorder_end);
         let own = OwnCounts { gate: shared.gate.counts(), supervisor_delay };
-        Ok(summarise(request, times, faults, losses, own, recorder, log_file))
+        Ok(summarise(request, times, faults, losses, own, recorded, log_id))
     }
 }
 
@@ -319,11 +324,10 @@ fn summarise(
     mut faults: Vec<RunFault>,
     losses: Losses,
     own: OwnCounts,
-    recorder: Recorder,
-    log_file: Option<FileId>,
+    recorded: RecordingOutcome,
+    log_id: Option<FileId>,
 ) -> Summary {
-    let latest = recorder.latest();
-    let (recorded, incidents, error) = recorder.finish();
+    let RecordingOutcome { figures: recorded, incidents, tasks, error } = recorded;
     let mut completed = times.completed && faults.is_empty();
     let mut unlogged = None;
     if let (Some(error), OnFailure::Continue) = (&error, request.settings.recorder.on_failure) {
@@ -356,7 +360,7 @@ fn summarise(
         losses,
         incidents,
         faults,
-        tasks: latest.tasks(),
+        tasks,
         log: request.log.clone(),
     };
     let mut lost = metrics.ticks.lost;
@@ -371,7 +375,7 @@ fn summarise(
         file_bytes: recorded.map_or(0, |r| r.file_bytes),
         parts: recorded.map_or(1, |r| r.parts[0]),
         removed_parts: recorded.map_or(0, |r| r.parts[1]),
-        problem: unlogged.or_else(|| log_problem(&request.log, log_file)),
+        problem: unlogged.or_else(|| log_problem(&request.log, log_id)),
     };
     Summary::new(run, &metrics, log)
 }

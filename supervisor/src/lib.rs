@@ -1,10 +1,11 @@
 //! Launches the stack, watches its processes, records all messages and answers operators.
 //!
 //! Read [`launch`] first: a run from start to end. [`watch`] starts, watches and restarts the processes ([`children`]);
-//! [`recorder`] drains and writes the messages; [`operator`] answers requests. [`registry`] holds the namespace of a
+//! [`recorder`] drains and writes the messages, in a process of its own; [`operator`] answers requests. [`registry`] holds the namespace of a
 //! run and finds running stacks; [`summary`] holds the results of a run.
 
 pub mod children;
+mod latest;
 pub mod launch;
 mod notify;
 pub mod operator;

@@ -1,6 +1,6 @@
 //! The progress line of a run, on a terminal only.
 
-use hapfic_gate_process::status::StatusSnapshot;
+use crate::latest::StatusSnapshot;
 use std::io::{IsTerminal, Write};
 use std::time::{Duration, Instant};
 

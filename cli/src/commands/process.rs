@@ -20,6 +20,8 @@ pub enum ProcessName {
     Controller,
     /// The standby controller.
     Standby,
+    /// The recorder.
+    Recorder,
     /// Helper that removes dead nodes and ends.
     CleanUp,
 }
@@ -32,6 +34,7 @@ pub fn process(name: ProcessName, external: &[String]) -> Result<CommandOutcome>
         ProcessName::Planner => Process::Planner,
         ProcessName::Controller => Process::Controller,
         ProcessName::Standby => Process::Standby,
+        ProcessName::Recorder => Process::Recorder,
     };
     let run = match run_file() {
         Ok(run) => run,
@@ -43,7 +46,12 @@ pub fn process(name: ProcessName, external: &[String]) -> Result<CommandOutcome>
         return Err(failed).with_context(|| format!("processes.{process}: cannot start '{program}'"));
     }
     let settings = Settings::from_effective(&run.settings, &run.urdf_name, &run.urdf)?;
-    let mut context = Context::join(&run, process, ProcessStart::from_env()?)?;
+    let start = ProcessStart::from_env()?;
+    if process == Process::Recorder {
+        hapfic_supervisor::recorder::process::run(&run, &settings, start).context("recorder")?;
+        return Ok(CommandOutcome::Done);
+    }
+    let mut context = Context::join(&run, process, start)?;
     match process {
         Process::Plant => hapfic_plant_process::run(&mut context, &settings).context("plant")?,
         Process::Planner => hapfic_planner_process::run(&mut context, &settings).context("planner")?,

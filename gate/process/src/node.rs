@@ -173,6 +173,7 @@ impl GateNode {
         // From here on it is idle time.
         self.start.shared.gate.severity.store(command.severity, Ordering::Relaxed);
         self.start.shared.gate.primary.store(self.gate.primary().process().code(), Ordering::Relaxed);
+        self.start.shared.gate.mode.store(command.mode, Ordering::Relaxed);
         self.start.shared.gate.tick.store(tick, Ordering::Release);
         self.count(command);
         self.ports.command_sent.notify();
@@ -181,6 +182,9 @@ impl GateNode {
             Some((newest, stamp)) if newest == tick && stamp > 0 => published.saturating_sub(stamp),
             _ => 0,
         };
+        if latency_ns > 0 {
+            self.start.shared.gate.latencies.push(latency_ns);
+        }
         self.faults += account.new_faults(tick);
         let timing = Timing {
             phase: Phase::Running.code(),

@@ -1,22 +1,20 @@
-//! Status that the supervisor's threads share, in parts with one writer each. All but the snapshot are atomics: the gate
-//! never waits for another thread.
+//! Status that the supervisor's threads share, in parts with one writer each. All are atomics: the gate never waits for
+//! another thread.
 
 use hapfic_ipc::HeartbeatPage;
 use hapfic_messages::{Detector, Process};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU32, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex};
 
 /// Status shared by the supervisor's threads.
 #[derive(Debug)]
 pub struct SharedStatus {
-    /// Orders to gate and recorder.
+    /// Orders to the gate.
     pub orders: RunOrders,
     /// Processes that are there, and that are missing.
     pub presence: Presence,
     /// Report of the gate.
     pub gate: GateReport,
-    /// Report of the recorder.
-    pub recorder: RecorderReport,
     /// Report of the thread that answers operators.
     pub operator: OperatorReport,
     /// Heartbeats of all processes, which they write themselves.
@@ -35,22 +33,19 @@ impl SharedStatus {
                 primary: AtomicU32::new(Process::Controller.code()),
                 ..GateReport::default()
             },
-            recorder: RecorderReport::default(),
             operator: OperatorReport::default(),
             heartbeats,
         }
     }
 }
 
-/// Orders to gate and recorder, by the main thread and by the thread that answers operators.
+/// Orders to the gate, by the main thread and by the thread that answers operators.
 #[derive(Debug, Default)]
 pub struct RunOrders {
     /// Whether all processes are ready, so that the gate may start the run.
     pub start: AtomicBool,
     /// Whether the gate has to end.
     pub stop: AtomicBool,
-    /// Whether the recorder has to receive the remaining messages and end.
-    pub drain: AtomicBool,
     /// Latched stops requested so far.
     pub latched_stops: AtomicU64,
     /// Code of the detector that requested the last latched stop.
@@ -101,6 +96,10 @@ pub struct GateReport {
     pub processed_stops: AtomicU64,
     /// Code of the severity.
     pub severity: AtomicU32,
+    /// Code of the mode of the last command.
+    pub mode: AtomicU32,
+    /// Latencies from state to command.
+    pub latencies: RecentLatencies,
     /// Code of the primary controller.
     pub primary: AtomicU32,
     /// Version of the last announced parameters.
@@ -134,23 +133,6 @@ pub struct GateCounts {
     pub braked: u64,
     /// Ticks with a torque discontinuity.
     pub discontinuities: u64,
-}
-
-/// Report of the recorder.
-#[derive(Debug, Default)]
-pub struct RecorderReport {
-    /// Whether writing the log has failed.
-    pub log_failed: AtomicBool,
-    /// Failed connections of the recorder.
-    pub failed_connections: AtomicU32,
-    /// Rounds in which the recorder has received all messages.
-    pub rounds: AtomicU64,
-    /// Messages that the writer thread has taken up.
-    pub written: AtomicU64,
-    /// Snapshot for the terminal; no real-time thread locks it.
-    pub snapshot: Mutex<StatusSnapshot>,
-    /// Latencies from state to command.
-    pub latencies: RecentLatencies,
 }
 
 /// Report of the thread that answers operators.
@@ -196,27 +178,4 @@ impl RecentLatencies {
         all.sort_unstable();
         all
     }
-}
-
-/// Snapshot for the progress line and for `hapfic status`.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct StatusSnapshot {
-    /// Simulated time [s].
-    pub time_s: f64,
-    /// Position of the foot [m].
-    pub foot_position: [f64; 3],
-    /// F [N].
-    pub foot_force: [f64; 3],
-    /// F_d [N].
-    pub desired_force: [f64; 3],
-    /// Periods by which the plant's timer was late so far.
-    pub late: u64,
-    /// Code of the mode.
-    pub mode: u32,
-    /// x - x_d [m].
-    pub tracking: [f64; 3],
-    /// x_b [m].
-    pub bound: [f64; 3],
-    /// Version of the parameters in force.
-    pub version: u64,
 }

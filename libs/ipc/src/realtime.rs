@@ -157,6 +157,22 @@ fn capable(capability: CapabilitySet) -> bool {
     rustix::thread::capabilities(None).is_ok_and(|sets| sets.effective.contains(capability))
 }
 
+/// Gives up the rights to real-time scheduling and to locked memory, for the calling thread, its later threads and its
+/// children. The process keeps working if the system rejects a call: it never asks for what it gives up.
+pub fn give_up_privileges() {
+    let none = rustix::process::Rlimit { current: Some(0), maximum: Some(0) };
+    for limit in [Resource::Rtprio, Resource::Memlock] {
+        let _ = rustix::process::setrlimit(limit, none);
+    }
+    if let Ok(mut sets) = rustix::thread::capabilities(None) {
+        let given_up = CapabilitySet::SYS_NICE | CapabilitySet::IPC_LOCK | CapabilitySet::SYS_RESOURCE;
+        for set in [&mut sets.effective, &mut sets.permitted, &mut sets.inheritable] {
+            set.remove(given_up);
+        }
+        let _ = rustix::thread::set_capabilities(None, sets);
+    }
+}
+
 /// How much memory [`lock_memory`] prefaults.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Prefault {

@@ -3,7 +3,7 @@
 use crate::error::IpcError;
 use hapfic_messages::{Clock, RealtimeMode};
 use serde::{Deserialize, Serialize};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Everything that a process of the stack needs to take part in a run, as JSON. The environment variable
 /// [`RunFile::VARIABLE`] of every process that the supervisor starts holds its path.
@@ -14,6 +14,12 @@ pub struct RunFile {
     pub prefix: String,
     /// The run's folder.
     pub root: String,
+    /// Name of the scenario.
+    pub scenario: String,
+    /// Path of the log.
+    pub log: PathBuf,
+    /// Time of tick 0 [ns since the Unix epoch]; zero in lockstep.
+    pub start_unix_ns: u64,
     /// Process with which all others end.
     pub supervisor_pid: i32,
     /// Clock of the run.

@@ -18,6 +18,9 @@ const OPERATOR_DEPTH: usize = 64;
 /// Samples that an observer's input keeps: the recorder republishes every 10 ms.
 pub const VIEW_DEPTH: usize = 64;
 
+/// Recorders on a topic at a time: the successor of several that have been lost before the clean-up.
+const RECORDERS: usize = 8;
+
 /// A topic: its name, its type, and its capacities.
 #[derive(Debug)]
 pub struct Topic<T> {
@@ -41,7 +44,7 @@ impl<T> Topic<T> {
     }
 
     const fn view(name: &'static str, history: usize) -> Self {
-        Self { name, publishers: 2, history, depth: VIEW_DEPTH, doorbell: None, kind: PhantomData }
+        Self { name, publishers: RECORDERS, history, depth: VIEW_DEPTH, doorbell: None, kind: PhantomData }
     }
 }
 
@@ -66,8 +69,8 @@ pub const OPERATOR: Topic<Operator> = Topic { depth: OPERATOR_DEPTH, ..Topic::ne
 pub const EVENT: Topic<Event> = Topic::new("event", 8, 0, None);
 /// all -> recorder, watchdog.
 pub const TIMING: Topic<Timing> = Topic::new("timing", 12, 0, None);
-/// recorder -> plant, in lockstep.
-pub const CREDIT: Topic<Credit> = Topic::new("credit", 2, 1, Some(DoorbellId(4)));
+/// recorder -> plant, in lockstep; the supervisor, once a run goes on without its recorder.
+pub const CREDIT: Topic<Credit> = Topic::new("credit", RECORDERS + 1, 1, Some(DoorbellId(4)));
 /// gate -> planner and standby controller, in realtime: a state is answered, or its answer is late. A doorbell without
 /// a message.
 ///

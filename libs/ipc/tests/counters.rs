@@ -43,6 +43,9 @@ fn context_account_reports_allocations_and_page_faults() {
     let run = RunFile {
         prefix: format!("ht{}_", std::process::id()),
         root: folder.path().to_str().unwrap().to_owned(),
+        scenario: "floor".to_owned(),
+        log: "run.mcap".into(),
+        start_unix_ns: 0,
         supervisor_pid: rustix::process::getppid().unwrap().as_raw_nonzero().get(),
         clock: Clock::Realtime,
         realtime: RealtimeMode::Off,

@@ -19,8 +19,10 @@
 
 mod attachment;
 mod chunk;
+mod close_part;
 pub mod convert;
 mod error;
+mod figures;
 mod frames;
 mod lengths;
 pub mod metrics;
@@ -39,17 +41,19 @@ pub mod viewer;
 mod writer;
 
 pub use attachment::Attachment;
+pub use close_part::{Remainder, close_last_part};
 pub use error::LogError;
+pub use figures::LogFigures;
 pub use metrics::{Metrics, MetricsSummary};
 pub use names::Names;
 pub use parts::{LogParts, part_path, parts};
 pub use passage::passage_event;
 pub use reader::{LogMessage, Reader, Record};
 pub use recover::{DamagedRange, RecoverError, Recovery, TickGaps, recover};
-pub use run_log::{RunLog, create_run_log};
+pub use run_log::{RunLog, begin_run_log, create_run_log, reserve_run_log, resume_run_log};
 pub use topic::Topic;
 pub use viewer::Viewer;
-pub use writer::{LogTotals, Writer, WriterOptions};
+pub use writer::{LogFile, LogTotals, Writer, WriterOptions};
 
 /// Duration of a tick [ns].
 pub const TICK_NS: i64 = 1_000_000;

@@ -51,8 +51,13 @@ pub fn parts(path: &Path) -> Vec<PathBuf> {
     if number > 1 {
         return vec![path.to_owned()];
     }
-    let files = later(&first).into_iter().map(|(_, path)| path).filter(|path| path.is_file());
-    core::iter::once(first.clone()).chain(files).collect()
+    numbered(&first).into_iter().map(|(_, path)| path).collect()
+}
+
+/// Numbers and paths of the parts of the log `first` that are there.
+pub(crate) fn numbered(first: &Path) -> Vec<(u32, PathBuf)> {
+    let later = later(first).into_iter().filter(|(_, path)| path.is_file());
+    core::iter::once((1, first.to_owned())).chain(later).collect()
 }
 
 /// Later parts of an earlier log of this name, which a new log in parts may replace.

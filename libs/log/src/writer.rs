@@ -7,10 +7,12 @@ mod rolling;
 use crate::attachment::Attachment;
 use crate::error::LogError;
 use crate::names::Names;
+use crate::parts::part_path;
 use crate::time_of;
 use crate::topic::Topic;
 use counting::CountingWriter;
-use file::create_file;
+pub use file::LogFile;
+use file::create_part;
 use mcap::records::{MessageHeader, Metadata};
 use mcap::write::NoSeek;
 use prost::Message;
@@ -26,6 +28,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Largest chunk [bytes]: its buffer is allocated as a whole.
 const MAX_CHUNK_BYTES: u64 = 16 << 20;
+/// Buffer of a file [bytes].
+const BUFFER: usize = 64 * 1024;
 
 /// Options of a log.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -35,7 +39,10 @@ pub struct WriterOptions {
     /// Uncompressed size at which a chunk is closed, at most 16 MiB [bytes]. A larger chunk compresses better, but a
     /// killed writer loses more.
     pub chunk_bytes: u64,
-    /// Size of the file from which on the next state begins a new part [bytes]; `None`: the log is one file.
+    /// Whether the log may get further parts: by `part_bytes`, or since another writer continues it. Its part is then
+    /// numbered, and later parts of an earlier log of its name are removed.
+    pub in_parts: bool,
+    /// Size of the file from which on the next state begins a new part [bytes]; `None`: no size is too large.
     pub part_bytes: Option<u64>,
     /// Size of all parts above which the oldest but the first are removed [bytes].
     pub keep_bytes: Option<u64>,
@@ -43,7 +50,7 @@ pub struct WriterOptions {
 
 impl Default for WriterOptions {
     fn default() -> Self {
-        Self { start_unix_ns: 0, chunk_bytes: 256 * 1024, part_bytes: None, keep_bytes: None }
+        Self { start_unix_ns: 0, chunk_bytes: 256 * 1024, in_parts: false, part_bytes: None, keep_bytes: None }
     }
 }
 
@@ -104,36 +111,90 @@ impl Writer<BufWriter<File>> {
         attachments: &[Attachment],
         options: &WriterOptions,
     ) -> Result<Self, LogError> {
-        let path = path.as_ref();
-        // Before anything is touched: all that the new log may replace has to be a log.
-        let stale = if options.part_bytes.is_some() { crate::parts::replaceable(path)? } else { Vec::new() };
-        let (output, disk) = create_file(path)?;
-        for stale in stale {
-            std::fs::remove_file(&stale).map_err(|cause| LogError::Create { path: stale, cause })?;
-        }
-        let mut header = header.to_vec();
-        if options.part_bytes.is_some() && disk.is_some() {
-            number_part(&mut header, 1);
-        }
-        let header = header.as_slice();
-        let mut writer = Self::new(output, path, names, header, attachments, options)?;
+        Self::begin(LogFile::create(path, options.in_parts)?, names, header, attachments, options)
+    }
+
+    /// As [`Writer::create`], in a file that is created already.
+    ///
+    /// # Errors
+    /// [`LogError::Write`].
+    pub fn begin(
+        file: LogFile,
+        names: &Names,
+        header: &[(String, BTreeMap<String, String>)],
+        attachments: &[Attachment],
+        options: &WriterOptions,
+    ) -> Result<Self, LogError> {
+        let LogFile { path, file, regular } = file;
+        let failed = |cause| LogError::Write { path: path.clone(), cause };
+        let disk = if regular { Some(file.try_clone().map_err(failed)?) } else { None };
+        let output = BufWriter::with_capacity(BUFFER, file);
         // A pipe or a device has no parts.
-        if options.part_bytes.is_some() && disk.is_some() {
-            writer.parts = Some(Parts {
-                header: header.to_vec(),
-                attachments: attachments.to_vec(),
-                options: *options,
-                first: path.to_owned(),
-                open: create_file,
-                number: 1,
-                finished: VecDeque::new(),
-                finished_bytes: 0,
-                removed: 0,
-                sets: VecDeque::new(),
-            });
+        let parts = (regular && options.in_parts).then(|| Parts {
+            header: header.to_vec(),
+            attachments: attachments.to_vec(),
+            options: *options,
+            first: path.clone(),
+            open: create_part,
+            number: 1,
+            finished: VecDeque::new(),
+            finished_bytes: 0,
+            removed: 0,
+            sets: VecDeque::new(),
+        });
+        Self::in_part(output, disk, &path, names, header, parts, (attachments, options))
+    }
+
+    /// Continues a log whose writer is lost, in a new part. `path` is that of the first part.
+    ///
+    /// # Errors
+    /// [`LogError::Create`] and [`LogError::Write`].
+    pub fn resume(
+        path: &Path,
+        names: &Names,
+        header: &[(String, BTreeMap<String, String>)],
+        attachments: &[Attachment],
+        options: &WriterOptions,
+    ) -> Result<Self, LogError> {
+        let there = crate::parts::numbered(path);
+        let number = there.last().map_or(1, |(number, _)| *number) + 1;
+        let finished: VecDeque<_> =
+            there.into_iter().map(|(_, path)| (std::fs::metadata(&path).map_or(0, |metadata| metadata.len()), path)).collect();
+        let parts = Parts {
+            header: header.to_vec(),
+            attachments: attachments.to_vec(),
+            options: *options,
+            first: path.to_owned(),
+            open: create_part,
+            number,
+            finished_bytes: finished.iter().map(|(size, _)| size).sum(),
+            removed: (number - 1).saturating_sub(finished.len() as u32),
+            finished: finished.into_iter().map(|(size, path)| (path, size)).collect(),
+            sets: VecDeque::new(),
+        };
+        let path = part_path(path, number);
+        let (output, disk) = create_part(&path)?;
+        Self::in_part(output, disk, &path, names, header, Some(parts), (attachments, options)).inspect_err(|_| {
+            // A part without a beginning says nothing.
+            let _ = std::fs::remove_file(&path);
+        })
+    }
+
+    fn in_part(
+        output: BufWriter<File>,
+        disk: Option<File>,
+        path: &Path,
+        names: &Names,
+        header: &[(String, BTreeMap<String, String>)],
+        parts: Option<Parts<BufWriter<File>>>,
+        (attachments, options): (&[Attachment], &WriterOptions),
+    ) -> Result<Self, LogError> {
+        let mut header = header.to_vec();
+        if let Some(parts) = &parts {
+            number_part(&mut header, parts.number);
         }
-        writer.disk = disk;
-        Ok(writer)
+        let writer = Self::new(output, path, names, &header, attachments, options)?;
+        Ok(Self { parts, disk, ..writer })
     }
 }
 
@@ -230,6 +291,12 @@ impl<W: Write> Writer<W> {
     #[must_use]
     pub fn written(&self) -> (u64, [u32; 2]) {
         totals(self.parts.as_ref(), &self.part_bytes)
+    }
+
+    /// Number of the present part, and its size so far [bytes].
+    #[must_use]
+    pub fn part(&self) -> (u32, u64) {
+        (self.parts.as_ref().map_or(1, |parts| parts.number), self.part_bytes.load(Ordering::Relaxed))
     }
 
     /// Closes the chunk and passes it to the operating system: all messages so far survive a killed writer.

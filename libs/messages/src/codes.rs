@@ -91,7 +91,7 @@ wire_enum! {
 wire_enum! {
     /// A process of the stack.
     Process {
-        /// Launcher, gate, watchdog and recorder.
+        /// Launcher, gate and watchdog.
         Supervisor = 0, "supervisor";
         /// The simulated robot, or the driver of a real robot: the clock.
         Plant = 1, "plant";
@@ -101,6 +101,8 @@ wire_enum! {
         Controller = 3, "controller";
         /// The second controller, which computes the same.
         Standby = 4, "standby";
+        /// Receives all messages and writes the log. It sends no message of a tick.
+        Recorder = 5, "recorder";
     }
 }
 

@@ -2,13 +2,14 @@
 
 use super::change::Consent;
 use super::status::{LatencyQuantiles, ProcessStatus, Status};
+use crate::latest::LatestMessages;
 use crate::log_line;
-use crate::recorder::{GATE, LatestMessages};
+use crate::recorder::{self, GATE};
 use crate::watch;
 use anyhow::{Context, Result};
 use hapfic_config::{Fault, PERIOD_S, ParameterSettings};
 use hapfic_gate_process::change_exchange::ChangeClient;
-use hapfic_gate_process::status::SharedStatus;
+use hapfic_gate_process::status::{Presence, SharedStatus};
 use hapfic_ipc::service::{PendingRequest, RequestServer};
 use hapfic_ipc::{Bus, Domain, IpcError, wait};
 use hapfic_messages::{Clock, Detector, Mode, OperatorKind, OperatorReply, Phase, Process, REPLY_TEXT, ReplyCode, Severity};
@@ -28,7 +29,8 @@ pub(super) const GATE_TIMEOUT: Duration = Duration::from_millis(500);
 const CLEAN_UP_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Processes whose status is reported.
-const REPORTED_PROCESSES: [Process; 4] = [Process::Plant, Process::Planner, Process::Controller, Process::Standby];
+const REPORTED_PROCESSES: [Process; 5] =
+    [Process::Plant, Process::Planner, Process::Controller, Process::Standby, Process::Recorder];
 
 /// Arguments of [`OperatorServer::start`].
 #[derive(Debug)]
@@ -57,6 +59,8 @@ pub struct OperatorServerStart {
     pub shared: Arc<SharedStatus>,
     /// Latest messages of the run.
     pub latest: Arc<LatestMessages>,
+    /// The run's folder.
+    pub root: PathBuf,
     /// Robot and world, with which changes are compared.
     pub advisor: Advisor,
 }
@@ -255,17 +259,26 @@ impl RequestHandler {
         serde_json::to_string(&short).unwrap_or_default()
     }
 
+    /// Whether a process is lost and its successor does no ticks yet. A lost recorder is not missing: the run goes on.
+    fn is_lost(&self, process: Process) -> bool {
+        let Presence { present, .. } = &self.start.shared.presence;
+        self.start.shared.presence.is_missing(process)
+            || process == Process::Recorder
+                && self.start.shared.orders.start.load(Ordering::Relaxed)
+                && present.load(Ordering::Acquire) & (1 << process.code()) == 0
+    }
+
     fn status(&self) -> Status {
         let shared = &self.start.shared;
-        let snapshot = shared.recorder.snapshot.lock().map(|g| *g).unwrap_or_default();
+        let snapshot = self.start.latest.snapshot();
         let tick = shared.gate.tick.load(Ordering::Acquire);
-        let latencies = if self.start.clock == Clock::Realtime { shared.recorder.latencies.sorted() } else { Vec::new() };
+        let latencies = if self.start.clock == Clock::Realtime { shared.gate.latencies.sorted() } else { Vec::new() };
         let name = |process: Process| if process == GATE { "gate" } else { process.name() };
         Status {
             run: self.start.run.clone(),
             scenario: self.start.scenario.clone(),
             clock: self.start.clock.name().to_owned(),
-            mode: Mode::from_code(snapshot.mode).map_or("?", Mode::name).to_owned(),
+            mode: Mode::from_code(shared.gate.mode.load(Ordering::Relaxed)).map_or("?", Mode::name).to_owned(),
             severity: Severity::from_code(shared.gate.severity.load(Ordering::Relaxed)).map_or("?", Severity::name).to_owned(),
             tick,
             end_tick: self.start.ticks,
@@ -286,7 +299,7 @@ impl RequestHandler {
                     let heartbeat = shared.heartbeats.read(*process);
                     ProcessStatus {
                         name: name(*process).to_owned(),
-                        phase: if shared.presence.is_missing(*process) {
+                        phase: if self.is_lost(*process) {
                             "lost".to_owned()
                         } else {
                             heartbeat.phase.map_or("no heartbeat", Phase::name).to_owned()
@@ -305,9 +318,13 @@ impl RequestHandler {
                 .flatten()
                 .map(|by| by.name().to_owned()),
             rejected_requests: shared.operator.rejected.load(Ordering::Relaxed),
-            tasks: self.start.latest.tasks().into_iter().filter(|task| task.since_tick.is_some()).collect(),
+            tasks: recorder::tasks(&self.start.root).into_iter().filter(|task| task.since_tick.is_some()).collect(),
             log: self.start.log.clone(),
-            log_bytes: std::fs::metadata(&self.start.log).map_or(0, |m| m.len()),
+            log_bytes: hapfic_log::parts(&self.start.log)
+                .iter()
+                .filter_map(|part| std::fs::metadata(part).ok())
+                .map(|m| m.len())
+                .sum(),
         }
     }
 }

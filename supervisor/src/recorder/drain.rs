@@ -1,13 +1,15 @@
 //! The drain thread: receives all messages, sorts them by tick, and passes them to the writer.
 
+use super::position::{identity, is_plausible, ticked};
 use super::views::Views;
-use super::{LatestMessages, RecordedMessage};
-use hapfic_gate_process::status::SharedStatus;
-use hapfic_ipc::{Bus, Domain, Input, IpcError, Output, topic};
-use hapfic_messages::{Check, Clock, Command, Credit, Event, Operator, Process, Reference, Request, State, Timing};
+use super::{RecordedMessage, journal};
+use anyhow::Result;
+use hapfic_ipc::{Bus, Domain, HeartbeatPage, Input, IpcError, Output, RecorderPage, clock, topic};
+use hapfic_messages::{Check, Clock, Command, Credit, Event, Operator, Phase, Process, Reference, Request, State, Timing};
+use std::collections::HashMap;
+use std::path::Path;
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
-use std::sync::mpsc::{Receiver, SyncSender};
+use std::sync::mpsc::{Receiver, SyncSender, TrySendError};
 use std::time::Duration;
 
 /// Interval at which shared memory is drained.
@@ -21,17 +23,33 @@ const fn drain_interval(clock: Clock) -> Duration {
     })
 }
 
-/// Ticks that a message may be ahead of the last command.
-const MAX_TICKS_AHEAD: i64 = 3;
+/// Interval at which a full queue to the writer, or the journal, is looked at.
+const WAIT_INTERVAL: Duration = Duration::from_millis(1);
+/// Ticks by which the plant may be ahead of the log, and of the journal: what lies between them is in memory twice.
+const MAX_UNFLUSHED: i64 = 1024;
+const MAX_NOT_KEPT: i64 = topic::RECORDER_DEPTH as i64 / 2;
+
+/// Arguments of [`DrainThread::open`].
+pub(super) struct DrainStart<'a> {
+    pub(super) domain: &'a Domain,
+    pub(super) clock: Clock,
+    pub(super) generation: u32,
+    /// Ticks the plant may be ahead, in lockstep.
+    pub(super) credit_ticks: u32,
+    pub(super) page: Arc<RecorderPage>,
+    pub(super) sender: SyncSender<Vec<RecordedMessage>>,
+    /// Batches to reuse: allocating each would cost more than draining.
+    pub(super) empty_batches: Receiver<Vec<RecordedMessage>>,
+}
 
 /// Inputs of all topics, and the channel to the writer.
 pub(super) struct DrainThread {
     clock: Clock,
+    generation: u32,
     window: i64,
-    shared: Arc<SharedStatus>,
-    latest: Arc<LatestMessages>,
+    page: Arc<RecorderPage>,
+    heartbeats: Arc<HeartbeatPage>,
     sender: SyncSender<Vec<RecordedMessage>>,
-    /// Batches to reuse: allocating each would cost more than draining.
     empty_batches: Receiver<Vec<RecordedMessage>>,
     /// Received messages, topic by topic, and their indices in the order of ticks.
     received: Vec<Option<RecordedMessage>>,
@@ -46,27 +64,35 @@ pub(super) struct DrainThread {
     views: Views,
     credit: Output<Credit>,
     granted: i64,
-    /// Newest tick of states, references and both controllers' requests.
-    last: [i64; 4],
+    /// Newest state.
+    newest: i64,
+    /// Newest tick of states, references, both controllers' requests, and commands.
+    last: [i64; 5],
+    /// Newest wake-up in the timing of each process in the journal [ns].
+    journal_timing_ns: [u64; Process::ALL.len()],
+    /// Identities of the events in the journal, until the messages that may be in both are received.
+    journal_events: HashMap<u64, u32>,
+    _bus: Bus,
 }
 
 impl DrainThread {
-    pub(super) fn open(
-        domain: &Domain,
-        clock: Clock,
-        credit_ticks: u32,
-        shared: Arc<SharedStatus>,
-        latest: Arc<LatestMessages>,
-        sender: SyncSender<Vec<RecordedMessage>>,
-        empty_batches: Receiver<Vec<RecordedMessage>>,
-    ) -> Result<Self, IpcError> {
+    /// Opens the ports. From then on the thread misses no message.
+    pub(super) fn open(start: DrainStart<'_>) -> Result<Self, IpcError> {
+        let DrainStart { domain, clock, generation, credit_ticks, page, sender, empty_batches } = start;
         let bus = Bus::open(domain, "recorder")?;
-        Ok(Self {
+        let heartbeats = bus.heartbeats();
+        // A successor finds old messages in the histories. In lockstep the log knows which are new. In realtime the log may
+        // hold more than was flushed, so all are left out.
+        let last = match (generation, clock) {
+            (0, _) => [-1, -1, -1, -1, -2],
+            (_, Clock::Lockstep) => page.flushed().ticks,
+            (_, Clock::Realtime) => [heartbeats.read(super::GATE).tick; 5],
+        };
+        let drain = Self {
             clock,
+            generation,
             // Less than the buffers hold, so that none overflows in lockstep.
             window: i64::from(credit_ticks).min(topic::RECORDER_DEPTH as i64 / 4),
-            shared,
-            latest,
             sender,
             empty_batches,
             received: Vec::new(),
@@ -81,51 +107,87 @@ impl DrainThread {
             views: Views::open(&bus)?,
             credit: bus.output(&topic::CREDIT)?,
             granted: -1,
-            last: [-1; 4],
-        })
+            newest: -1,
+            last,
+            journal_timing_ns: [0; Process::ALL.len()],
+            journal_events: HashMap::new(),
+            page,
+            heartbeats,
+            _bus: bus,
+        };
+        drain.page.set_open(generation);
+        drain.beat(Phase::Ready);
+        Ok(drain)
     }
 
+    /// Heartbeats of the run.
+    pub(super) fn heartbeats(&self) -> Arc<HeartbeatPage> {
+        Arc::clone(&self.heartbeats)
+    }
+
+    /// Takes the messages that the predecessors have not written, in lockstep.
+    ///
+    /// # Errors
+    /// If the journal cannot be read.
+    pub(super) fn take_journal(&mut self, root: &Path) -> Result<()> {
+        if self.clock == Clock::Realtime {
+            return Ok(());
+        }
+        // Without a limit: the supervisor's detectors watch this process, and kill it if the supervisor's thread is stuck.
+        while !self.page.handed_over(self.generation) {
+            self.beat(Phase::Ready);
+            std::thread::sleep(WAIT_INTERVAL);
+        }
+        let mut batch = journal::read(root, self.generation)?;
+        batch.retain(|record| self.is_new(record));
+        for record in &batch {
+            match record {
+                RecordedMessage::Event(m) => *self.journal_events.entry(identity(m)).or_default() += 1,
+                RecordedMessage::Timing(m) => {
+                    if let Some(newest) = self.journal_timing_ns.get_mut(m.process as usize) {
+                        *newest = m.wake_ns.max(*newest);
+                    }
+                }
+                RecordedMessage::State(m) => self.newest = self.newest.max(m.tick),
+                _ => {}
+            }
+            self.views.publish(record);
+        }
+        if !batch.is_empty() {
+            // The writer reports its own error.
+            let _ = self.pass_on(batch);
+        }
+        Ok(())
+    }
+
+    /// Receives until the end is ordered and nothing is left.
+    ///
+    /// # Errors
+    /// [`IpcError`] if a connection is damaged.
     pub(super) fn run(&mut self) -> Result<(), IpcError> {
-        let mut newest = -1;
         loop {
-            // Read before draining, so that all messages sent before the flag are received.
-            let end = self.shared.orders.drain.load(Ordering::Acquire);
+            // Read before draining, so that all messages sent before the order are received.
+            let end = self.page.drain_ordered();
             let batch = self.receive_all()?;
+            // What was sent before the hand-over of the journal is received now.
+            self.journal_events.clear();
             for record in &batch {
                 self.views.publish(record);
-                match record {
-                    RecordedMessage::Timing(timing) if timing.process == Process::Supervisor.code() && timing.latency_ns > 0 => {
-                        self.shared.recorder.latencies.push(timing.latency_ns);
-                    }
-                    RecordedMessage::State(state) => newest = newest.max(state.tick),
-                    _ => {}
+                if let RecordedMessage::State(state) = record {
+                    self.newest = self.newest.max(state.tick);
                 }
             }
-            self.latest.update(&batch);
-            if self.clock == Clock::Lockstep && newest + self.window > self.granted {
-                self.granted = newest + self.window;
-                self.credit.send(&Credit { tick: self.granted })?;
-                self.credit.preloan();
-            }
-            let inputs = self.state.failed_connections()
-                + self.reference.failed_connections()
-                + self.request.failed_connections()
-                + self.command.failed_connections();
-            let failed_connections = inputs
-                + self.operator.failed_connections()
-                + self.event.failed_connections()
-                + self.timing.failed_connections()
-                + self.credit.failed_connections();
-            self.shared.recorder.failed_connections.store(failed_connections, Ordering::Relaxed);
-            self.shared.recorder.rounds.fetch_add(1, Ordering::Release);
+            self.grant()?;
+            self.page.count_round();
             let empty = batch.is_empty();
-            if !empty && self.sender.send(batch).is_err() {
+            if !empty && !self.pass_on(batch) {
                 // The writer has failed, and reports its own error.
                 return Ok(());
             }
             if end && empty {
                 return Ok(());
             }
+            self.beat(Phase::Running);
             if self.clock == Clock::Lockstep {
                 // A plant that has just connected finds the credit in the history.
                 self.credit.preloan();
@@ -136,9 +198,65 @@ impl DrainThread {
             }
         }
     }
-}
 
-impl DrainThread {
+    /// Grants the plant the ticks that its recorders cannot miss.
+    fn grant(&mut self) -> Result<(), IpcError> {
+        if self.clock == Clock::Realtime {
+            return Ok(());
+        }
+        let unflushed = self.page.flushed().ticks[0] + MAX_UNFLUSHED;
+        let granted = (self.newest + self.window).min(unflushed).min(self.page.kept() + MAX_NOT_KEPT);
+        if granted > self.granted {
+            self.granted = granted;
+            self.credit.send(&Credit { tick: granted })?;
+            self.credit.preloan();
+        }
+        Ok(())
+    }
+
+    /// Passes a batch to the writer, and waits for it as long as a disk stalls it; `false` if the writer has ended.
+    fn pass_on(&mut self, mut batch: Vec<RecordedMessage>) -> bool {
+        loop {
+            match self.sender.try_send(batch) {
+                Ok(()) => return true,
+                Err(TrySendError::Disconnected(_)) => return false,
+                Err(TrySendError::Full(full)) => {
+                    batch = full;
+                    self.beat(Phase::Waiting);
+                    std::thread::sleep(WAIT_INTERVAL);
+                }
+            }
+        }
+    }
+
+    /// Writes the heartbeat. The recorder receives timing messages and sends none.
+    fn beat(&self, phase: Phase) {
+        let now = clock::now_ns();
+        let timing = Timing {
+            process: Process::Recorder.code(),
+            phase: phase.code(),
+            tick: self.newest,
+            due_ns: now,
+            wake_ns: now,
+            generation: self.generation,
+            failed_connections: self.failed_connections(),
+            ..Timing::default()
+        };
+        self.heartbeats.write(&timing, now);
+    }
+
+    fn failed_connections(&self) -> u32 {
+        let inputs = self.state.failed_connections()
+            + self.reference.failed_connections()
+            + self.request.failed_connections()
+            + self.command.failed_connections();
+        inputs
+            + self.operator.failed_connections()
+            + self.event.failed_connections()
+            + self.timing.failed_connections()
+            + self.credit.failed_connections()
+    }
+
     /// Receives all new messages; returns them in the order of ticks, causes first.
     fn receive_all(&mut self) -> Result<Vec<RecordedMessage>, IpcError> {
         let received = &mut self.received;
@@ -171,21 +289,25 @@ impl DrainThread {
         Ok(batch)
     }
 
-    /// Whether a message is not recorded yet: the last messages of a lost process are republished.
+    /// Whether a message is not recorded yet: the last messages of a lost process are republished, and those of the journal
+    /// may also come from their senders.
     fn is_new(&mut self, record: &RecordedMessage) -> bool {
-        let (last, tick) = match record {
-            RecordedMessage::State(m) => (&mut self.last[0], m.tick),
-            RecordedMessage::Reference(m) => (&mut self.last[1], m.tick),
-            RecordedMessage::Request(m) if m.controller == Process::Controller.code() => (&mut self.last[2], m.tick),
-            RecordedMessage::Request(m) => (&mut self.last[3], m.tick),
-            _ => return true,
-        };
-        let new = tick > *last;
-        // An implausibly late tick is recorded too, but does not hide later ones.
-        if new && tick <= self.shared.gate.tick.load(Ordering::Acquire) + MAX_TICKS_AHEAD {
-            *last = tick;
+        if let Some((kind, tick)) = ticked(record) {
+            let last = &mut self.last[kind];
+            let new = tick > *last;
+            // An implausibly late tick is recorded too, but does not hide later ones.
+            if new && is_plausible(tick, &self.heartbeats) {
+                *last = tick;
+            }
+            return new;
         }
-        new
+        match record {
+            RecordedMessage::Event(m) => self.journal_events.is_empty() || !journal::take(&mut self.journal_events, identity(m)),
+            RecordedMessage::Timing(m) => {
+                self.journal_timing_ns.get(m.process as usize).is_none_or(|newest| *newest == 0 || m.wake_ns > *newest)
+            }
+            _ => true,
+        }
     }
 }
 

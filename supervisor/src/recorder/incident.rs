@@ -9,7 +9,7 @@ mod account;
 
 use super::RecordedMessage;
 use account::{MessageAge, OpenIncident, TorqueHistory};
-use hapfic_gate_process::status::SharedStatus;
+use hapfic_ipc::HeartbeatPage;
 use hapfic_messages::{Clock, Command, Event, EventKind, Mode, Process, Severity, Source, Timing};
 use std::collections::VecDeque;
 use std::fs::{self, File};
@@ -24,8 +24,13 @@ const HISTORY_EVENTS: usize = 256;
 /// Incidents described in full.
 const MAX_DESCRIBED: u64 = 20;
 
+/// Processes whose ages an incident lists: those that send messages in every tick.
+const TICKING: [Process; 5] = [Process::Supervisor, Process::Plant, Process::Planner, Process::Controller, Process::Standby];
+/// Heading of an incident.
+const HEADING: &str = "\n## ";
+
 /// Number of incidents, and the file that describes them.
-#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct IncidentSummary {
     /// Number of incidents.
     pub count: u64,
@@ -64,17 +69,19 @@ struct LastMessage {
 }
 
 impl PostMortem {
-    /// Starts without incidents, and removes the file of an earlier run.
-    pub(super) fn new(log: &Path, clock: Clock) -> Self {
+    /// Starts without incidents, and removes the file of an earlier run; or goes on in the file of a recorder that was lost.
+    pub(super) fn new(log: &Path, clock: Clock, goes_on: bool) -> Self {
         let file = log.with_extension("incidents.md");
         // No file can lie beside a device or a pipe.
         let has_file = !fs::metadata(log).is_ok_and(|metadata| !metadata.is_file());
-        let removed = if has_file { fs::remove_file(&file) } else { Ok(()) };
+        let removed = if has_file && !goes_on { fs::remove_file(&file) } else { Ok(()) };
         let error = match removed {
             Err(cause) if cause.kind() != io::ErrorKind::NotFound => Some(file_error("remove", &file, &cause)),
             _ if !has_file => Some(format!("{}: not a regular file, so it has no post-mortem", log.display())),
             _ => None,
         };
+        let before = if has_file && goes_on { fs::read_to_string(&file).unwrap_or_default() } else { String::new() };
+        let closed = before.find(HEADING).map_or("", |begin| &before[begin..]).to_owned();
         Self {
             clock,
             log: log.file_name().unwrap_or_default().to_string_lossy().into_owned(),
@@ -85,15 +92,15 @@ impl PostMortem {
             last: [LastMessage::default(); Process::ALL.len()],
             torques: TorqueHistory::default(),
             events: VecDeque::new(),
-            closed: String::new(),
+            count: closed.matches(HEADING).count() as u64,
+            closed,
             open: None,
-            count: 0,
             dirty: false,
         }
     }
 
     /// Evaluates a message. Returns whether the log must be synced to the disk first: the drive brakes or stops.
-    pub(super) fn observe(&mut self, record: &RecordedMessage, shared: &SharedStatus) -> bool {
+    pub(super) fn observe(&mut self, record: &RecordedMessage, heartbeats: &HeartbeatPage) -> bool {
         match record {
             RecordedMessage::State(m) => self.record_last_message(Process::Plant.code(), m.stamp_ns, m.tick),
             RecordedMessage::Reference(m) => self.record_last_message(Process::Planner.code(), m.stamp_ns, m.tick),
@@ -106,7 +113,7 @@ impl PostMortem {
             }
             RecordedMessage::Command(m) => self.command(m),
             RecordedMessage::Timing(m) => self.timing(m),
-            RecordedMessage::Event(m) => return self.event(m, shared),
+            RecordedMessage::Event(m) => return self.event(m, heartbeats),
             RecordedMessage::Operator(_) => {}
         }
         false
@@ -149,7 +156,7 @@ impl PostMortem {
         }
     }
 
-    fn event(&mut self, m: &Event, shared: &SharedStatus) -> bool {
+    fn event(&mut self, m: &Event, heartbeats: &HeartbeatPage) -> bool {
         if let Some(open) = self.open.as_mut().filter(|open| open.end.is_none()) {
             open.event(m);
         }
@@ -184,13 +191,13 @@ impl PostMortem {
             self.dirty |= self.count <= MAX_DESCRIBED;
         } else if braked && before < Severity::Brake.code() {
             self.close();
-            self.begin(m, shared);
+            self.begin(m, heartbeats);
             self.dirty |= self.count <= MAX_DESCRIBED + 1;
         }
         braked
     }
 
-    fn begin(&mut self, m: &Event, shared: &SharedStatus) {
+    fn begin(&mut self, m: &Event, heartbeats: &HeartbeatPage) {
         self.count += 1;
         let mut open = OpenIncident {
             number: self.count,
@@ -198,7 +205,7 @@ impl PostMortem {
             events: Vec::new(),
             omitted_events: 0,
             torques: self.torques.up_to(m.tick),
-            ages: Process::ALL.iter().map(|&process| self.age(process, m, shared)).collect(),
+            ages: TICKING.iter().map(|&process| self.age(process, m, heartbeats)).collect(),
             end: None,
             fresh_torque: None,
         };
@@ -209,12 +216,12 @@ impl PostMortem {
     }
 
     /// Returns the age of a process by the stamps of its messages; without stamps, its heartbeat age.
-    fn age(&self, process: Process, m: &Event, shared: &SharedStatus) -> MessageAge {
+    fn age(&self, process: Process, m: &Event, heartbeats: &HeartbeatPage) -> MessageAge {
         let LastMessage { stamp_ns, tick } = self.last[process as usize];
         let ns = if stamp_ns > 0 && m.stamp_ns > 0 {
             Some(m.stamp_ns.saturating_sub(stamp_ns))
         } else {
-            shared.heartbeats.read(process).age_ns()
+            heartbeats.read(process).age_ns()
         };
         MessageAge { process, ms: ns.map(|ns| ns as f64 / 1e6), tick }
     }

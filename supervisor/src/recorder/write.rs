@@ -2,17 +2,23 @@
 
 use super::disk::Disk;
 use super::incident::PostMortem;
+use super::position::{advance, identity};
 use super::viewer_frames::ViewerFrames;
-use super::{LatestMessages, RecordedMessage, RecordingResult, WriterResult};
-use hapfic_gate_process::status::{SharedStatus, StatusSnapshot};
-use hapfic_log::{LogError, Metrics, Topic, Viewer, Writer, scene};
+use super::{RecordedMessage, RecordingOutcome, replace, tasks_file};
+use hapfic_ipc::{HeartbeatPage, LogPosition, RecorderPage};
+use hapfic_log::{LogError, LogFigures, Metrics, Topic, Viewer, Writer, scene};
 use hapfic_messages::{Event, Mode, Operator};
 use hapfic_robot::Chain;
-use hapfic_simulation::conditions::TaskFollower;
+use hapfic_simulation::conditions::{TaskFollower, TaskReport};
+use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender};
 use std::time::{Duration, Instant};
+
+/// Interval at which the conditions of the task are written for the supervisor.
+const TASKS_INTERVAL: Duration = Duration::from_millis(100);
+/// Ticks after which the log is flushed in any case: in lockstep the plant waits for it.
+const MAX_UNFLUSHED: i64 = 512;
 
 /// Writer of the log, with the metrics and the viewer frames of the run.
 pub(super) struct WriterThread {
@@ -20,43 +26,51 @@ pub(super) struct WriterThread {
     pub(super) viewer: Viewer,
     pub(super) chain: Chain,
     pub(super) tasks: TaskFollower,
-    pub(super) latest: Arc<LatestMessages>,
-    pub(super) shared: Arc<SharedStatus>,
+    pub(super) page: Arc<RecorderPage>,
+    pub(super) heartbeats: Arc<HeartbeatPage>,
+    /// The run's folder.
+    pub(super) root: PathBuf,
     pub(super) metrics: Metrics,
     pub(super) frames: ViewerFrames,
     pub(super) active: bool,
     pub(super) timing_log_ns: u64,
     pub(super) incidents: PostMortem,
     pub(super) disk: Disk,
+    /// What is written, and what of it is flushed.
+    pub(super) position: LogPosition,
+    pub(super) flushed: LogPosition,
+    /// Time of the last flush.
+    pub(super) flushed_at: Instant,
+    /// Conditions of the task that are written for the supervisor, and the time at which they were.
+    pub(super) told: (Vec<TaskReport>, Instant),
 }
 
 impl WriterThread {
+    /// Writes what it receives until the channel is closed.
     pub(super) fn run(
         mut self,
         receiver: &Receiver<Vec<RecordedMessage>>,
         recycle: &SyncSender<Vec<RecordedMessage>>,
         flush_every: Duration,
-    ) -> WriterResult {
+    ) -> RecordingOutcome {
+        // The beginning of the part is on its way already.
+        self.note_flush();
         let mut failed = None;
-        let mut flushed = Instant::now();
         loop {
             match receiver.recv_timeout(flush_every) {
                 // After a write error only the metrics continue.
                 Ok(mut batch) => {
                     let mut sync = false;
                     for record in &batch {
-                        self.shared.recorder.written.fetch_add(1, Ordering::Relaxed);
-                        let written = self.record(record, failed.is_none());
-                        failed = failed.or(written.err());
-                        sync |= self.incidents.observe(record, &self.shared);
+                        self.page.count_written();
+                        failed = self.take(record, failed);
+                        sync |= self.incidents.observe(record, &self.heartbeats);
                     }
                     // The messages before a brake reach the disk before any further ones.
                     if sync && failed.is_none() {
-                        failed = self.writer.sync().err();
-                        flushed = Instant::now();
+                        failed = self.flush(Writer::sync).err();
                     }
                     self.incidents.write_pending();
-                    self.latest.set_tasks(self.tasks.report());
                     batch.clear();
                     // A full channel drops the batch and frees its memory.
                     let _ = recycle.try_send(batch);
@@ -64,16 +78,18 @@ impl WriterThread {
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => break,
             }
-            if failed.is_none() && flushed.elapsed() >= flush_every {
-                failed = self.writer.flush().and_then(|()| self.disk.check()).err();
-                flushed = Instant::now();
+            if failed.is_none() && self.flushed_at.elapsed() >= flush_every {
+                failed = self.flush(Writer::flush).and_then(|()| self.disk.check()).err();
             }
+            self.tell_tasks();
             if failed.is_some() {
-                self.shared.recorder.log_failed.store(true, Ordering::Release);
+                self.page.set_log_failed();
+                // Nothing waits for what cannot be written.
+                self.note_flush();
             }
         }
         let (file_bytes, parts) = self.writer.written();
-        let recorded = RecordingResult {
+        let figures = LogFigures {
             metrics: self.metrics.summary(),
             active: self.active,
             messages: Topic::ALL.iter().map(|t| self.writer.messages(*t)).sum(),
@@ -81,11 +97,64 @@ impl WriterThread {
             file_bytes,
             parts,
         };
+        let (incidents, tasks) = (self.incidents.finish(), self.tasks.report());
         let finished = match failed {
             Some(e) => Err(e),
             None => self.writer.finish(),
         };
-        (finished, recorded, self.incidents.finish())
+        let (figures, error) = match finished {
+            Ok(totals) => (LogFigures { file_bytes: totals.file_bytes, parts: totals.parts, ..figures }, None),
+            Err(e) => (figures, Some(e.to_string())),
+        };
+        RecordingOutcome { figures: Some(figures), incidents, tasks, error }
+    }
+
+    /// Writes a message, or only counts it after a write error. Flushes when many ticks are not flushed.
+    fn take(&mut self, record: &RecordedMessage, failed: Option<LogError>) -> Option<LogError> {
+        let part = self.writer.part().0;
+        let written = self.record(record, failed.is_none());
+        let mut failed = failed.or(written.err());
+        if failed.is_none() && self.writer.part().0 != part {
+            // The message has begun a new part: all before it are in the old one.
+            self.note_flush();
+        }
+        advance(&mut self.position, record, &self.heartbeats);
+        if let RecordedMessage::Event(event) = record {
+            self.page.set_event(self.position.events, identity(event));
+            self.position.events += 1;
+        }
+        if failed.is_none() && self.position.ticks[0] - self.flushed.ticks[0] >= MAX_UNFLUSHED {
+            failed = self.flush(Writer::flush).err();
+        }
+        failed
+    }
+
+    fn flush(&mut self, flush: impl Fn(&mut Writer) -> Result<(), LogError>) -> Result<(), LogError> {
+        self.flushed_at = Instant::now();
+        flush(&mut self.writer)?;
+        self.note_flush();
+        Ok(())
+    }
+
+    /// Tells the supervisor that everything so far survives this process.
+    fn note_flush(&mut self) {
+        let (part, bytes) = self.writer.part();
+        self.flushed = LogPosition { part, bytes, ..self.position };
+        self.page.set_flushed(&self.flushed);
+    }
+
+    /// Writes the conditions of the task for the supervisor, if they have changed.
+    fn tell_tasks(&mut self) {
+        if self.told.1.elapsed() >= TASKS_INTERVAL {
+            let report = self.tasks.report();
+            if report != self.told.0
+                && let Ok(text) = serde_json::to_vec(&report)
+            {
+                // A failure leaves older conditions; the last ones are in the outcome.
+                let _ = replace(&tasks_file(&self.root), &text);
+            }
+            self.told = (report, Instant::now());
+        }
     }
 
     fn record(&mut self, record: &RecordedMessage, write: bool) -> Result<(), LogError> {
@@ -126,7 +195,7 @@ impl WriterThread {
                 self.metrics.push_command(&command);
                 self.active |= m.mode == Mode::Active.code();
                 if self.viewer.due(m.tick) {
-                    self.write_frame(m.tick, m.mode, write)?;
+                    self.write_frame(m.tick, write)?;
                 }
                 let events = self.tasks.command(m);
                 self.conditions(&events, write)?;
@@ -174,7 +243,7 @@ impl WriterThread {
         Ok(())
     }
 
-    fn write_frame(&mut self, tick: i64, mode: u32, write: bool) -> Result<(), LogError> {
+    fn write_frame(&mut self, tick: i64, write: bool) -> Result<(), LogError> {
         let Some(frame) = self.frames.take(tick) else { return Ok(()) };
         let (m, parameters) = (&frame.state, frame.parameters);
         if write {
@@ -183,19 +252,6 @@ impl WriterThread {
             let target = parameters.map(|p| p.target_position);
             let update = self.viewer.scene_update(tick, &frame.logged.contacts, frame.reference, target);
             self.writer.scene(tick, &update)?;
-        }
-        if let Ok(mut snapshot) = self.shared.recorder.snapshot.lock() {
-            *snapshot = StatusSnapshot {
-                time_s: m.time_ns as f64 * 1e-9,
-                foot_position: m.foot_position,
-                foot_force: m.foot_force,
-                desired_force: parameters.map_or([0.0; 3], |p| p.desired_force),
-                late: m.slipped,
-                mode,
-                tracking: frame.reference.map_or([0.0; 3], |x_d| std::array::from_fn(|i| m.foot_position[i] - x_d[i])),
-                bound: parameters.map_or([0.0; 3], |p| p.position_bound),
-                version: parameters.map_or(0, |p| p.version),
-            };
         }
         Ok(())
     }

@@ -46,7 +46,7 @@ impl Watch<'_> {
             }
         }
         let stops = self.run.settings.recorder.on_failure == OnFailure::Stop;
-        if self.run.recorder.failed() || (stops && self.run.shared.recorder.log_failed.load(Ordering::Acquire)) {
+        if stops && self.run.recorder.page().log_failed() {
             self.fault("recorder", "cannot write the log any further".to_owned(), Detector::Recorder);
             return Ok(false);
         }

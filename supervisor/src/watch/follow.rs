@@ -11,6 +11,7 @@ use hapfic_config::PERIOD_S;
 use hapfic_ipc::ProcessStart;
 use hapfic_ipc::realtime::{self, SchedGrants};
 use hapfic_messages::{Clock, Detector, EventKind, Phase, Process, RealtimeMode, Severity};
+use std::process::Stdio;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
@@ -28,7 +29,7 @@ impl Watch<'_> {
     /// If a process cannot be started or polled.
     pub fn start_and_follow(&mut self) -> Result<RunTimes> {
         for process in started(self.run.settings) {
-            let child = Child::start(*process, self.run.settings, self.run.run_file, ProcessStart::default())?;
+            let child = Child::start(*process, self.run.settings, self.run.run_file, ProcessStart::default(), Stdio::null())?;
             self.slots.push(ProcessSlot::new(*process, child));
         }
         let ready = self.wait_until_ready()?;
@@ -50,7 +51,7 @@ impl Watch<'_> {
             self.run.notify.status(&what);
             self.begun = Instant::now();
             self.stall.advanced = (-1, self.evidence.observed_ns());
-            let present = started(self.run.settings).iter().fold(0, |bits, p| bits | bit(*p));
+            let present = started(self.run.settings).iter().fold(bit(Process::Recorder), |bits, p| bits | bit(*p));
             self.run.shared.presence.present.store(present, Ordering::Release);
             for slot in &mut self.slots {
                 slot.restart.stage = hapfic_gate::restart_policy::RestartStage::Working;
@@ -134,9 +135,7 @@ impl Watch<'_> {
                 progress.clear();
                 return Ok(false);
             }
-            if let Ok(snapshot) = self.run.shared.recorder.snapshot.lock() {
-                progress.show(&snapshot, self.run.shared.gate.counts().missed);
-            }
+            progress.show(&self.run.latest.snapshot(), self.run.shared.gate.counts().missed);
             self.run.notify.watchdog();
             let joining = self.slots.iter().any(ProcessSlot::joining);
             if joining {
@@ -177,7 +176,7 @@ impl Watch<'_> {
         missing.is_empty()
     }
 
-    /// Ends gate and processes, then lets the recorder drain the remaining messages.
+    /// Ends gate and processes. The recorder then has all messages before it.
     ///
     /// # Errors
     /// If the system does not report how a process ended.
@@ -186,8 +185,11 @@ impl Watch<'_> {
         if completed {
             // A controller whose request the last tick did not need still sends it.
             let begun = Instant::now();
-            let done =
-                |s: &ProcessSlot| s.child.is_none() || self.run.shared.heartbeats.read(s.process).phase == Some(Phase::Finished);
+            let done = |s: &ProcessSlot| {
+                s.child.is_none()
+                    || s.process == Process::Recorder
+                    || self.run.shared.heartbeats.read(s.process).phase == Some(Phase::Finished)
+            };
             while !self.slots.iter().all(done) && begun.elapsed() < LAST_TICK_TIMEOUT {
                 self.pause(FAST_POLL_INTERVAL);
             }
@@ -197,12 +199,14 @@ impl Watch<'_> {
         if completed {
             // Their last messages lie in their own memory: the recorder drains them before the processes end.
             let begun = Instant::now();
-            let seen = self.run.shared.recorder.rounds.load(Ordering::Acquire);
-            while self.run.shared.recorder.rounds.load(Ordering::Acquire) < seen + 2 && begun.elapsed() < LAST_TICK_TIMEOUT {
+            let page = self.run.recorder.page();
+            let seen = page.rounds();
+            while page.rounds() < seen + 2 && begun.elapsed() < LAST_TICK_TIMEOUT {
                 self.pause(FAST_POLL_INTERVAL);
             }
         }
-        let children: Vec<Child> = self.slots.iter_mut().filter_map(|s| s.child.take()).collect();
+        let others = self.slots.iter_mut().filter(|slot| slot.process != Process::Recorder);
+        let children: Vec<Child> = others.filter_map(|slot| slot.child.take()).collect();
         let killed = children::end(children)?;
         for process in killed.processes {
             self.fault(process.name(), "did not end on request, and was killed".to_owned(), Detector::Exit);
@@ -229,7 +233,6 @@ impl Watch<'_> {
                 );
             }
         }
-        self.run.shared.orders.drain.store(true, Ordering::Release);
         Ok(())
     }
 

@@ -112,6 +112,12 @@ impl HandOverCache {
         self.references.receive(gated)
     }
 
+    /// The newest state, with the reference of its tick if that is there.
+    pub fn newest(&self) -> Option<(&State, Option<&Reference>)> {
+        let state = self.states.recent.newest()?;
+        Some((state, self.references.recent.at(state.tick)))
+    }
+
     /// Updates the connections, for subscribers that have started since.
     pub fn preloan(&mut self) {
         self.states.output.preloan();

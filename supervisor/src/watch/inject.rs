@@ -72,6 +72,7 @@ fn targets(target: FaultTarget) -> &'static [Process] {
         FaultTarget::Standby => &[Process::Standby],
         FaultTarget::Controllers => &[Process::Controller, Process::Standby],
         FaultTarget::Supervisor => &[Process::Supervisor],
+        FaultTarget::Recorder => &[Process::Recorder],
         FaultTarget::Machine => &[],
     }
 }

@@ -1,7 +1,7 @@
 //! The main thread during a run: starts, watches, restarts and ends the processes.
 //!
 //! Read [`Watch`] first, then `follow.rs` (the course of a run), `detect.rs` with `evidence.rs` and `slot.rs` (when a process
-//! is lost), and `restart.rs` with `handover_cache.rs` and `clean_up.rs` (what happens then).
+//! is lost), and `restart.rs` with `recorder.rs`, `handover_cache.rs` and `clean_up.rs` (what happens then).
 
 mod clean_up;
 mod detect;
@@ -9,10 +9,12 @@ mod evidence;
 mod follow;
 mod handover_cache;
 mod inject;
+mod recorder;
 mod restart;
 mod slot;
 
 use crate::children::{self, Child};
+use crate::latest::{LatestMessages, OperatorInput};
 use crate::notify::Notify;
 use crate::privileges::Cores;
 use crate::recorder::Recorder;
@@ -25,7 +27,7 @@ use handover_cache::HandOverCache;
 use hapfic_config::Settings;
 use hapfic_gate_process::status::SharedStatus;
 use hapfic_ipc::{Bus, Doorbell, IpcError, Output, topic};
-use hapfic_messages::{Clock, Detector, Event, EventKind, Process, Severity};
+use hapfic_messages::{Clock, Credit, Detector, Event, EventKind, Process, Severity};
 use inject::Injections;
 use slot::ProcessSlot;
 use std::path::Path;
@@ -35,6 +37,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 pub use inject::{check as check_faults, describe as describe_fault, possible as fault_possible};
+pub use recorder::RecorderEnd;
 
 /// Priority of the main thread in realtime: below all ticking and all starting processes.
 const WATCH_PRIORITY: u32 = 5;
@@ -64,8 +67,10 @@ pub struct WatchStart<'a> {
     pub shared: Arc<SharedStatus>,
     /// Thread of the gate.
     pub gate: JoinHandle<Result<(), IpcError>>,
-    /// Recorder of the run.
-    pub recorder: &'a Recorder,
+    /// Recorder of the run, and its process.
+    pub recorder: (&'a Recorder<'a>, Child),
+    /// Latest messages of the run.
+    pub latest: Arc<LatestMessages>,
     /// Flag that signals set to end the run.
     pub stop: Arc<AtomicBool>,
     /// Prefix of the run's segments in shared memory.
@@ -86,7 +91,8 @@ struct RunContext<'a> {
     settings: &'a Settings,
     clock: Clock,
     shared: Arc<SharedStatus>,
-    recorder: &'a Recorder,
+    recorder: &'a Recorder<'a>,
+    latest: Arc<LatestMessages>,
     stop: Arc<AtomicBool>,
     /// Prefix of the run's segments in shared memory.
     prefix: String,
@@ -131,6 +137,9 @@ pub struct Watch<'a> {
     /// Code of the primary controller that got its priority and core last.
     primary: u32,
     cache: HandOverCache,
+    operator: OperatorInput,
+    /// Grants the plant all ticks, once a run in lockstep goes on without its recorder.
+    credit: Output<Credit>,
     injections: Injections,
     doorbells: Vec<Doorbell>,
     events: Output<Event>,
@@ -154,7 +163,19 @@ impl<'a> Watch<'a> {
     /// # Errors
     /// If the ports cannot be opened, or a thread cannot be started.
     pub fn open(bus: &'a Bus, start: WatchStart<'a>) -> Result<Self> {
-        let WatchStart { request, shared, gate, recorder, stop, prefix, run_file, cores, fault_requests, notify } = start;
+        let WatchStart {
+            request,
+            shared,
+            gate,
+            recorder: (recorder, recorder_process),
+            latest,
+            stop,
+            prefix,
+            run_file,
+            cores,
+            fault_requests,
+            notify,
+        } = start;
         let segments = SegmentRemover::start(prefix.clone())?;
         let doorbells = [&topic::STATE.doorbell, &topic::REFERENCE.doorbell, &topic::REQUEST.doorbell]
             .into_iter()
@@ -164,11 +185,13 @@ impl<'a> Watch<'a> {
             .collect();
         let settings = &request.settings;
         Ok(Self {
-            slots: Vec::new(),
+            slots: vec![ProcessSlot::new(Process::Recorder, recorder_process)],
             abandoned: Vec::new(),
             gate: Some(gate),
             primary: Process::Controller.code(),
             cache: HandOverCache::open(bus)?,
+            operator: OperatorInput::open(bus)?,
+            credit: bus.output(&topic::CREDIT)?,
             injections: Injections::new(&settings.faults, fault_requests, bus.output(&topic::INJECTION)?, &request.log),
             doorbells,
             events: bus.output(&topic::EVENT)?,
@@ -186,6 +209,7 @@ impl<'a> Watch<'a> {
                 request,
                 shared,
                 recorder,
+                latest,
                 stop,
                 prefix,
                 run_file,

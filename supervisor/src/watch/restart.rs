@@ -8,10 +8,11 @@ use crate::preflight;
 use anyhow::Result;
 use hapfic_config::OnLoss;
 use hapfic_gate::protocol::ControllerSlot;
-use hapfic_gate::restart_policy::{RestartAction, RestartPolicy, RestartSignal};
+use hapfic_gate::restart_policy::{RestartAction, RestartPolicy, RestartSignal, RestartStage};
 use hapfic_ipc::realtime::{self, SchedGrants};
 use hapfic_ipc::{IpcError, ProcessStart, topic};
 use hapfic_messages::{Clock, Detector, EventKind, Process};
+use std::process::Stdio;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
@@ -56,13 +57,15 @@ impl Watch<'_> {
             }
         }
         self.update_primary();
-        self.cache.receive(&self.run.shared.gate.tick)?;
+        self.receive_latest()?;
         let rearms = self.run.shared.orders.rearms.load(Ordering::Acquire);
         if rearms != std::mem::replace(&mut self.rearms, rearms) {
             self.stopped_by_budget = false;
             self.faults.retain(|fault| fault.detector != Detector::Budget);
             for index in 0..self.slots.len() {
-                self.advance(index, RestartSignal::Rearmed)?;
+                if self.slots[index].process != Process::Recorder || self.run.recorder.can_resume() {
+                    self.advance(index, RestartSignal::Rearmed)?;
+                }
             }
         }
         for index in 0..self.slots.len() {
@@ -94,8 +97,7 @@ impl Watch<'_> {
             let failed_connections = self.run.shared.heartbeats.read(slot.process).failed_connections;
             more |= failed_connections > std::mem::replace(&mut slot.failed_connections, failed_connections);
         }
-        let own = self.run.shared.heartbeats.read(crate::recorder::GATE).failed_connections
-            + self.run.shared.recorder.failed_connections.load(Ordering::Relaxed);
+        let own = self.run.shared.heartbeats.read(crate::recorder::GATE).failed_connections;
         more |= own > std::mem::replace(&mut self.dead_nodes.failed_connections, own);
         if !more {
             return Ok(());
@@ -194,7 +196,9 @@ impl Watch<'_> {
             self.fault(process.name(), what.to_owned(), detector);
             return Ok(false);
         }
-        self.run.shared.presence.missing.fetch_or(bit(process), Ordering::AcqRel);
+        if process != Process::Recorder {
+            self.run.shared.presence.missing.fetch_or(bit(process), Ordering::AcqRel);
+        }
         for doorbell in &self.doorbells {
             doorbell.notify();
         }
@@ -210,7 +214,14 @@ impl Watch<'_> {
             self.note(process, EventKind::Note, detector, &text);
             self.abandoned.push(child);
         }
+        if process == Process::Recorder && !self.run.recorder.can_resume() {
+            self.slots[index].restart.stage = RestartStage::BudgetSpent;
+            return self.recorder_given_up("was lost, and its log is a pipe or a device, which has no parts");
+        }
         self.advance(index, RestartSignal::Lost)?;
+        if process == Process::Recorder && self.slots[index].restart.stage == RestartStage::BudgetSpent {
+            return self.recorder_given_up(&self.budget_spent());
+        }
         // In lockstep the clock would wait forever; without a plant no tick is left in which the gate could stop.
         if self.stopped_by_budget && (self.run.clock == Clock::Lockstep || process == Process::Plant) {
             return Ok(false);
@@ -227,6 +238,8 @@ impl Watch<'_> {
         slot.restart = restart;
         match action {
             Some(RestartAction::Start) => self.restart(index),
+            // The caller handles it: no tick depends on the recorder.
+            Some(RestartAction::Stop) if self.slots[index].process == Process::Recorder => Ok(()),
             Some(RestartAction::Stop) => {
                 self.trip_latched_stop(index);
                 Ok(())
@@ -247,7 +260,7 @@ impl Watch<'_> {
         slot.kill_pending = false;
         self.run.shared.heartbeats.expect(process, slot.generation);
         let start = ProcessStart { generation: slot.generation, resume };
-        let child = match Child::start(process, self.run.settings, self.run.run_file, start) {
+        let child = match Child::start(process, self.run.settings, self.run.run_file, start, Stdio::null()) {
             Ok(child) => child,
             // Out of memory or processes: handled like a process that ends immediately.
             Err(e) => {
@@ -255,7 +268,8 @@ impl Watch<'_> {
                 return self.advance(index, RestartSignal::Lost);
             }
         };
-        if self.run.clock == Clock::Realtime
+        if process != Process::Recorder
+            && self.run.clock == Clock::Realtime
             && SchedGrants(self.run.shared.heartbeats.read(crate::recorder::GATE).realtime).has(SchedGrants::FIFO)
         {
             prioritise_joining(&child, self.run.cores.reserve);
@@ -281,7 +295,8 @@ impl Watch<'_> {
                 self.note(process, EventKind::Note, Detector::None, &format!("{e:#}"));
             }
             self.swap_roles();
-            let text = format!("{process} does ticks again, {:.1} ms after the detected loss", out.as_secs_f64() * 1e3);
+            let what = if process == Process::Recorder { "records" } else { "does ticks" };
+            let text = format!("{process} {what} again, {:.1} ms after the detected loss", out.as_secs_f64() * 1e3);
             self.note(process, EventKind::Joined, Detector::None, &text);
             self.injections.republish(process, self.run.shared.gate.tick.load(Ordering::Acquire))?;
         }
@@ -329,11 +344,9 @@ impl Watch<'_> {
 
     fn trip_latched_stop(&mut self, index: usize) {
         let process = self.slots[index].process;
-        let budget = self.run.settings.supervisor.restart_budget;
-        let window_s = f64::from(self.run.settings.supervisor.restart_window_ms) * 1e-3;
         self.stopped_by_budget = true;
         self.run.shared.orders.stop_latched(Detector::Budget);
-        let what = format!("was lost once more after {budget} restarts within {window_s} s: it does not restart");
+        let what = self.budget_spent();
         self.fault(process.name(), what.clone(), Detector::Budget);
         if self.run.clock == Clock::Realtime && process != Process::Plant {
             crate::log_line(&format!(
@@ -341,6 +354,23 @@ impl Watch<'_> {
                  `hapfic stop` ends the run"
             ));
         }
+    }
+
+    /// Describes a process that was lost once more than its budget allows.
+    fn budget_spent(&self) -> String {
+        let budget = self.run.settings.supervisor.restart_budget;
+        let window_s = f64::from(self.run.settings.supervisor.restart_window_ms) * 1e-3;
+        format!("was lost once more after {budget} restarts within {window_s} s: it does not restart")
+    }
+
+    /// Receives the latest messages, for a successor, for operators and for the progress line.
+    fn receive_latest(&mut self) -> Result<()> {
+        self.operator.receive(&self.run.latest)?;
+        self.cache.receive(&self.run.shared.gate.tick)?;
+        if let Some((state, reference)) = self.cache.newest() {
+            self.run.latest.update(state, reference);
+        }
+        Ok(())
     }
 
     /// Reports the messages that a process has rejected since the last report.

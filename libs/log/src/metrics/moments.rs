@@ -2,7 +2,7 @@
 
 use super::label::{FixedList, Label};
 use hapfic_messages::{MAX_JOINTS, MAX_OBJECTS};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// Most contact pairs; later pairs are ignored.
 pub const MAX_PAIRS: usize = 24;
@@ -10,7 +10,7 @@ pub const MAX_PAIRS: usize = 24;
 /// Metrics of the scene.
 ///
 /// The foot touches nothing where no component of its measured force is above the force resolution of that tick.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct MomentsSummary {
     /// Free bodies, in the order of the scenario.
     pub objects: FixedList<ObjectSummary, MAX_OBJECTS>,
@@ -23,7 +23,7 @@ pub struct MomentsSummary {
 }
 
 /// Rotation and displacement of a free body against its first pose.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ObjectSummary {
     /// Name in the scenario.
     pub name: Label,
@@ -39,7 +39,7 @@ pub struct ObjectSummary {
 }
 
 /// Contact pair.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PairSummary {
     /// The first body: a link, or an object on something fixed.
     pub body: Label,
@@ -54,7 +54,7 @@ pub struct PairSummary {
 }
 
 /// Posture of a joint.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct JointSummary {
     /// Smallest |q| [deg]; metres of a prismatic joint count as radians.
     pub smallest_deg: f64,
@@ -63,7 +63,7 @@ pub struct JointSummary {
 }
 
 /// Axes with a desired force, at ticks in mode `active` without contact of the foot: the law must not search there.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct AirSummary {
     /// Number of such ticks.
     pub ticks: [u64; 3],
@@ -74,7 +74,7 @@ pub struct AirSummary {
 }
 
 /// Metrics of the plant's integrator.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct IntegrationSummary {
     /// Ticks with any contact.
     pub contact_ticks: u64,

@@ -1,10 +1,10 @@
 //! Summary of the metrics. Every number is finite; a metric without data is `None`, `null` in JSON.
 
 use super::moments::{IntegrationSummary, MomentsSummary};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// Metrics of a run. Arrays are the axes x, y and z of the world.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct MetricsSummary {
     /// Position error of the foot against the reference.
     pub tracking: TrackingSummary,
@@ -23,7 +23,7 @@ pub struct MetricsSummary {
 }
 
 /// Error x - x_d, over all ticks with a state and a reference; the searched offset dx does not count as reference.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct TrackingSummary {
     /// Largest error [m].
     pub max_m: [f64; 3],
@@ -44,7 +44,7 @@ pub struct TrackingSummary {
 }
 
 /// Angle between the tip and its reference orientation; the searched offset does not count.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct OrientationSummary {
     /// Largest [rad].
     pub max_rad: f64,
@@ -58,7 +58,7 @@ pub struct OrientationSummary {
 ///
 /// Contact is a cause only with a desired force. Against any other contact the law has all of F_max. An error beyond
 /// x_b with less than F_max is unexplained there, unless the axis converges.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct OutsideSummary {
     /// All such ticks.
     pub ticks: [u64; 3],
@@ -82,7 +82,7 @@ pub struct OutsideSummary {
 ///
 /// F_d is not zero on that axis. F_d, K0, F_max and x_b of the axis have not changed for 0.5 s. Since then the axis has
 /// reached F_d (to 1 % or the force resolution). Without contact, or with insufficient gains, it never reaches F_d.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ForceSummary {
     /// Last F_d that was not zero [N].
     pub desired_n: [Option<f64>; 3],
@@ -124,7 +124,7 @@ pub struct ForceSummary {
 }
 
 /// Force F_c of the commands in mode `active`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ForceCommandSummary {
     /// Largest |F_c| [N].
     pub max_n: [f64; 3],
@@ -141,7 +141,7 @@ pub struct ForceCommandSummary {
 }
 
 /// Wall-clock timing.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct TimingSummary {
     /// Latency from state published to command published [us].
     pub latency_us: Option<Quantiles>,
@@ -159,7 +159,7 @@ pub struct TimingSummary {
 }
 
 /// Quantiles of a distribution, to three digits; the maximum is exact.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Quantiles {
     /// Median.
     pub p50: f64,
@@ -172,7 +172,7 @@ pub struct Quantiles {
 }
 
 /// Ticks behind the metrics.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct TickSummary {
     /// First tick in `/state`.
     pub first: Option<i64>,

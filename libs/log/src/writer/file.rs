@@ -1,17 +1,78 @@
 //! The file of a log: created and locked, or a pipe that has a reader.
 
+use super::BUFFER;
 use crate::error::LogError;
 use std::fs::{File, TryLockError};
 use std::io::{self, BufWriter};
 use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 /// Output, and a second handle of a regular file.
 pub(super) type OpenFile<W> = (W, Option<File>);
 
-/// Creates or empties a file, and locks it.
-pub(super) fn create_file(path: &Path) -> Result<OpenFile<BufWriter<File>>, LogError> {
+/// The created and locked file of a log, or an open pipe or device.
+#[derive(Debug)]
+pub struct LogFile {
+    pub(super) path: PathBuf,
+    pub(super) file: File,
+    /// Whether it is a regular file.
+    pub(super) regular: bool,
+}
+
+impl LogFile {
+    /// Creates or empties a file, and locks it; opens a pipe that has a reader. `in_parts` removes the later parts of an
+    /// earlier log of this name.
+    ///
+    /// # Errors
+    /// [`LogError::Create`] and [`LogError::Busy`].
+    pub fn create(path: impl AsRef<Path>, in_parts: bool) -> Result<Self, LogError> {
+        let path = path.as_ref();
+        // Before anything is touched: all that the new log may replace has to be a log.
+        let stale = if in_parts { crate::parts::replaceable(path)? } else { Vec::new() };
+        let (file, regular) = create_file(path)?;
+        for stale in stale {
+            std::fs::remove_file(&stale).map_err(|cause| LogError::Create { path: stale, cause })?;
+        }
+        Ok(Self { path: path.to_owned(), file, regular })
+    }
+
+    /// A file that another process has created, by a handle of it.
+    ///
+    /// # Errors
+    /// [`LogError::Create`] if the handle cannot be examined.
+    pub fn of_handle(path: &Path, file: File) -> Result<Self, LogError> {
+        let regular = file.metadata().map_err(|cause| LogError::Create { path: path.to_owned(), cause })?.is_file();
+        Ok(Self { path: path.to_owned(), file, regular })
+    }
+
+    /// Another handle of the file, which shares lock and position.
+    ///
+    /// # Errors
+    /// [`LogError::Create`] if the process has too many open files.
+    pub fn handle(&self) -> Result<File, LogError> {
+        self.file.try_clone().map_err(|cause| LogError::Create { path: self.path.clone(), cause })
+    }
+
+    /// Whether the log is a regular file: it alone has parts.
+    #[must_use]
+    pub fn is_regular(&self) -> bool {
+        self.regular
+    }
+}
+
+/// Creates or empties the file of a later part, and locks it.
+pub(super) fn create_part(path: &Path) -> Result<OpenFile<BufWriter<File>>, LogError> {
+    let (file, regular) = create_file(path)?;
+    let disk = match regular {
+        true => Some(file.try_clone().map_err(|cause| LogError::Create { path: path.to_owned(), cause })?),
+        false => None,
+    };
+    Ok((BufWriter::with_capacity(BUFFER, file), disk))
+}
+
+/// Creates or empties a file, and locks it; returns whether it is a regular one.
+fn create_file(path: &Path) -> Result<(File, bool), LogError> {
     let failed = |cause| LogError::Create { path: path.to_owned(), cause };
     // Truncated only with the lock: another run may be writing the file.
     let file = open_for_writing(path).map_err(failed)?;
@@ -20,12 +81,11 @@ pub(super) fn create_file(path: &Path) -> Result<OpenFile<BufWriter<File>>, LogE
         Err(TryLockError::WouldBlock) => return Err(LogError::Busy { path: path.to_owned() }),
         Err(TryLockError::Error(cause)) => return Err(failed(cause)),
     }
-    let mut disk = None;
-    if file.metadata().map_err(failed)?.is_file() {
+    let regular = file.metadata().map_err(failed)?.is_file();
+    if regular {
         file.set_len(0).map_err(failed)?;
-        disk = Some(file.try_clone().map_err(failed)?);
     }
-    Ok((BufWriter::with_capacity(64 * 1024, file), disk))
+    Ok((file, regular))
 }
 
 /// Time that a pipe may stay without a reader.

@@ -26,7 +26,8 @@ impl Write for Disk {
 }
 
 const TICKS: i64 = 6;
-const OPTIONS: WriterOptions = WriterOptions { start_unix_ns: 0, chunk_bytes: 4096, part_bytes: None, keep_bytes: None };
+const OPTIONS: WriterOptions =
+    WriterOptions { start_unix_ns: 0, chunk_bytes: 4096, in_parts: false, part_bytes: None, keep_bytes: None };
 
 fn write_all(free: usize) -> Result<(), LogError> {
     let mut writer = Writer::new(Disk { free }, Path::new("/data/run.mcap"), &names(), &header(), &attachments(), &OPTIONS)?;

@@ -320,8 +320,13 @@ fn parts_begin_with_a_state_and_the_sets_in_force() {
     let _ = std::fs::remove_dir_all(&folder);
     std::fs::create_dir_all(&folder).unwrap();
     let log = folder.join("run.mcap");
-    let options =
-        WriterOptions { chunk_bytes: 4096, part_bytes: Some(60_000), keep_bytes: Some(200_000), ..WriterOptions::default() };
+    let options = WriterOptions {
+        chunk_bytes: 4096,
+        in_parts: true,
+        part_bytes: Some(60_000),
+        keep_bytes: Some(200_000),
+        ..WriterOptions::default()
+    };
     let mut writer = Writer::create(&log, &names(), &header(), &attachments(), &options).unwrap();
     for tick in 0..500 {
         write_tick(&mut writer, tick).unwrap();

@@ -1,6 +1,5 @@
 use super::*;
 use hapfic_messages::{Detector, Request, State};
-use std::sync::Arc;
 
 /// Stamp of a tick [ns]; zero in lockstep.
 fn stamp(clock: Clock, tick: i64) -> u64 {
@@ -11,15 +10,15 @@ fn stamp(clock: Clock, tick: i64) -> u64 {
 struct Sequence {
     folder: tempfile::TempDir,
     incidents: PostMortem,
-    shared: SharedStatus,
+    heartbeats: HeartbeatPage,
     clock: Clock,
 }
 
 impl Sequence {
     fn new(clock: Clock) -> Self {
         let folder = tempfile::tempdir().unwrap();
-        let incidents = PostMortem::new(&folder.path().join("run.mcap"), clock);
-        Self { folder, incidents, shared: SharedStatus::new(Arc::new(hapfic_ipc::HeartbeatPage::private().unwrap())), clock }
+        let incidents = PostMortem::new(&folder.path().join("run.mcap"), clock, false);
+        Self { folder, incidents, heartbeats: HeartbeatPage::private().unwrap(), clock }
     }
 
     fn text(&self) -> String {
@@ -27,7 +26,7 @@ impl Sequence {
     }
 
     fn observe(&mut self, record: RecordedMessage) -> bool {
-        let sync = self.incidents.observe(&record, &self.shared);
+        let sync = self.incidents.observe(&record, &self.heartbeats);
         self.incidents.write_pending();
         sync
     }
@@ -88,7 +87,6 @@ fn incident_open_and_closed_is_described() {
     for clock in [Clock::Realtime, Clock::Lockstep] {
         let mut sequence = Sequence::new(clock);
         sequence
-            .shared
             .heartbeats
             .write(&Timing { process: Process::Planner.code(), tick: 5, ..Timing::default() }, hapfic_ipc::clock::now_ns());
         sequence.brake(4000, 4030);
@@ -127,7 +125,6 @@ fn incident_open_and_closed_is_described() {
 fn ages_without_stamp_use_heartbeat() {
     let mut sequence = Sequence::new(Clock::Realtime);
     sequence
-        .shared
         .heartbeats
         .write(&Timing { process: Process::Planner.code(), tick: 5, ..Timing::default() }, hapfic_ipc::clock::now_ns());
     sequence.brake(100, 110);
@@ -198,10 +195,25 @@ fn incidents_none_removes_stale_file() {
     let folder = tempfile::tempdir().unwrap();
     let stale = folder.path().join("run.incidents.md");
     fs::write(&stale, "old").unwrap();
-    let mut incidents = PostMortem::new(&folder.path().join("run.mcap"), Clock::Realtime);
+    let mut incidents = PostMortem::new(&folder.path().join("run.mcap"), Clock::Realtime, false);
     assert!(!stale.exists());
     assert_eq!(incidents.finish(), None);
     assert!(!stale.exists());
+}
+
+#[test]
+fn incidents_of_lost_recorder_stay_and_are_counted() {
+    let mut sequence = Sequence::new(Clock::Lockstep);
+    sequence.brake(100, 110);
+    sequence.transition(110, Severity::Nominal);
+    assert!(sequence.transition(300, Severity::Brake), "open when its recorder is lost");
+    let before = sequence.text();
+    sequence.incidents = PostMortem::new(&sequence.folder.path().join("run.mcap"), Clock::Lockstep, true);
+    assert_eq!(sequence.text(), before);
+    assert!(sequence.transition(500, Severity::Brake));
+    let after = sequence.text();
+    assert!(after.starts_with(&before) && after.contains("\n## 3. brake at tick 500"), "{after}");
+    assert_eq!(sequence.incidents.finish().unwrap().count, 3);
 }
 
 #[test]
@@ -221,12 +233,9 @@ fn incidents_unwritable_file_is_reported() {
 
 #[test]
 fn incidents_log_on_device_writes_no_file() {
-    let mut incidents = PostMortem::new(Path::new("/dev/null"), Clock::Lockstep);
+    let mut incidents = PostMortem::new(Path::new("/dev/null"), Clock::Lockstep, false);
     let event = Event::new(5, Process::Supervisor, EventKind::Transition, Severity::Brake, Detector::Deadline, "brake");
-    assert!(
-        incidents
-            .observe(&RecordedMessage::Event(event), &SharedStatus::new(Arc::new(hapfic_ipc::HeartbeatPage::private().unwrap())))
-    );
+    assert!(incidents.observe(&RecordedMessage::Event(event), &HeartbeatPage::private().unwrap()));
     let summary = incidents.finish().unwrap();
     assert!(summary.error.is_some_and(|error| error.starts_with("/dev/null: not a regular file")));
     assert!(!summary.file.exists());

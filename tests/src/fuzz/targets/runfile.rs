@@ -16,6 +16,9 @@ fn seeds() -> Vec<Vec<u8>> {
     let run = |clock, realtime, core| RunFile {
         prefix: "hf1a_".to_owned(),
         root: "/dev/shm/hf1a".to_owned(),
+        scenario: "floor".to_owned(),
+        log: "/tmp/run.mcap".into(),
+        start_unix_ns: if clock == Clock::Realtime { 1_760_000_000_000_000_000 } else { 0 },
         supervisor_pid: 4711,
         clock,
         realtime,

@@ -1,0 +1,81 @@
+//! End of a part whose writer was killed.
+
+use crate::parts::{numbered, part_path};
+use mcap::MAGIC;
+use mcap::records::op;
+use std::fs::File;
+use std::io::{self, Read, Seek, SeekFrom, Write};
+use std::path::Path;
+
+/// Length of the opcode and of the size of a record [bytes].
+const RECORD_HEAD: u64 = 9;
+
+/// What of a killed writer's part stays behind its last completed flush.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Remainder {
+    /// All whole records.
+    Kept,
+    /// Nothing: a successor writes it again.
+    Removed,
+}
+
+/// Ends the part of a killed writer as [`close_part`]; parts that it has begun behind its last flush are removed with
+/// [`Remainder::Removed`], else ended, too. `log` is the path of the first part, `part` the number of the part at the last
+/// flush, `flushed` its size then.
+///
+/// # Errors
+/// As [`close_part`].
+pub fn close_last_part(log: &Path, part: u32, flushed: u64, remainder: Remainder) -> io::Result<()> {
+    for (number, path) in numbered(log).into_iter().filter(|(number, _)| *number > part.max(1)) {
+        match remainder {
+            Remainder::Removed => std::fs::remove_file(path)?,
+            Remainder::Kept => close_part(&part_path(log, number), MAGIC.len() as u64, remainder)?,
+        }
+    }
+    close_part(&part_path(log, part), flushed.max(MAGIC.len() as u64), remainder)
+}
+
+/// Ends the part of a killed writer: cuts it off behind its last whole record, and marks its end. The part has no index
+/// then; readers go through it from the start, as they do while a log is written. A part that has an end stays as it is.
+///
+/// `flushed` is its size after the last completed flush [bytes].
+///
+/// # Errors
+/// If the file cannot be read or written.
+fn close_part(path: &Path, flushed: u64, remainder: Remainder) -> io::Result<()> {
+    let mut file = File::options().read(true).write(true).open(path)?;
+    let length = file.metadata()?.len();
+    let mut end = flushed;
+    if remainder == Remainder::Kept {
+        while end + RECORD_HEAD <= length {
+            let mut head = [0; RECORD_HEAD as usize];
+            file.seek(SeekFrom::Start(end))?;
+            file.read_exact(&mut head)?;
+            let [op, size @ ..] = head;
+            let size = u64::from_le_bytes(size);
+            if op == op::DATA_END {
+                return Ok(());
+            }
+            match end.checked_add(RECORD_HEAD).and_then(|content| content.checked_add(size)) {
+                Some(next) if next <= length && op != 0 => end = next,
+                _ => break,
+            }
+        }
+    }
+    if end > length {
+        // Shorter than its writer said: another has changed it.
+        return Err(io::Error::new(io::ErrorKind::InvalidData, "the part is shorter than what was flushed"));
+    }
+    file.set_len(end)?;
+    file.seek(SeekFrom::Start(end))?;
+    let mut tail = vec![op::DATA_END];
+    tail.extend_from_slice(&4_u64.to_le_bytes());
+    // No checksum.
+    tail.extend_from_slice(&0_u32.to_le_bytes());
+    tail.push(op::FOOTER);
+    tail.extend_from_slice(&20_u64.to_le_bytes());
+    // No summary, no checksum.
+    tail.extend_from_slice(&[0; 20]);
+    tail.extend_from_slice(MAGIC);
+    file.write_all(&tail)
+}
