@@ -20,7 +20,7 @@ use hapfic_gate::torque_check::TorqueCheck;
 use hapfic_gate_process::status::{GateCounts, SharedStatus};
 use hapfic_gate_process::{GateNode, GateStart};
 use hapfic_ipc::realtime::{CpuLatencyGuard, Prefault, SchedRequest};
-use hapfic_ipc::{Bus, Domain, IpcError, RunFile, topic};
+use hapfic_ipc::{Bus, Domain, IpcError, ProcessStart, RunFile, topic};
 use hapfic_log::{LogFile, RunLog};
 use hapfic_messages::{Clock, Detector, RealtimeMode};
 use hapfic_plant::{Plant, PlantError};
@@ -137,7 +137,7 @@ impl PreparedRun {
             file: log,
         })?;
         // Its start takes a while; nothing is sent before it is ready.
-        let mut recorder_process = recorder.start()?;
+        let mut recorder_process = recorder.start(ProcessStart::default())?;
         let start = TipPose::of(&plant.chain().kinematics(&plant.sample().joint_position));
         let (change_client, change_server) = hapfic_gate_process::change_exchange::exchange();
         let (inject, fault_requests) = std::sync::mpsc::channel();

@@ -5,5 +5,6 @@
 mod lockstep;
 mod machine;
 mod realtime;
+mod recorder;
 mod soak;
 mod trace;

@@ -6,13 +6,15 @@ use std::path::Path;
 /// Messages of each topic: log time [ns] and bytes, in the order of the file.
 pub type Streams = BTreeMap<String, Vec<(u64, Vec<u8>)>>;
 
-/// Reads every message of a finished log.
+/// Reads every message of a finished log in all its parts, each of which has to be whole.
 pub fn streams(path: &Path) -> Streams {
-    let bytes = std::fs::read(path).unwrap();
     let mut streams = Streams::new();
-    for message in mcap::MessageStream::new(&bytes).unwrap() {
-        let message = message.unwrap();
-        streams.entry(message.channel.topic.clone()).or_default().push((message.log_time, message.data.into_owned()));
+    for part in hapfic_log::parts(path) {
+        let bytes = std::fs::read(part).unwrap();
+        for message in mcap::MessageStream::new(&bytes).unwrap() {
+            let message = message.unwrap();
+            streams.entry(message.channel.topic.clone()).or_default().push((message.log_time, message.data.into_owned()));
+        }
     }
     streams
 }

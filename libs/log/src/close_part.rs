@@ -10,6 +10,9 @@ use std::path::Path;
 /// Length of the opcode and of the size of a record [bytes].
 const RECORD_HEAD: u64 = 9;
 
+/// Size above which a part is taken to hold messages [bytes]: more than scenario and robot need.
+const LONGEST_BEGINNING: u64 = 8 << 20;
+
 /// What of a killed writer's part stays behind its last completed flush.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Remainder {
@@ -32,7 +35,32 @@ pub fn close_last_part(log: &Path, part: u32, flushed: u64, remainder: Remainder
             Remainder::Kept => close_part(&part_path(log, number), MAGIC.len() as u64, remainder)?,
         }
     }
-    close_part(&part_path(log, part), flushed.max(MAGIC.len() as u64), remainder)
+    let path = part_path(log, part);
+    close_part(&path, flushed.max(MAGIC.len() as u64), remainder)?;
+    if part > 1 && holds_no_message(&path)? {
+        std::fs::remove_file(&path)?;
+    }
+    Ok(())
+}
+
+/// Whether a part holds nothing but its beginning.
+fn holds_no_message(path: &Path) -> io::Result<bool> {
+    let mut file = File::open(path)?;
+    if file.metadata()?.len() > LONGEST_BEGINNING {
+        return Ok(false);
+    }
+    let mut content = Vec::new();
+    file.read_to_end(&mut content)?;
+    let mut rest = content.get(MAGIC.len()..).unwrap_or_default();
+    while let Some(([op, size @ ..], after)) = rest.split_first_chunk::<{ RECORD_HEAD as usize }>() {
+        let size = usize::try_from(u64::from_le_bytes(*size)).unwrap_or(usize::MAX);
+        let (&op, Some(next)) = (op, after.get(size..)) else { break };
+        if matches!(op, op::CHUNK | op::MESSAGE) {
+            return Ok(false);
+        }
+        rest = next;
+    }
+    Ok(true)
 }
 
 /// Ends the part of a killed writer: cuts it off behind its last whole record, and marks its end. The part has no index

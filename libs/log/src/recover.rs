@@ -55,8 +55,18 @@ const READ_BYTES: usize = 256 * 1024;
 /// output exists already or cannot be written.
 pub fn recover(log: &Path, output: Option<&Path>) -> Result<Recovery, RecoverError> {
     let source = SourceFile::open(log)?;
-    let complete = is_complete(source.file(), log)?;
+    let soundness = soundness(source.file(), log)?;
     let target = output.map_or_else(|| log.with_extension("recovered.mcap"), Path::to_owned);
+    if soundness == Soundness::Unsummed {
+        let mut copier = Copier::new(None);
+        scan::scan(&source, &mut copier)?;
+        let (_, mut found) = copier.into_parts();
+        if found.loss_count == 0 {
+            found.file_bytes = source.length();
+            return Ok(found);
+        }
+    }
+    let complete = soundness == Soundness::Whole;
     let mut copier = Copier::new(if complete { None } else { Some(RecoveryWriter::create(log, &target)?) });
     scan::scan(&source, &mut copier)?;
     let (output, mut found) = copier.into_parts();
@@ -85,8 +95,20 @@ fn empty_error(source: &SourceFile) -> Result<RecoverError, LogError> {
     Ok(LogError::NotMcap { path, found }.into())
 }
 
-/// Whether the log has all its records, with right checksums over them.
-fn is_complete(mut file: &File, path: &Path) -> Result<bool, LogError> {
+/// Result of the check of a log's checksums.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Soundness {
+    /// All records are there, with right checksums over them.
+    Whole,
+    /// All records are there. Checksums over them are not: the log is by another writer, or its writer was lost and its
+    /// successor has ended the part.
+    Unsummed,
+    /// A record is missing, or a checksum is wrong.
+    Damaged,
+}
+
+/// Checks that the log has all its records, with right checksums over them.
+fn soundness(mut file: &File, path: &Path) -> Result<Soundness, LogError> {
     let options = LinearReaderOptions::default()
         .with_emit_chunks(true)
         .with_validate_data_section_crc(true)
@@ -98,9 +120,11 @@ fn is_complete(mut file: &File, path: &Path) -> Result<bool, LogError> {
     // A checksum of zero stands for none.
     let (mut data_sum, mut summary_sum) = (false, false);
     loop {
-        let Some(event) = reader.next_event() else { return Ok(data_sum && summary_sum) };
+        let Some(event) = reader.next_event() else {
+            return Ok(if data_sum && summary_sum { Soundness::Whole } else { Soundness::Unsummed });
+        };
         match event {
-            Err(_) => return Ok(false),
+            Err(_) => return Ok(Soundness::Damaged),
             Ok(LinearReadEvent::Record { data, opcode: op::DATA_END }) => data_sum = data.iter().any(|&b| b != 0),
             Ok(LinearReadEvent::Record { data, opcode: op::FOOTER }) => summary_sum = data.iter().skip(16).any(|&b| b != 0),
             Ok(LinearReadEvent::Record { .. }) => {}

@@ -6,7 +6,6 @@ use hapfic_config::{PERIOD_S, Settings};
 use hapfic_messages::Clock;
 use hapfic_robot::Chain;
 use std::collections::BTreeMap;
-use std::io::Seek;
 use std::os::unix::fs::FileTypeExt;
 use std::path::Path;
 
@@ -59,16 +58,13 @@ pub fn create_run_log(run: &RunLog<'_>) -> Result<Writer, LogError> {
 pub fn reserve_run_log(run: &RunLog<'_>) -> Result<LogFile, LogError> {
     create_folder(run.path)?;
     let Beginning { names, header, attachments, options } = Beginning::in_parts(run);
-    let log = LogFile::create(run.path, true)?;
+    let mut log = LogFile::create(run.path, true)?;
     let failed = |cause| LogError::Write { path: run.path.to_owned(), cause };
     let file_type = std::fs::metadata(run.path).map_err(failed)?.file_type();
     if !file_type.is_fifo() {
         drop(Writer::new(log.handle()?, run.path, &names, &header, &attachments, &options)?);
     }
-    if log.is_regular() {
-        let mut file = log.handle()?;
-        file.set_len(0).and_then(|()| file.rewind()).map_err(failed)?;
-    }
+    log.empty()?;
     Ok(log)
 }
 

@@ -67,13 +67,13 @@ impl<'a> Recorder<'a> {
         Ok(Self { page, root, clock, settings, run_file, log, file, _journal: journal })
     }
 
-    /// Starts the first recorder, with the log as its standard input.
+    /// Starts a recorder, with the first part of the log as its standard input.
     ///
     /// # Errors
     /// If the process cannot be started.
-    pub fn start(&self) -> Result<Child> {
+    pub fn start(&self, start: ProcessStart) -> Result<Child> {
         let log = Stdio::from(self.file.handle()?);
-        Child::start(Process::Recorder, self.settings, self.run_file, ProcessStart::default(), log)
+        Child::start(Process::Recorder, self.settings, self.run_file, start, log)
     }
 
     /// Page of the recorder.
@@ -108,8 +108,7 @@ impl<'a> Recorder<'a> {
             }
             generation += 1;
             let start = ProcessStart { generation, resume: None };
-            let next = Child::start(Process::Recorder, self.settings, self.run_file, start, Stdio::null());
-            ended = next.ok().map(|child| self.wait(child));
+            ended = self.start(start).ok().map(|child| self.wait(child));
             lost = true;
         }
         let left = RecordingOutcome::read(&self.root, generation);

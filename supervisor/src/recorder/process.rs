@@ -29,8 +29,8 @@ const QUEUE_LOCKSTEP: usize = 64;
 /// Empty batches kept for reuse.
 const EMPTY_BATCHES: usize = 4;
 
-/// Records a run until its end is ordered. The first recorder gets the created log as standard input; a successor continues
-/// the log in a new part.
+/// Records a run until its end is ordered. Standard input is the created log; a successor of a recorder that has begun it
+/// continues it in a new part.
 ///
 /// # Errors
 /// If the run cannot be joined, or its messages cannot be received. An error of the log is in the result instead.
@@ -75,7 +75,7 @@ fn record(run: &RunFile, settings: &Settings, generation: u32, page: &Arc<Record
         empty_batches,
     })?;
     let flushed = page.flushed();
-    let writer = if generation == 0 {
+    let writer = if flushed.part == 0 {
         let file = std::io::stdin().as_fd().try_clone_to_owned().context("cannot take over the log")?;
         LogFile::of_handle(&run.log, File::from(file)).and_then(|file| hapfic_log::begin_run_log(&log, file))
     } else {

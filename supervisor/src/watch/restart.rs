@@ -260,7 +260,11 @@ impl Watch<'_> {
         slot.kill_pending = false;
         self.run.shared.heartbeats.expect(process, slot.generation);
         let start = ProcessStart { generation: slot.generation, resume };
-        let child = match Child::start(process, self.run.settings, self.run.run_file, start, Stdio::null()) {
+        let started = match process {
+            Process::Recorder => self.run.recorder.start(start),
+            _ => Child::start(process, self.run.settings, self.run.run_file, start, Stdio::null()),
+        };
+        let child = match started {
             Ok(child) => child,
             // Out of memory or processes: handled like a process that ends immediately.
             Err(e) => {

@@ -24,7 +24,7 @@ fn commands_without_controller(streams: &Streams) -> Vec<Vec<u8>> {
     streams["/command"].iter().map(command).collect()
 }
 
-fn expect_undisturbed(disturbed: &Streams, undisturbed: &Streams) {
+pub(super) fn expect_undisturbed(disturbed: &Streams, undisturbed: &Streams) {
     for topic in ["/state", "/reference", "/operator"] {
         assert_eq!(disturbed[topic].len(), undisturbed[topic].len(), "{topic}");
         let first = disturbed[topic].iter().zip(&undisturbed[topic]).position(|(a, b)| a != b);

@@ -3,7 +3,7 @@
 use super::BUFFER;
 use crate::error::LogError;
 use std::fs::{File, TryLockError};
-use std::io::{self, BufWriter};
+use std::io::{self, BufWriter, Seek};
 use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -37,13 +37,28 @@ impl LogFile {
         Ok(Self { path: path.to_owned(), file, regular })
     }
 
-    /// A file that another process has created, by a handle of it.
+    /// A file that another process has created, by a handle of it. A regular file is emptied.
     ///
     /// # Errors
-    /// [`LogError::Create`] if the handle cannot be examined.
+    /// [`LogError::Create`] if the handle cannot be examined, or the file not be emptied.
     pub fn of_handle(path: &Path, file: File) -> Result<Self, LogError> {
-        let regular = file.metadata().map_err(|cause| LogError::Create { path: path.to_owned(), cause })?.is_file();
-        Ok(Self { path: path.to_owned(), file, regular })
+        let failed = |cause| LogError::Create { path: path.to_owned(), cause };
+        let regular = file.metadata().map_err(failed)?.is_file();
+        let mut log = Self { path: path.to_owned(), file, regular };
+        log.empty()?;
+        Ok(log)
+    }
+
+    /// Empties a regular file.
+    pub(crate) fn empty(&mut self) -> Result<(), LogError> {
+        match self.regular {
+            true => self
+                .file
+                .set_len(0)
+                .and_then(|()| self.file.rewind())
+                .map_err(|cause| LogError::Create { path: self.path.clone(), cause }),
+            false => Ok(()),
+        }
     }
 
     /// Another handle of the file, which shares lock and position.

@@ -4,6 +4,7 @@
 mod damage;
 mod figures;
 mod full_disk;
+mod lost_writer;
 mod messages_page;
 mod recover;
 mod round_trip;
