@@ -62,6 +62,8 @@ pub enum FaultTarget {
     Controllers,
     /// The supervisor.
     Supervisor,
+    /// The gate.
+    Gate,
     /// The recorder.
     Recorder,
     /// The machine, for kinds that take no process. It has no word in a scenario.
@@ -76,6 +78,7 @@ const PROCESSES: &[FaultTarget] = &[
     FaultTarget::Controller,
     FaultTarget::Standby,
     FaultTarget::Controllers,
+    FaultTarget::Gate,
     FaultTarget::Recorder,
     FaultTarget::Supervisor,
 ];
@@ -111,8 +114,8 @@ impl FaultKind {
             Self::Kill => PROCESSES,
             // No component monitors the supervisor for anything but its death.
             Self::Stop => &PROCESSES[..PROCESSES.len() - 1],
-            // The recorder takes part in no tick.
-            _ => &PROCESSES[..PROCESSES.len() - 2],
+            // The recorder takes part in no tick, and nothing stands behind the gate that could reject its messages.
+            _ => &PROCESSES[..PROCESSES.len() - 3],
         }
     }
 }
@@ -128,6 +131,7 @@ impl FaultTarget {
             Self::Standby => "standby",
             Self::Controllers => "controllers",
             Self::Supervisor => "supervisor",
+            Self::Gate => "gate",
             Self::Recorder => "recorder",
             Self::Machine => "machine",
         }

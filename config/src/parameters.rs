@@ -4,7 +4,7 @@ use crate::policy::{ResetPolicy, Saturation, Search};
 use crate::settings::MAX_JOINTS;
 
 /// Parameters that the operator may change. SI units, per axis of the world frame.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Deserialize, serde::Serialize)]
 pub struct ParameterSettings {
     /// Target x_t [m]; `None`: the position of the foot at the start.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -56,7 +56,7 @@ pub struct ParameterSettings {
 }
 
 /// Parameters of a pose task's axes of rotation. Axes of the world frame, through the tip.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Deserialize, serde::Serialize)]
 pub struct RotationSettings {
     /// Desired orientation: roll, pitch, yaw [rad]; `None`: that of the tip at the start.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -80,7 +80,7 @@ pub struct RotationSettings {
 }
 
 /// The law in joint space: posture in the null space, damping, and springs at the limits.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Deserialize, serde::Serialize)]
 pub struct JointSpaceSettings {
     /// Desired posture q_n [rad; m], base to tip.
     pub posture: [f64; MAX_JOINTS],
@@ -116,7 +116,7 @@ impl RotationSettings {
 }
 
 /// A change by the operator at a tick; `None` keeps the value. Units as in [`ParameterSettings`].
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Deserialize, serde::Serialize)]
 pub struct OperatorChange {
     /// First tick with the new values.
     pub at_tick: i64,

@@ -105,8 +105,8 @@ fn faults_round_trip_equal() {
 
 #[test]
 fn fault_words_equal_names() {
-    let targets =
-        ["plant", "planner", "controller", "standby", "controllers", "supervisor"].map(|word| (word, format!("process={word}")));
+    let targets = ["plant", "planner", "controller", "standby", "controllers", "gate", "recorder", "supervisor"]
+        .map(|word| (word, format!("process={word}")));
     for (word, process) in &targets {
         let pairs = ["kind=kill", process.as_str()];
         assert_eq!(Fault::from_pairs(&pairs).unwrap().target.name(), *word);
@@ -175,7 +175,9 @@ fn fault_keys_incompatible_rejected() {
         ),
         (
             "kind = \"stop\"\nat_s = 1\nprocess = \"supervisor\"\n",
-            format!("9: fault[0].process: found \"supervisor\" beside kind = \"stop\", expected one of {all}. Hint"),
+            format!(
+                "9: fault[0].process: found \"supervisor\" beside kind = \"stop\", expected one of {all}, \"gate\", \"recorder\". Hint"
+            ),
         ),
         (
             "kind = \"memory_lock\"\nat_s = 1\nprocess = [\"plant\",\n \"supervisor\"]\n",

@@ -55,6 +55,18 @@ impl Conditioning {
         Self { filter: LowPass::default(), ramping: true }
     }
 
+    /// State as a command carries it: output of the filter [N m; N], and whether the torque ramps in.
+    #[must_use]
+    pub fn carried(&self) -> ([f64; MAX_JOINTS], bool) {
+        (self.filter.output, self.ramping)
+    }
+
+    /// State from what a command carries.
+    #[must_use]
+    pub fn from_carried(output: [f64; MAX_JOINTS], ramping: bool) -> Self {
+        Self { filter: LowPass { output }, ramping }
+    }
+
     /// Conditions the requested torque of a tick, given the last published one [N m; N for a prismatic joint].
     #[must_use]
     pub fn step(self, requested: &[f64; MAX_JOINTS], last: &[f64; MAX_JOINTS], limits: &GateLimits) -> (Self, ConditionedTorque) {

@@ -3,10 +3,11 @@
 use crate::conditioning::Conditioning;
 use crate::limits::GateLimits;
 use crate::protocol::{Choice, ControllerSlot, GateInputs, Observation, Protocol, TickAction, WaitPolicy};
+use crate::severity::Conditions;
 use crate::torque_check::TorqueCheck;
 use hapfic_messages::{
-    Check, Command, ControllerState, MAX_JOINTS, Mode, Parameters, Process, Request, RotationRequest, Severity, Source, State,
-    ValidationError,
+    Check, Command, ControllerState, GateState, MAX_JOINTS, Mode, Parameters, Process, Request, RotationRequest, Severity,
+    Source, State, ValidationError,
 };
 
 /// A step of a joint's torque from one tick to the next, larger than [`GateLimits::discontinuity`].
@@ -26,6 +27,8 @@ pub struct Gate {
     conditioning: Conditioning,
     protocol: Protocol,
     step: Option<TorqueStep>,
+    /// Latched stops and re-armings taken in.
+    orders: [u64; 2],
     last: Command,
 }
 
@@ -43,14 +46,68 @@ impl Gate {
             request: Request {
                 tick: -1,
                 state_tick: -1,
-                controller: Process::Supervisor.code(),
+                controller: Process::Gate.code(),
                 joints: limits.joints as u32,
                 limbs: 1,
                 ..Request::default()
             },
             ..Command::default()
         };
-        Self { limits, check, conditioning: Conditioning::default(), protocol: Protocol::default(), step: None, last: first }
+        Self {
+            limits,
+            check,
+            conditioning: Conditioning::default(),
+            protocol: Protocol::default(),
+            step: None,
+            orders: [0; 2],
+            last: first,
+        }
+    }
+
+    /// Gate that continues behind the command of another gate, which passed its [`Check`]: it computes the same commands
+    /// from the same requests.
+    #[must_use]
+    pub fn resume(limits: GateLimits, check: TorqueCheck, last: Command) -> Self {
+        let state = &last.gate;
+        let conditions = Conditions { missed: state.missed, good: state.good, ..Conditions::default() };
+        let protocol = Protocol {
+            primary: if state.primary == 0 { ControllerSlot::First } else { ControllerSlot::Second },
+            misses: state.misses,
+            severity: Severity::from_code(last.severity).unwrap_or(Severity::Stopped),
+            conditions,
+            opened: state.opened != 0,
+        };
+        let conditioning = Conditioning::from_carried(state.filtered, state.ramping != 0);
+        let orders = [state.stops, state.rearms];
+        Self { limits, check, conditioning, protocol, step: None, orders, last: Command { stamp_ns: 0, ..last } }
+    }
+
+    /// Latched stops and re-armings that the gate has taken in so far.
+    #[must_use]
+    pub fn orders(&self) -> [u64; 2] {
+        self.orders
+    }
+
+    /// Notes the latched stops and re-armings that the inputs of the next tick stand for.
+    pub fn take_orders(&mut self, stops: u64, rearms: u64) {
+        self.orders = [stops, rearms];
+    }
+
+    /// State that the next command carries.
+    fn carried(&self) -> GateState {
+        let (filtered, ramping) = self.conditioning.carried();
+        let Protocol { primary, misses, conditions, opened, .. } = self.protocol;
+        GateState {
+            filtered,
+            stops: self.orders[0],
+            rearms: self.orders[1],
+            ramping: ramping.into(),
+            primary: primary as u32,
+            misses,
+            missed: conditions.missed,
+            good: conditions.good,
+            opened: opened.into(),
+        }
     }
 
     /// The last command; before the first tick, the initial command: brakes on, controller state cleared.
@@ -201,7 +258,8 @@ impl Gate {
     }
 
     fn publish(&mut self, command: Command) -> Command {
-        self.last = Command { stamp_ns: 0, tick: self.tick(), severity: self.severity().code(), ..command };
+        let (tick, severity) = (self.tick(), self.severity().code());
+        self.last = Command { stamp_ns: 0, tick, severity, gate: self.carried(), ..command };
         self.last
     }
 }

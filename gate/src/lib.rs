@@ -9,6 +9,7 @@ pub mod conditioning;
 pub mod gate;
 mod limits;
 pub mod parameter_schedule;
+pub mod parameter_settings;
 pub mod protocol;
 pub mod restart_policy;
 pub mod severity;

@@ -51,6 +51,25 @@ impl ParameterSchedule {
         Self { operator: Operator { current: first, next: first }, next: settings.initial, start, waiting }
     }
 
+    /// Schedule of a gate that continues behind another one, which published `operator` last, made from `next`. `placed` are
+    /// changes of the operator with their ticks, in any order; those in force or announced are left out.
+    #[must_use]
+    pub fn resume(
+        settings: &Settings,
+        start: TipPose,
+        operator: Operator,
+        next: ParameterSettings,
+        placed: impl Iterator<Item = OperatorChange>,
+    ) -> Self {
+        let after = operator.next.effective_tick;
+        let mut waiting = VecDeque::with_capacity(settings.operator.len() + CAPACITY);
+        let all = settings.operator.iter().copied().chain(placed);
+        // Version 1 is no change: a change may take effect at tick 0.
+        waiting.extend(all.filter(|change| change.at_tick > after || (operator.next.version == 1 && change.at_tick == after)));
+        waiting.make_contiguous().sort_by_key(|change| change.at_tick);
+        Self { operator, next, start, waiting }
+    }
+
     /// Parameters in force and announced.
     #[must_use]
     pub fn operator(&self) -> &Operator {
@@ -200,6 +219,40 @@ mod tests {
         assert_eq!(schedule.slot(5).before.desired_force[2], 1.0);
         let behind = schedule.slot(14);
         assert_eq!((behind.effective_tick, behind.version, behind.before.desired_force[2]), (25, 3, 2.0));
+    }
+
+    #[test]
+    fn resume_at_any_tick_continues_as_the_other_gate() {
+        let script = [(3, 2.0), (20, 2.0), (25, 3.0), (60, 5.0)];
+        for stop in 0..80 {
+            let mut whole = scripted(&script);
+            let (mut next, mut placed) = (whole.next, Vec::new());
+            let mut resumed: Option<ParameterSchedule> = None;
+            for now in -1..100 {
+                if [10, 12, 40].contains(&now) {
+                    let change = OperatorChange { taper: Some(now as f64 / 1e3), ..OperatorChange::default() };
+                    let (_, at_tick) = whole.insert(&change, now).unwrap();
+                    placed.push(OperatorChange { at_tick, ..change });
+                    if let Some(resumed) = &mut resumed {
+                        assert_eq!(resumed.insert(&change, now).map(|(_, tick)| tick), Some(at_tick));
+                    }
+                }
+                whole.announce(now);
+                if let Some(resumed) = &mut resumed {
+                    resumed.announce(now);
+                    assert_eq!(resumed.operator(), whole.operator(), "stopped at {stop}, now {now}");
+                }
+                next = whole.next;
+                if now == stop {
+                    let mut settings = Settings::load("floor", &[]).unwrap();
+                    settings.operator = script.iter().map(|(at_tick, f)| force(*at_tick, *f)).collect();
+                    let operator = *whole.operator();
+                    let all = placed.clone().into_iter().rev();
+                    resumed = Some(ParameterSchedule::resume(&settings, whole.start, operator, next, all));
+                }
+            }
+            assert_eq!(resumed.unwrap().next, next);
+        }
     }
 
     #[test]

@@ -2,8 +2,7 @@
 //!
 //! The main thread receives them itself, so they are there without a recorder.
 
-use hapfic_ipc::{Bus, Input, IpcError, Wait, topic};
-use hapfic_messages::{Check, Operator, Reference, State};
+use hapfic_messages::{Operator, Reference, State};
 use std::sync::Mutex;
 
 /// Latest messages. No real-time thread locks them.
@@ -55,7 +54,7 @@ impl LatestMessages {
     }
 
     /// Takes parameter sets, unless newer ones are there.
-    fn set_operator(&self, sets: Operator) {
+    pub fn set_operator(&self, sets: Operator) {
         if let Ok(mut latest) = self.operator.lock()
             && latest.is_none_or(|latest| sets.next.version >= latest.next.version)
         {
@@ -79,32 +78,6 @@ impl LatestMessages {
                 version: parameters.map_or(0, |p| p.version),
             };
         }
-    }
-}
-
-/// Input of the parameter sets.
-pub struct OperatorInput(Input<Operator>);
-
-impl OperatorInput {
-    /// Opens the input.
-    ///
-    /// # Errors
-    /// [`IpcError`] if the topic cannot be opened.
-    pub fn open(bus: &Bus) -> Result<Self, IpcError> {
-        bus.input(&topic::OPERATOR, Wait::No).map(Self)
-    }
-
-    /// Receives the newest sets.
-    ///
-    /// # Errors
-    /// [`IpcError`] if messaging fails.
-    pub fn receive(&mut self, latest: &LatestMessages) -> Result<(), IpcError> {
-        while let Some(sets) = self.0.next()? {
-            if sets.check().is_ok() {
-                latest.set_operator(sets);
-            }
-        }
-        Ok(())
     }
 }
 

@@ -14,13 +14,10 @@ use crate::watch::{self, RunTimes, Watch, WatchStart};
 use anyhow::{Context, Result};
 use hapfic_config::{OnFailure, Settings};
 use hapfic_controller::parameters::TipPose;
-use hapfic_gate::GateLimits;
-use hapfic_gate::parameter_schedule::ParameterSchedule;
-use hapfic_gate::torque_check::TorqueCheck;
-use hapfic_gate_process::status::{GateCounts, SharedStatus};
-use hapfic_gate_process::{GateNode, GateStart};
-use hapfic_ipc::realtime::{CpuLatencyGuard, Prefault, SchedRequest};
-use hapfic_ipc::{Bus, Domain, IpcError, ProcessStart, RunFile, topic};
+use hapfic_gate_process::change_exchange::ChangeClient;
+use hapfic_ipc::realtime::{CpuLatencyGuard, Prefault};
+use hapfic_ipc::run_status::{GateCounts, SharedStatus};
+use hapfic_ipc::{Bus, ChangePage, Domain, ProcessStart, RunFile, topic};
 use hapfic_log::{LogFile, RunLog};
 use hapfic_messages::{Clock, Detector, RealtimeMode};
 use hapfic_plant::{Plant, PlantError};
@@ -29,7 +26,6 @@ use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
-use std::thread::JoinHandle;
 use std::time::Duration;
 
 /// An invalid run request; no process was started.
@@ -96,6 +92,7 @@ impl PreparedRun {
         let fifo = realtime && hapfic_ipc::realtime::may_fifo(settings.realtime.priority_plant as i32);
         let cores = Cores::new(&settings.realtime, directory.others(), fifo);
         let run_file = Path::new(&directory.root()).join("run.json");
+        let start = TipPose::of(&plant.chain().kinematics(&plant.sample().joint_position));
         RunFile {
             prefix: directory.prefix(),
             root: directory.root(),
@@ -108,6 +105,9 @@ impl PreparedRun {
             core: cores.shared,
             standby_core: cores.reserve,
             gate_core: cores.gate,
+            gate_busy_polls: cores.gate_busy_polls,
+            spare_core: cores.spare,
+            start_pose: [start.position, start.rpy],
             settings: settings.effective_toml(),
             urdf_name: settings.robot.urdf.name.clone(),
             urdf: settings.robot.urdf.text.clone(),
@@ -124,7 +124,7 @@ impl PreparedRun {
         let _services = keep_all_alive(&bus)?;
         let _idle = if realtime { CpuLatencyGuard::take() } else { None };
 
-        let shared = Arc::new(SharedStatus::new(bus.heartbeats()));
+        let shared = Arc::new(SharedStatus::create(&directory.root(), bus.heartbeats())?);
         let latest = Arc::new(LatestMessages::default());
         let root = Path::new(&directory.root()).to_owned();
         let recorder = Recorder::new(RecorderStart {
@@ -138,11 +138,9 @@ impl PreparedRun {
         })?;
         // Its start takes a while; nothing is sent before it is ready.
         let mut recorder_process = recorder.start(ProcessStart::default())?;
-        let start = TipPose::of(&plant.chain().kinematics(&plant.sample().joint_position));
-        let (change_client, change_server) = hapfic_gate_process::change_exchange::exchange();
+        let change_client = ChangeClient::new(Arc::new(ChangePage::open(&directory.root())?));
         let (inject, fault_requests) = std::sync::mpsc::channel();
         let notify = Notify::from_env();
-        // Before the gate, so that a failure leaves no gate thread behind.
         let _operator = OperatorServer::start(operator::OperatorServerStart {
             domain: domain.clone(),
             run: directory.prefix().trim_end_matches('_').to_owned(),
@@ -168,21 +166,6 @@ impl PreparedRun {
         })?;
         let ready_timeout = Duration::from_millis(settings.supervisor.ready_timeout_ms.into());
         recorder::await_ready(&mut recorder_process, &shared.heartbeats, ready_timeout)?;
-        let gate = start_gate(GateStart {
-            domain,
-            clock: request.clock,
-            limits: GateLimits::new(settings, plant.chain()),
-            torque: TorqueCheck::new(plant.chain().clone(), settings.world.gravity_m_per_s2),
-            schedule: ParameterSchedule::new(settings, start),
-            ticks: settings.duration_ticks as i64,
-            deadline: Duration::from_micros(settings.supervisor.deadline_us.into()),
-            sched: realtime.then(|| SchedRequest::new(settings.realtime.priority_gate, cores.gate)),
-            deadline_timer: realtime.then(|| SchedRequest::new(settings.realtime.priority_gate, cores.reserve)),
-            busy_poll_lead_us: if cores.gate_busy_polls { settings.realtime.busy_poll_lead_us } else { 0 },
-            spare: cores.spare.map(|core| SchedRequest::new(settings.realtime.priority_gate, Some(core))),
-            change_server,
-            shared: Arc::clone(&shared),
-        })?;
 
         preflight::reserve_segments(&directory.prefix())?;
         let mut watch = Watch::open(
@@ -190,7 +173,6 @@ impl PreparedRun {
             WatchStart {
                 request,
                 shared: Arc::clone(&shared),
-                gate,
                 recorder: (&recorder, recorder_process),
                 latest,
                 stop,
@@ -252,13 +234,6 @@ fn recover_orphan(log: &Path) {
         }
         Err(e) => crate::log_line(&format!("hapfic: a run was killed, and its log cannot be recovered: {e}")),
     }
-}
-
-fn start_gate(start: GateStart) -> Result<JoinHandle<Result<(), IpcError>>> {
-    std::thread::Builder::new()
-        .name("hapfic-gate".to_owned())
-        .spawn(move || GateNode::run(start))
-        .context("cannot start the gate")
 }
 
 fn keep_all_alive(bus: &Bus) -> Result<Vec<Box<dyn std::any::Any>>> {

@@ -2,7 +2,7 @@
 
 use anyhow::{Result, bail};
 use hapfic_config::{Placement, RealtimeSettings, Settings};
-use hapfic_gate_process::status::SharedStatus;
+use hapfic_ipc::SharedStatus;
 use hapfic_ipc::realtime::{Privilege, SchedGrants, privileges, shared_core, standby_core};
 use hapfic_messages::{Clock, Process, RealtimeMode};
 use std::fmt::Write;
@@ -92,7 +92,7 @@ fn thread_privileges(settings: &Settings, cores: Cores) -> Vec<ThreadPrivileges>
     let rt = &settings.realtime;
     [
         ("plant", Process::Plant, rt.priority_plant, rt.core_plant),
-        ("gate", Process::Supervisor, rt.priority_gate, cores.gate),
+        ("gate", Process::Gate, rt.priority_gate, cores.gate),
         ("controller", Process::Controller, rt.priority_controller, rt.core_controller),
         ("standby", Process::Standby, rt.priority_controller - 1, rt.core_standby.or(cores.reserve)),
         ("planner", Process::Planner, rt.priority_planner, rt.core_planner),

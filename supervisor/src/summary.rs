@@ -3,7 +3,7 @@
 mod text;
 
 use crate::recorder::IncidentSummary;
-use hapfic_gate_process::status::GateCounts;
+use hapfic_ipc::run_status::GateCounts;
 use hapfic_log::MetricsSummary;
 use hapfic_log::metrics::{
     ForceCommandSummary, ForceSummary, IntegrationSummary, MomentsSummary, Quantiles, TickSummary, TrackingSummary,

@@ -20,6 +20,8 @@ pub enum ProcessName {
     Controller,
     /// The standby controller.
     Standby,
+    /// The gate.
+    Gate,
     /// The recorder.
     Recorder,
     /// Helper that removes dead nodes and ends.
@@ -35,6 +37,7 @@ pub fn process(name: ProcessName, external: &[String]) -> Result<CommandOutcome>
         ProcessName::Controller => Process::Controller,
         ProcessName::Standby => Process::Standby,
         ProcessName::Recorder => Process::Recorder,
+        ProcessName::Gate => Process::Gate,
     };
     let run = match run_file() {
         Ok(run) => run,
@@ -47,17 +50,23 @@ pub fn process(name: ProcessName, external: &[String]) -> Result<CommandOutcome>
     }
     let settings = Settings::from_effective(&run.settings, &run.urdf_name, &run.urdf)?;
     let start = ProcessStart::from_env()?;
-    if process == Process::Recorder {
-        hapfic_supervisor::recorder::process::run(&run, &settings, start).context("recorder")?;
-        return Ok(CommandOutcome::Done);
-    }
-    let mut context = Context::join(&run, process, start)?;
     match process {
-        Process::Plant => hapfic_plant_process::run(&mut context, &settings).context("plant")?,
-        Process::Planner => hapfic_planner_process::run(&mut context, &settings).context("planner")?,
-        _ => hapfic_controller_process::run(&mut context, &settings).context("controller")?,
+        Process::Recorder => hapfic_supervisor::recorder::process::run(&run, &settings, start).context("recorder")?,
+        Process::Gate => hapfic_gate_process::run(&run, &settings, start).context("gate")?,
+        _ => run_tick_by_tick(&run, &settings, process, start)?,
     }
     Ok(CommandOutcome::Done)
+}
+
+/// Runs a process that answers each state.
+fn run_tick_by_tick(run: &RunFile, settings: &Settings, process: Process, start: ProcessStart) -> Result<()> {
+    let mut context = Context::join(run, process, start)?;
+    match process {
+        Process::Plant => hapfic_plant_process::run(&mut context, settings).context("plant")?,
+        Process::Planner => hapfic_planner_process::run(&mut context, settings).context("planner")?,
+        _ => hapfic_controller_process::run(&mut context, settings).context("controller")?,
+    }
+    Ok(())
 }
 
 /// Reads the run file that the environment names.

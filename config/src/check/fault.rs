@@ -118,7 +118,13 @@ impl ScenarioCheck<'_> {
                     RawTargets::One(_) => "process".to_owned(),
                     RawTargets::Sampled(_) => format!("process[{index}]"),
                 };
-                Err(self.misfit(path, &key, kind, &one_of, "the supervisor can only be killed, the recorder killed or halted"))
+                Err(self.misfit(
+                    path,
+                    &key,
+                    kind,
+                    &one_of,
+                    "the supervisor can only be killed, gate and recorder killed or halted",
+                ))
             }
         }
     }

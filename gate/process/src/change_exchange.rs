@@ -1,17 +1,22 @@
-//! Parameter changes for the gate, and the gate's replies: two wait-free queues of bounded length.
+//! Parameter changes for the gate, and the gate's replies.
 //!
-//! The client waits for a bounded time, and the gate must not apply a change whose client has timed out. [`PendingId`]
-//! marks the newest request as pending: either the gate takes it or the client withdraws it, never both.
+//! The supervisor writes a request into the page of changes and waits for the answer ([`ChangeClient`]). In the gate's
+//! process a thread that is not real-time reads it and passes it on through a wait-free queue of bounded length; the gate
+//! polls the queue once a tick ([`ChangeServer`]). The gate notes its decision in the page itself, so that a placed change
+//! outlives it; the thread writes the answer.
 
 use hapfic_config::{OperatorChange, ParameterSettings};
-use hapfic_sync::PendingId;
+use hapfic_ipc::{ChangePage, Decision, IpcError};
 use rtrb::{Consumer, Producer, RingBuffer};
+use serde::{Deserialize, Serialize};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 /// Requests, or replies, in flight. One request is pending at a time; the others have been withdrawn.
 const DEPTH: usize = 4;
-/// Poll interval of the client for its reply.
+/// Poll interval of the client for its reply, and of the thread for requests and replies.
 const POLL_INTERVAL: Duration = Duration::from_micros(500);
 
 /// Request for a change.
@@ -25,7 +30,7 @@ pub struct ChangeRequest {
 }
 
 /// Decision of the gate on a change.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum ChangeOutcome {
     /// The change will take effect.
     Placed,
@@ -38,7 +43,7 @@ pub enum ChangeOutcome {
 }
 
 /// Reply of the gate to a change.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub struct ChangeReply {
     id: u64,
     /// Decision on the change.
@@ -49,7 +54,7 @@ pub struct ChangeReply {
     pub effective_tick: i64,
     /// Tick that was due when the gate took the request.
     pub taken_tick: i64,
-    /// Set before the change.
+    /// Set before the change; the client's is without the values of joint space, which no change concerns.
     pub before: ParameterSettings,
 }
 
@@ -68,57 +73,39 @@ impl ChangeReply {
     }
 }
 
+/// Content of a request in the page.
+#[derive(Serialize, Deserialize)]
+struct RequestText {
+    made_on: Option<u64>,
+    change: OperatorChange,
+}
+
 /// Side of the operator's server.
 #[derive(Debug)]
 pub struct ChangeClient {
-    requests: Producer<ChangeRequest>,
-    replies: Consumer<ChangeReply>,
-    pending: Arc<PendingId>,
-    last: u64,
-}
-
-/// Side of the gate. No call waits or allocates.
-#[derive(Debug)]
-pub struct ChangeServer {
-    requests: Consumer<ChangeRequest>,
-    replies: Producer<ChangeReply>,
-    pending: Arc<PendingId>,
-}
-
-/// Both sides of a new exchange.
-#[must_use]
-pub fn exchange() -> (ChangeClient, ChangeServer) {
-    let (request, requests) = RingBuffer::new(DEPTH);
-    let (reply, replies) = RingBuffer::new(DEPTH);
-    let pending = Arc::new(PendingId::default());
-    let server = ChangeServer { requests, replies: reply, pending: Arc::clone(&pending) };
-    (ChangeClient { requests: request, replies, pending, last: 0 }, server)
+    page: Arc<ChangePage>,
 }
 
 impl ChangeClient {
+    /// Client of a run's page.
+    #[must_use]
+    pub fn new(page: Arc<ChangePage>) -> Self {
+        Self { page }
+    }
+
     /// Requests a change and waits for the reply.
     ///
     /// Returns `None` if the gate does not take the request within `timeout`; the request is then withdrawn. Also
     /// returns `None` if the gate takes it and does not reply within twice that time.
     pub fn ask(&mut self, made_on: Option<u64>, change: &OperatorChange, timeout: Duration) -> Option<ChangeReply> {
-        self.last += 1;
-        let id = self.last;
-        // Replies that came too late.
-        while self.replies.pop().is_ok() {}
-        self.pending.open(id);
-        if self.requests.push(ChangeRequest { id, made_on, change: *change }).is_err() {
-            // The queue is full of withdrawn requests: the gate takes none.
-            let _ = self.pending.withdraw(id);
-            return None;
-        }
+        let text = serde_json::to_string(&RequestText { made_on, change: *change }).ok()?;
+        let id = self.page.open_request(&text);
         let begun = Instant::now();
         loop {
-            if let Ok(reply) = self.replies.pop()
-                && reply.id == id
-            {
-                return Some(reply);
+            if let Some(answer) = self.page.answer_to(id) {
+                return serde_json::from_str(&answer).ok();
             }
-            if begun.elapsed() > timeout && self.pending.withdraw(id) {
+            if begun.elapsed() > timeout && self.page.withdraw(id) {
                 return None;
             }
             // The gate took it, and ended before the reply.
@@ -130,11 +117,19 @@ impl ChangeClient {
     }
 }
 
+/// Side of the gate. No call waits or allocates.
+#[derive(Debug)]
+pub struct ChangeServer {
+    requests: Consumer<ChangeRequest>,
+    replies: Producer<ChangeReply>,
+    page: Arc<ChangePage>,
+}
+
 impl ChangeServer {
     /// Takes the pending request, if any. The caller replies immediately.
     pub fn take(&mut self) -> Option<ChangeRequest> {
         while let Ok(request) = self.requests.pop() {
-            if self.pending.take(request.id) {
+            if self.page.take(request.id) {
                 return Some(request);
             }
         }
@@ -143,8 +138,77 @@ impl ChangeServer {
 
     /// Sends a reply.
     pub fn reply(&mut self, reply: ChangeReply) {
-        // A client that leaves its replies in the queue has stopped waiting for them.
+        self.page.decide(reply.id, Decision { code: reply.outcome as u32, effective_tick: reply.effective_tick });
+        // A full queue: the supervisor has stopped waiting for these replies.
         let _ = self.replies.push(reply);
+    }
+}
+
+/// Changes that an earlier gate has placed, with their ticks.
+#[must_use]
+pub fn placed(page: &ChangePage) -> Vec<OperatorChange> {
+    let placed = |id: u64| {
+        let decision = page.decision(id).filter(|decision| decision.code == ChangeOutcome::Placed as u32)?;
+        let request: RequestText = serde_json::from_str(&page.request(id)?).ok()?;
+        Some(OperatorChange { at_tick: decision.effective_tick, ..request.change })
+    };
+    page.ids().filter_map(placed).collect()
+}
+
+/// Thread between the page and the queues of the gate; ends when dropped.
+#[derive(Debug)]
+pub struct ChangeThread {
+    thread: Option<JoinHandle<()>>,
+    end: Arc<AtomicBool>,
+}
+
+impl ChangeThread {
+    /// Starts the thread. Requests that are in the page already are left to the gate before.
+    ///
+    /// # Errors
+    /// [`IpcError::System`] if the thread cannot be started.
+    pub fn start(page: Arc<ChangePage>) -> Result<(Self, ChangeServer), IpcError> {
+        let (mut request, requests) = RingBuffer::new(DEPTH);
+        let (reply, mut replies) = RingBuffer::<ChangeReply>::new(DEPTH);
+        let server = ChangeServer { requests, replies: reply, page: Arc::clone(&page) };
+        let end = Arc::new(AtomicBool::new(false));
+        let ended = Arc::clone(&end);
+        let mut seen = page.newest();
+        let serve = move || {
+            while !ended.load(Ordering::Acquire) {
+                // Only the newest can be pending.
+                let newest = page.newest();
+                if newest != seen {
+                    seen = newest;
+                    let text = page.request(newest).and_then(|text| serde_json::from_str::<RequestText>(&text).ok());
+                    if let Some(RequestText { made_on, change }) = text {
+                        // A full queue holds withdrawn requests: the gate takes none.
+                        let _ = request.push(ChangeRequest { id: newest, made_on, change });
+                    }
+                }
+                while let Ok(reply) = replies.pop() {
+                    if let Ok(text) = serde_json::to_string(&reply) {
+                        page.answer(reply.id, &text);
+                    }
+                }
+                std::thread::sleep(POLL_INTERVAL);
+            }
+        };
+        let thread = std::thread::Builder::new()
+            .name("hapfic-changes".to_owned())
+            .spawn(serve)
+            .map_err(|cause| IpcError::System { action: "start the thread of the operator's changes", cause })?;
+        Ok((Self { thread: Some(thread), end }, server))
+    }
+}
+
+impl Drop for ChangeThread {
+    fn drop(&mut self) {
+        self.end.store(true, Ordering::Release);
+        if let Some(thread) = self.thread.take() {
+            // Its panic has been printed.
+            let _ = thread.join();
+        }
     }
 }
 
@@ -158,12 +222,19 @@ mod tests {
     const SHORT: Duration = Duration::from_millis(5);
     const LONG: Duration = Duration::from_secs(20);
 
-    fn before() -> ParameterSettings {
-        Settings::load("floor", &[]).unwrap().initial
+    fn exchange() -> (ChangeClient, ChangeServer, ChangeThread) {
+        let page = Arc::new(ChangePage::private().unwrap());
+        let (thread, server) = ChangeThread::start(Arc::clone(&page)).unwrap();
+        (ChangeClient::new(page), server, thread)
     }
 
-    fn placed(request: &ChangeRequest, version: u64) -> ChangeReply {
-        ChangeReply::new(request, ChangeOutcome::Placed, version, 7, 2, before())
+    fn before() -> ParameterSettings {
+        // What no change changes is not sent.
+        ParameterSettings { joint_space: Default::default(), ..Settings::load("arm-press", &[]).unwrap().initial }
+    }
+
+    fn reply_to(request: &ChangeRequest, outcome: ChangeOutcome, version: u64) -> ChangeReply {
+        ChangeReply::new(request, outcome, version, 7, 2, before())
     }
 
     /// Takes the next request, within a bounded time.
@@ -180,59 +251,57 @@ mod tests {
 
     #[test]
     fn ask_timed_out_request_withdrawn() {
-        let (mut client, mut server) = exchange();
-        assert!(client.ask(None, &OperatorChange::default(), SHORT).is_none());
-        assert!(server.take().is_none(), "a withdrawn change never applies");
-    }
-
-    #[test]
-    fn ask_full_queue_times_out_and_recovers() {
-        let (mut client, mut server) = exchange();
-        for _ in 0..10 * DEPTH {
+        let (mut client, mut server, _thread) = exchange();
+        for _ in 0..DEPTH + 3 {
             assert!(client.ask(None, &OperatorChange::default(), SHORT).is_none());
         }
-        assert!(server.take().is_none());
+        thread::sleep(SHORT);
+        assert!(server.take().is_none(), "a withdrawn change never applies");
+        // The queue is free again.
         let gate = thread::spawn(move || {
             let request = take(&mut server);
-            server.reply(placed(&request, 9));
-        });
-        assert_eq!(client.ask(None, &OperatorChange::default(), LONG).unwrap().version, 9);
-        gate.join().unwrap();
-    }
-
-    #[test]
-    fn ask_after_timeout_gets_own_reply() {
-        let (mut client, mut server) = exchange();
-        assert!(client.ask(Some(1), &OperatorChange::default(), SHORT).is_none());
-        let gate = thread::spawn(move || {
-            let request = take(&mut server);
-            // Replies to other requests come first and last.
-            server.reply(ChangeReply { id: request.id - 1, ..placed(&request, 0) });
-            server.reply(placed(&request, request.made_on.unwrap() + 1));
-            server.reply(ChangeReply { id: request.id + 1, ..placed(&request, 0) });
+            server.reply(reply_to(&request, ChangeOutcome::Placed, 3));
             server
         });
-        let reply = client.ask(Some(41), &OperatorChange::default(), LONG).unwrap();
-        assert_eq!((reply.outcome, reply.version), (ChangeOutcome::Placed, 42));
-        let mut server = gate.join().unwrap();
+        assert_eq!(client.ask(None, &OperatorChange::default(), LONG).map(|reply| reply.version), Some(3));
+        drop(gate.join().unwrap());
+    }
+
+    #[test]
+    fn ask_taken_request_gets_reply_with_every_bit() {
+        let (mut client, mut server, _thread) = exchange();
+        let change = OperatorChange {
+            taper: Some(0.1 + 0.2),
+            stiffness: Some([1e-300, 1.0 / 3.0, 4000.0]),
+            saturation: Some(hapfic_config::Saturation::AsPrinted),
+            ..OperatorChange::default()
+        };
         let gate = thread::spawn(move || {
             let request = take(&mut server);
-            server.reply(placed(&request, request.made_on.unwrap() + 1));
+            assert_eq!((request.change, request.made_on), (change, Some(4)));
+            server.reply(reply_to(&request, ChangeOutcome::Stale, 9));
         });
-        let reply = client.ask(Some(50), &OperatorChange::default(), LONG).unwrap();
-        assert_eq!(reply.version, 51, "an earlier reply with the id of this request is discarded");
+        let reply = client.ask(Some(4), &change, LONG).unwrap();
+        assert_eq!((reply.outcome, reply.version, reply.before), (ChangeOutcome::Stale, 9, before()));
         gate.join().unwrap();
     }
 
     #[test]
-    fn ask_gate_ended_before_reply_returns() {
-        let (mut client, mut server) = exchange();
+    fn placed_changes_outlive_their_gate() {
+        let (mut client, mut server, thread) = exchange();
+        let page = Arc::clone(&client.page);
         let gate = thread::spawn(move || {
-            let _ = take(&mut server);
+            for outcome in [ChangeOutcome::Placed, ChangeOutcome::Full, ChangeOutcome::Placed] {
+                let request = take(&mut server);
+                server.reply(reply_to(&request, outcome, 3));
+            }
         });
-        let begun = Instant::now();
-        assert!(client.ask(None, &OperatorChange::default(), Duration::from_millis(200)).is_none());
-        assert!(begun.elapsed() < LONG);
+        for taper in [0.1, 0.2, 0.3] {
+            client.ask(None, &OperatorChange { taper: Some(taper), ..OperatorChange::default() }, LONG).unwrap();
+        }
         gate.join().unwrap();
+        drop(thread);
+        let tapers: Vec<_> = placed(&page).iter().map(|change| (change.taper, change.at_tick)).collect();
+        assert_eq!(tapers, [(Some(0.1), 7), (Some(0.3), 7)]);
     }
 }

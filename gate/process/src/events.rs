@@ -17,9 +17,7 @@ impl GateNode {
             self.report(Process::Plant, EventKind::Rejected, Detector::Check, |text| write!(text, "state rejected: {defect}"))?;
         }
         if let Some(defect) = self.rejections.stray.take() {
-            self.report(Process::Supervisor, EventKind::Rejected, Detector::Check, |text| {
-                write!(text, "request rejected: {defect}")
-            })?;
+            self.report(Process::Gate, EventKind::Rejected, Detector::Check, |text| write!(text, "request rejected: {defect}"))?;
         }
         for slot in ControllerSlot::BOTH {
             if let Some(defect) = self.rejections.slots[slot as usize].take() {
@@ -37,7 +35,7 @@ impl GateNode {
         }
         self.reported.limited = command.limited;
         if let Some(step) = self.gate.discontinuity() {
-            self.report(Process::Supervisor, EventKind::Discontinuity, Detector::Check, |text| {
+            self.report(Process::Gate, EventKind::Discontinuity, Detector::Check, |text| {
                 write!(text, "torque of joint {} steps by {:.3} N m", step.joint, step.size)
             })?;
         }
@@ -81,6 +79,10 @@ impl GateNode {
     /// Reports slipped time, if it has grown.
     pub(super) fn report_slip(&mut self) -> Result<(), IpcError> {
         let (before, (now, late_ns)) = (self.reported.slipped, self.received.slip);
+        if before == u64::MAX && self.received.newest.is_some_and(|(tick, _)| Some(tick) > self.received.resumed) {
+            // The gate before has reported them.
+            self.reported.slipped = now;
+        }
         if now <= before {
             return Ok(());
         }
@@ -92,14 +94,14 @@ impl GateNode {
     }
 
     pub(super) fn report_parameters(&mut self, version: u64, from: i64) -> Result<(), IpcError> {
-        self.report(Process::Supervisor, EventKind::Parameters, Detector::None, |text| {
+        self.report(Process::Gate, EventKind::Parameters, Detector::None, |text| {
             write!(text, "parameters {version} in force from tick {from}")
         })
     }
 
     pub(super) fn report_limited(&mut self, command: &Command) -> Result<(), IpcError> {
         let limited = command.limited;
-        self.report(Process::Supervisor, EventKind::Limited, Detector::None, |text| match limited {
+        self.report(Process::Gate, EventKind::Limited, Detector::None, |text| match limited {
             0 => write!(text, "no torque is limited any more"),
             bits => write!(text, "the peak limits the torque of joints {bits:#b} (a bit each, the first joint last)"),
         })
@@ -114,11 +116,11 @@ impl GateNode {
             _ => Detector::Deadline,
         };
         if from == Severity::Stopped.code() {
-            self.report(Process::Supervisor, EventKind::Rearmed, Detector::Operator, |text| {
+            self.report(Process::Gate, EventKind::Rearmed, Detector::Operator, |text| {
                 write!(text, "re-armed by the operator: starts from the foot's position, the torque ramps in")
             })?;
         }
-        self.report(Process::Supervisor, EventKind::Transition, detector, |text| {
+        self.report(Process::Gate, EventKind::Transition, detector, |text| {
             write!(text, "severity {} -> {}", name(from), name(to))
         })
     }

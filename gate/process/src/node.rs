@@ -5,17 +5,17 @@ use crate::change_exchange::ChangeServer;
 use crate::ports::GatePorts;
 use crate::received::{Received, Rejections};
 use crate::reported::Reported;
-use crate::status::SharedStatus;
 use crate::tick_account::TickAccount;
 use hapfic_gate::parameter_schedule::ParameterSchedule;
 use hapfic_gate::protocol::{Choice, ControllerSlot, GateInputs, WaitPolicy};
 use hapfic_gate::torque_check::TorqueCheck;
 use hapfic_gate::{Gate, GateLimits};
+use hapfic_ipc::SharedStatus;
 use hapfic_ipc::realtime::{SchedGrants, SchedRequest};
-use hapfic_ipc::{ArrivalPredictor, Bus, Domain, IpcError, allocations, clock};
+use hapfic_ipc::{ArrivalPredictor, Bus, IpcError, allocations, clock};
 use hapfic_messages::{Clock, Command, Mode, Phase, Process, Source, Timing};
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 /// Ticks in a row without a request that get an event each.
@@ -24,8 +24,6 @@ pub(super) const REPORTED_ONE_BY_ONE: u64 = 2;
 /// Arguments of the gate.
 #[derive(Debug)]
 pub struct GateStart {
-    /// The run's domain.
-    pub domain: Domain,
     /// Clock of the run.
     pub clock: Clock,
     /// Limits that the gate enforces.
@@ -49,8 +47,14 @@ pub struct GateStart {
     pub spare: Option<SchedRequest>,
     /// Source of the operator's changes while the stack runs.
     pub change_server: ChangeServer,
-    /// Status shared with the rest of the supervisor.
-    pub shared: Arc<SharedStatus>,
+    /// Status shared with the supervisor.
+    pub shared: SharedStatus,
+    /// Number of the start.
+    pub generation: u32,
+    /// Last command of the gate before, to continue from.
+    pub last: Option<Command>,
+    /// Flag of the signals that end the process.
+    pub terminated: Arc<AtomicBool>,
 }
 
 /// Gate with its ports.
@@ -64,9 +68,6 @@ pub struct GateNode {
     /// Time of the last look at the inputs in lockstep [ns], and waiting time of the tick that is due [ns].
     pub(super) waiting_ns: u64,
     pub(super) waited_ns: u64,
-    /// Stops and re-armings that the gate has processed.
-    stops: u64,
-    rearms: u64,
     /// Whether a command has been active.
     was_active: bool,
     /// Time of the last heartbeat while waiting [ns].
@@ -83,17 +84,19 @@ pub struct GateNode {
 
 impl GateNode {
     pub(super) fn open(start: GateStart, bus: &Bus) -> Result<Self, IpcError> {
+        let gate = match start.last {
+            Some(last) => Gate::resume(start.limits, start.torque.clone(), last),
+            None => Gate::new(start.limits, start.torque.clone()),
+        };
         Ok(Self {
-            gate: Gate::new(start.limits, start.torque.clone()),
             ports: GatePorts::open(bus, start.clock)?,
-            received: Received::default(),
+            received: start.last.map_or_else(Received::default, |last| Received::behind(&last)),
             rejections: Rejections::default(),
-            reported: Reported::default(),
+            reported: start.last.map_or_else(Reported::default, |last| Reported::behind(&last)),
             waiting_ns: clock::now_ns(),
             waited_ns: 0,
-            stops: 0,
-            rearms: 0,
-            was_active: false,
+            was_active: start.last.is_some_and(|last| last.gate.opened != 0),
+            gate,
             heartbeat_ns: 0,
             predictor: None,
             called: -1,
@@ -105,7 +108,7 @@ impl GateNode {
     }
 
     pub(super) fn stopped(&self) -> bool {
-        self.start.shared.orders.stop.load(Ordering::Acquire)
+        self.start.shared.orders.stop.load(Ordering::Acquire) || self.start.terminated.load(Ordering::Relaxed)
     }
 
     /// Decides the command of the tick that is due; `None`: the gate has to wait.
@@ -141,13 +144,14 @@ impl GateNode {
     fn gate_inputs(&mut self) -> GateInputs {
         let shared = &self.start.shared;
         let (stops, rearms) = (shared.orders.latched_stops.load(Ordering::Acquire), shared.orders.rearms.load(Ordering::Acquire));
+        let [taken_stops, taken_rearms] = self.gate.orders();
         let inputs = GateInputs {
-            stop: stops != self.stops,
-            rearm: rearms != self.rearms,
+            stop: stops != taken_stops,
+            rearm: rearms != taken_rearms,
             // In lockstep the clock waits for a missing process.
             missing: self.start.clock == Clock::Realtime && shared.presence.missing.load(Ordering::Acquire) != 0,
         };
-        (self.stops, self.rearms) = (stops, rearms);
+        self.gate.take_orders(stops, rearms);
         shared.gate.processed_stops.store(stops, Ordering::Release);
         inputs
     }
@@ -241,7 +245,8 @@ impl GateNode {
 
     fn account(&mut self, timing: &Timing) -> Result<(), IpcError> {
         let timing = Timing {
-            process: Process::Supervisor.code(),
+            process: Process::Gate.code(),
+            generation: self.start.generation,
             rejected: self.rejections.count,
             page_faults: self.faults,
             realtime: self.granted.0,

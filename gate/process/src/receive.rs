@@ -39,7 +39,8 @@ impl GateNode {
     }
 
     fn take_state(&mut self, state: State) {
-        if self.received.newest.is_some_and(|(tick, _)| state.tick == tick) && state.check().is_ok() {
+        let again = |tick| state.tick == tick || self.received.resumed.is_some_and(|resumed| state.tick <= resumed);
+        if self.received.newest.is_some_and(|(tick, _)| again(tick)) && state.check().is_ok() {
             // A successor of the plant republishes the last state of its predecessor.
             return;
         }

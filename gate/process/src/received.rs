@@ -1,7 +1,7 @@
 //! Messages that the gate has received, and defects of those it has rejected.
 
 use hapfic_gate::protocol::ControllerSlot;
-use hapfic_messages::{Request, State, TickBuffer, ValidationError};
+use hapfic_messages::{Command, Request, State, TickBuffer, ValidationError};
 
 /// Controllers: the primary and its standby.
 pub(super) const CONTROLLERS: usize = ControllerSlot::BOTH.len();
@@ -15,13 +15,28 @@ pub(super) struct Received {
     pub(super) states: TickBuffer<State>,
     /// Tick and publication time [ns] of the newest state.
     pub(super) newest: Option<(i64, u64)>,
+    /// Tick of the command behind which this gate has begun; states up to it are of no use.
+    pub(super) resumed: Option<i64>,
     /// Most slipped periods of any state, and the lateness of that state's timer [ns].
     pub(super) slip: (u64, u64),
 }
 
+impl Received {
+    /// Nothing received yet behind the last command of another gate: the next state may come at any time.
+    pub(super) fn behind(last: &Command) -> Self {
+        Self { newest: Some((last.tick, 1)), resumed: Some(last.tick), ..Self::default() }
+    }
+}
+
 impl Default for Received {
     fn default() -> Self {
-        Self { requests: [TickBuffer::default(); CONTROLLERS], states: TickBuffer::default(), newest: None, slip: (0, 0) }
+        Self {
+            requests: [TickBuffer::default(); CONTROLLERS],
+            states: TickBuffer::default(),
+            newest: None,
+            resumed: None,
+            slip: (0, 0),
+        }
     }
 }
 

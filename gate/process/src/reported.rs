@@ -1,6 +1,7 @@
 //! Conditions that the gate's events have reported.
 
 use hapfic_gate::protocol::ControllerSlot;
+use hapfic_messages::Command;
 
 /// Conditions of the last tick that events report when they change.
 #[derive(Debug)]
@@ -11,10 +12,18 @@ pub(super) struct Reported {
     pub(super) missed: u64,
     /// Last tick at which the controllers' requests were compared, and whether they differed.
     pub(super) compared: (i64, bool),
-    /// Periods slipped so far.
+    /// Periods slipped so far; the largest number before the first state of a gate that continues.
     pub(super) slipped: u64,
     /// Joints limited in the last tick, a bit each.
     pub(super) limited: u32,
+}
+
+impl Reported {
+    /// What another gate has reported up to its last command.
+    pub(super) fn behind(last: &Command) -> Self {
+        let missed = last.gate.missed.into();
+        Self { missed, compared: (last.tick, false), slipped: u64::MAX, limited: last.limited, ..Self::default() }
+    }
 }
 
 impl Default for Reported {

@@ -19,12 +19,11 @@ const FAULTS_EVERY: i64 = 1000;
 const LOCKSTEP_TIMEOUT_NS: u64 = 2_000_000_000;
 
 impl GateNode {
-    /// Waits for the start flag, then gates every tick of the run. To be called on the gate's own thread.
+    /// Waits for the start flag, then gates every tick of the run.
     ///
     /// # Errors
     /// [`IpcError`] if the ports cannot be opened, or messaging fails.
-    pub fn run(start: GateStart) -> Result<(), IpcError> {
-        let bus = Bus::open(&start.domain, "gate")?;
+    pub fn run(start: GateStart, bus: &Bus) -> Result<(), IpcError> {
         let deadline_timer = match start.clock {
             Clock::Realtime if start.busy_poll_lead_us == 0 => Some(
                 DeadlineTimer::start("hapfic-deadline", bus.doorbell(topic::REQUEST_DOORBELL), PERIOD_NS, start.deadline_timer)
@@ -39,7 +38,7 @@ impl GateNode {
             Some(sched) => Some(SpareGate::start(bus.doorbell(topic::SPARE_GATE), bus.listener(topic::SPARE_GATE), sched)?),
             None => None,
         };
-        Box::new(Self::open(start, &bus)?).run_loop(arrival_wait, spare)
+        Box::new(Self::open(start, bus)?).run_loop(arrival_wait, spare)
     }
 
     fn run_loop(mut self: Box<Self>, arrival_wait: ArrivalWait, spare: Option<SpareGate>) -> Result<(), IpcError> {
@@ -64,8 +63,11 @@ impl GateNode {
         let mut account = TickAccount::new(FAULTS_EVERY);
         self.ports.operator.send(self.start.schedule.operator())?;
         self.start.shared.gate.announced.store(self.start.schedule.operator().next.version, Ordering::Relaxed);
-        let announced = self.announce(-1)?;
-        self.ports.command.send(self.gate.last())?;
+        let mut announced = None;
+        if self.start.last.is_none() {
+            announced = self.announce(-1)?;
+            self.ports.command.send(self.gate.last())?;
+        }
         if let Some((version, from)) = announced {
             self.report_parameters(version, from)?;
         }

@@ -253,7 +253,8 @@ fn gate_repeat_keeps_whole_command() {
     let before = *gate.last();
     let expected =
         Command { tick: before.tick + 1, source: Source::Repeated.code(), severity: Severity::Degraded.code(), ..before };
-    assert_eq!(miss(&mut gate), expected);
+    let gate_state = GateState { missed: 1, good: 0, ..before.gate };
+    assert_eq!(miss(&mut gate), Command { gate: gate_state, ..expected });
 }
 
 #[test]
@@ -273,9 +274,13 @@ fn gate_brake_clears_whole_command() {
         request: Request { state: ControllerState::default(), torque: [0.0; MAX_JOINTS], force: [0.0; 3], ..before.request },
         ..before
     };
-    assert_eq!(miss(&mut gate), expected);
+    // Filter and ramp are cleared.
+    let gate_state = GateState { missed: 2, opened: 1, ..GateState::default() };
+    assert_eq!(miss(&mut gate), Command { gate: gate_state, ..expected });
     let suppressed = feed(&mut gate, 5.0);
-    assert_eq!(suppressed, Command { tick: expected.tick + 1, source: Source::Suppressed.code(), ..expected });
+    let gate_state = GateState { missed: 0, good: 1, ..gate_state };
+    let source = Source::Suppressed.code();
+    assert_eq!(suppressed, Command { tick: expected.tick + 1, source, gate: gate_state, ..expected });
 }
 
 #[test]
@@ -291,7 +296,9 @@ fn gate_pass_replaces_whole_command() {
         request: Request { stamp_ns: 0, ..request },
         ..before
     };
-    assert_eq!(accept(&mut gate, &request), expected);
+    // The ramp has ended.
+    let gate_state = GateState { filtered: request.torque, ramping: 0, ..before.gate };
+    assert_eq!(accept(&mut gate, &request), Command { gate: gate_state, ..expected });
 }
 
 #[test]
@@ -302,4 +309,40 @@ fn gate_stop_before_first_torque_then_rearm_holds() {
     assert_eq!((stopped.mode, stopped.severity), (Mode::Stopped.code(), Severity::Stopped.code()));
     let rearmed = gate.miss(&NO_ANSWER, &GateInputs { rearm: true, ..NO_INPUTS });
     assert_eq!((rearmed.mode, rearmed.severity), (Mode::Hold.code(), Severity::Brake.code()), "no longer stopped");
+}
+
+/// A gate that continues behind each command in turn makes the same next command as the gate that never ended, through
+/// misses, brakes, changes of the primary, latched stops and their end.
+#[test]
+fn resumed_gate_makes_same_commands() {
+    let mut limits = limits(Some(20.0));
+    limits.torque_rate = Some(900.0);
+    let mut whole = limited_by(limits);
+    let mut rng = 7_u64;
+    let mut draw = |below: u64| {
+        rng = rng.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (rng >> 33) % below
+    };
+    let mut seen_modes = std::collections::BTreeSet::new();
+    for tick in 0..4000_i64 {
+        let last = *whole.last();
+        let mut resumed = if tick == 0 { whole.clone() } else { Gate::resume(limits, whole.check.clone(), last) };
+        // Runs of good ticks, or a brake would never clear.
+        let bad = (tick / 50) % 2 == 1 && draw(3) == 0;
+        let [stop, rearm] = [draw(400) == 0, draw(60) == 0];
+        let inputs = GateInputs { stop, rearm, missing: draw(100) == 0 };
+        let orders = [last.gate.stops + u64::from(stop), last.gate.rearms + u64::from(rearm)];
+        let slot = if draw(8) == 0 { ControllerSlot::Second } else { ControllerSlot::First };
+        let seen = Observation { present: [draw(30) > 0, true], ..Observation::alone() };
+        let request = request(tick, draw(1000) as f64 / 10.0 - 50.0);
+        let step = |gate: &mut Gate| {
+            gate.take_orders(orders[0], orders[1]);
+            if bad { gate.miss(&NO_ANSWER, &inputs) } else { gate.accept(slot, &request, &seen, &inputs) }
+        };
+        let (a, b) = (step(&mut whole), step(&mut resumed));
+        assert_eq!(a, b, "tick {tick}");
+        assert_eq!((whole.severity(), whole.primary(), whole.orders()), (resumed.severity(), resumed.primary(), orders));
+        seen_modes.insert((a.mode, a.source));
+    }
+    assert!(seen_modes.len() >= 5, "{seen_modes:?}");
 }

@@ -23,6 +23,7 @@
 pub mod allocations;
 mod arrival_predictor;
 mod bus;
+mod change_page;
 mod child;
 pub mod clock;
 mod context;
@@ -36,6 +37,7 @@ mod ports;
 pub mod realtime;
 mod recorder_page;
 mod run;
+pub mod run_status;
 pub mod service;
 mod shared_page;
 pub mod topic;
@@ -43,6 +45,7 @@ mod wire;
 
 pub use arrival_predictor::ArrivalPredictor;
 pub use bus::{Bus, Domain, Wait};
+pub use change_page::{CHANGES, ChangePage, Decision};
 pub use child::{Ending, tie_to_supervisor};
 pub use context::{Context, Gaps, ProcessStart, TickTimes};
 pub use deadline_timer::DeadlineTimer;
@@ -52,3 +55,4 @@ pub use heartbeat::{Heartbeat, HeartbeatPage};
 pub use ports::{Input, Output};
 pub use recorder_page::{LogPosition, RecorderPage};
 pub use run::RunFile;
+pub use run_status::SharedStatus;

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 /// Everything that a process of the stack needs to take part in a run, as JSON. The environment variable
 /// [`RunFile::VARIABLE`] of every process that the supervisor starts holds its path.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RunFile {
     /// Prefix of the run's shared memory.
@@ -30,8 +30,14 @@ pub struct RunFile {
     pub core: Option<u32>,
     /// Core of the standby without a configured core; `None`: any.
     pub standby_core: Option<u32>,
-    /// Core of the gate, for measurements; `None`: any.
+    /// Core of the gate; `None`: any.
     pub gate_core: Option<u32>,
+    /// Whether the gate may busy-poll for requests, since plant and controller have other cores.
+    pub gate_busy_polls: bool,
+    /// Core of the spare gate thread, if there is one.
+    pub spare_core: Option<u32>,
+    /// Pose of the tip at the start: position [m], roll, pitch, yaw [rad].
+    pub start_pose: [[f64; 3]; 2],
     /// The effective configuration, TOML.
     pub settings: String,
     /// Source of the URDF.

@@ -61,10 +61,10 @@ pub const STATE: Topic<State> = Topic::new("state", 7, HISTORY_DEPTH, Some(STATE
 pub const REFERENCE: Topic<Reference> = Topic::new("reference", 7, HISTORY_DEPTH, Some(DoorbellId(1)));
 /// controllers -> gate.
 pub const REQUEST: Topic<Request> = Topic::new("request", 6, 1, Some(REQUEST_DOORBELL));
-/// gate -> plant, and controllers, as their memory.
-pub const COMMAND: Topic<Command> = Topic::new("command", 2, HISTORY_DEPTH, Some(COMMAND_DOORBELL));
+/// gate -> plant, and controllers, as their memory. The supervisor republishes the last ones when the gate restarts.
+pub const COMMAND: Topic<Command> = Topic::new("command", 7, HISTORY_DEPTH, Some(COMMAND_DOORBELL));
 /// gate -> all: parameters in force and to come.
-pub const OPERATOR: Topic<Operator> = Topic { depth: OPERATOR_DEPTH, ..Topic::new("operator", 2, 1, None) };
+pub const OPERATOR: Topic<Operator> = Topic { depth: OPERATOR_DEPTH, ..Topic::new("operator", 7, 1, None) };
 /// all -> recorder.
 pub const EVENT: Topic<Event> = Topic::new("event", 8, 0, None);
 /// all -> recorder, watchdog.

@@ -118,7 +118,7 @@ impl Metrics {
     /// Adds a message of `/timing`.
     pub fn push_timing(&mut self, message: &proto::Timing) {
         self.allocations = self.allocations.saturating_add(u64::from(message.allocations));
-        if message.process == Process::Supervisor.name() && message.publish_ns != 0 && message.latency_ns != 0 {
+        if is_gate(&message.process) && message.publish_ns != 0 && message.latency_ns != 0 {
             self.latency.record(message.latency_ns);
         }
     }
@@ -145,4 +145,9 @@ impl Metrics {
             ticks: sums.ticks(self.invalid),
         }
     }
+}
+
+/// Whether a timing message is the gate's. In older logs the gate was a thread of the supervisor.
+fn is_gate(process: &str) -> bool {
+    [Process::Gate, Process::Supervisor].iter().any(|gate| process == gate.name())
 }

@@ -236,6 +236,10 @@ impl Check for Command {
         at_most("joints", self.joints, MAX_JOINTS)?;
         finite("torque", &self.torque)?;
         at_most("limbs", self.limbs, MAX_LIMBS)?;
+        finite("gate.filtered", &self.gate.filtered)?;
+        at_most("gate.ramping", self.gate.ramping, 1)?;
+        at_most("gate.primary", self.gate.primary, 1)?;
+        at_most("gate.opened", self.gate.opened, 1)?;
         self.request.check()
     }
 }

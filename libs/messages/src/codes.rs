@@ -91,7 +91,7 @@ wire_enum! {
 wire_enum! {
     /// A process of the stack.
     Process {
-        /// Launcher, gate and watchdog.
+        /// Launcher and watchdog.
         Supervisor = 0, "supervisor";
         /// The simulated robot, or the driver of a real robot: the clock.
         Plant = 1, "plant";
@@ -103,6 +103,8 @@ wire_enum! {
         Standby = 4, "standby";
         /// Receives all messages and writes the log. It sends no message of a tick.
         Recorder = 5, "recorder";
+        /// Turns requests into commands.
+        Gate = 6, "gate";
     }
 }
 

@@ -31,8 +31,34 @@ pub struct Command {
     pub limbs: u32,
     /// Conditioned torque [N m]: filtered, limited in its rate and in its size.
     pub torque: [f64; MAX_JOINTS],
+    /// State of the gate after this command, from which any gate continues.
+    pub gate: GateState,
     /// The accepted request: raw torque, force, error, controller state. The next tick's controller starts from it.
     pub request: Request,
+}
+
+/// State of the gate after a command. Of each gate the next command follows from it and from the next request alone.
+#[derive(Clone, Copy, Debug, Default, PartialEq, FromBytes, IntoBytes, Immutable)]
+#[repr(C)]
+pub struct GateState {
+    /// Output of the torque filter [N m; N for a prismatic joint].
+    pub filtered: [f64; MAX_JOINTS],
+    /// Latched stops that the gate has taken in.
+    pub stops: u64,
+    /// Re-armings that the gate has taken in.
+    pub rearms: u64,
+    /// Whether the torque ramps in after a brake.
+    pub ramping: u32,
+    /// Slot of the primary controller.
+    pub primary: u32,
+    /// Ticks in a row that only the other slot answered.
+    pub misses: u32,
+    /// Ticks in a row without a valid request, up to those that brake.
+    pub missed: u32,
+    /// Ticks in a row with a valid request, up to those that clear a brake.
+    pub good: u32,
+    /// Whether any request has been used.
+    pub opened: u32,
 }
 
 impl Message for Command {

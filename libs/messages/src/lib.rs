@@ -30,7 +30,7 @@ pub use codes::{
     Detector, Drive, EventKind, MessageFault, Mode, Phase, Process, ResetPolicy, Saturation, Search, Severity, Source, Task,
     TaskCondition,
 };
-pub use command::Command;
+pub use command::{Command, GateState};
 pub use event::Event;
 pub use limits::{CONTROL_DEPTH, EVENT_TEXT, MAX_CONTACTS, MAX_JOINTS, MAX_LIMBS, MAX_OBJECTS, PERIOD_NS};
 pub use message::Message;

@@ -20,7 +20,7 @@ use prost::Message as _;
 const MAX_PLOTTED_JOINTS: usize = 16;
 const MAX_PLOTTED_OBJECTS: usize = 8;
 /// Process whose timing has the latency from state to command.
-const GATE: &str = "supervisor";
+const GATE: [&str; 2] = ["gate", "supervisor"];
 
 /// Quantities of one axis of the world.
 #[derive(Clone, Debug, Default)]
@@ -230,7 +230,7 @@ impl Collected {
     }
 
     fn timing(&mut self, timing: &proto::Timing) {
-        if timing.process == GATE && timing.publish_ns != 0 && timing.latency_ns != 0 {
+        if GATE.contains(&timing.process.as_str()) && timing.publish_ns != 0 && timing.latency_ns != 0 {
             self.latency.push(timing.latency_ns);
         }
     }

@@ -1,8 +1,8 @@
 //! Changes of parameters: what they would do, whether they are dangerous, and the change itself.
 
-use super::parameters;
 use super::serve::{GATE_TIMEOUT, RequestHandler};
 use hapfic_config::{OperatorChange, ParameterSettings, RequestedChange, differences, parameter_lines};
+use hapfic_gate::parameter_settings;
 use hapfic_gate_process::change_exchange::{ChangeOutcome, ChangeReply};
 use hapfic_messages::{OperatorReply, ReplyCode};
 use hapfic_simulation::findings::{Finding, FreeAir, Scene, Source};
@@ -160,7 +160,7 @@ impl RequestHandler {
         }
         let tick = self.due_tick();
         let published = self.start.latest.operator().map(|sets| *sets.at(tick));
-        let (set, version) = match published.and_then(|set| Some((parameters::settings(&set)?, set.version))) {
+        let (set, version) = match published.and_then(|set| Some((parameter_settings::settings(&set)?, set.version))) {
             Some(known) => known,
             // Before the first message of the recorder: the initial set is in force.
             None => (self.start.initial, 1),
@@ -182,7 +182,7 @@ impl RequestHandler {
     fn catch_up(&mut self) {
         if let Some(next) = self.start.latest.operator().map(|sets| sets.next)
             && next.version > self.version
-            && let Some(set) = parameters::settings(&next)
+            && let Some(set) = parameter_settings::settings(&next)
         {
             (self.base, self.version) = (set, next.version);
         }
@@ -209,7 +209,7 @@ impl RequestHandler {
     /// Returns the parameters before a change, with the initial target until the operator sets a target.
     fn base_of(&self, reply: &ChangeReply) -> ParameterSettings {
         let target_position = reply.before.target_position.or(self.start.initial.target_position);
-        ParameterSettings { target_position, ..reply.before }
+        ParameterSettings { target_position, joint_space: self.start.initial.joint_space, ..reply.before }
     }
 }
 

@@ -6,7 +6,6 @@
 
 mod change;
 pub mod client;
-mod parameters;
 mod serve;
 pub mod status;
 

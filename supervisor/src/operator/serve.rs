@@ -4,12 +4,12 @@ use super::change::Consent;
 use super::status::{LatencyQuantiles, ProcessStatus, Status};
 use crate::latest::LatestMessages;
 use crate::log_line;
-use crate::recorder::{self, GATE};
+use crate::recorder;
 use crate::watch;
 use anyhow::{Context, Result};
 use hapfic_config::{Fault, PERIOD_S, ParameterSettings};
 use hapfic_gate_process::change_exchange::ChangeClient;
-use hapfic_gate_process::status::{Presence, SharedStatus};
+use hapfic_ipc::run_status::{Presence, SharedStatus};
 use hapfic_ipc::service::{PendingRequest, RequestServer};
 use hapfic_ipc::{Bus, Domain, IpcError, wait};
 use hapfic_messages::{Clock, Detector, Mode, OperatorKind, OperatorReply, Phase, Process, REPLY_TEXT, ReplyCode, Severity};
@@ -29,8 +29,8 @@ pub(super) const GATE_TIMEOUT: Duration = Duration::from_millis(500);
 const CLEAN_UP_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Processes whose status is reported.
-const REPORTED_PROCESSES: [Process; 5] =
-    [Process::Plant, Process::Planner, Process::Controller, Process::Standby, Process::Recorder];
+const REPORTED_PROCESSES: [Process; 6] =
+    [Process::Plant, Process::Planner, Process::Controller, Process::Standby, Process::Gate, Process::Recorder];
 
 /// Arguments of [`OperatorServer::start`].
 #[derive(Debug)]
@@ -273,7 +273,6 @@ impl RequestHandler {
         let snapshot = self.start.latest.snapshot();
         let tick = shared.gate.tick.load(Ordering::Acquire);
         let latencies = if self.start.clock == Clock::Realtime { shared.gate.latencies.sorted() } else { Vec::new() };
-        let name = |process: Process| if process == GATE { "gate" } else { process.name() };
         Status {
             run: self.start.run.clone(),
             scenario: self.start.scenario.clone(),
@@ -294,11 +293,10 @@ impl RequestHandler {
             processes: REPORTED_PROCESSES
                 .iter()
                 .filter(|process| self.start.standby || **process != Process::Standby)
-                .chain([&GATE])
                 .map(|process| {
                     let heartbeat = shared.heartbeats.read(*process);
                     ProcessStatus {
-                        name: name(*process).to_owned(),
+                        name: process.name().to_owned(),
                         phase: if self.is_lost(*process) {
                             "lost".to_owned()
                         } else {

@@ -86,7 +86,7 @@ impl DrainThread {
         let last = match (generation, clock) {
             (0, _) => [-1, -1, -1, -1, -2],
             (_, Clock::Lockstep) => page.flushed().ticks,
-            (_, Clock::Realtime) => [heartbeats.read(super::GATE).tick; 5],
+            (_, Clock::Realtime) => [heartbeats.read(Process::Gate).tick; 5],
         };
         let drain = Self {
             clock,

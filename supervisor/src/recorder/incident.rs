@@ -25,7 +25,7 @@ const HISTORY_EVENTS: usize = 256;
 const MAX_DESCRIBED: u64 = 20;
 
 /// Processes whose ages an incident lists: those that send messages in every tick.
-const TICKING: [Process; 5] = [Process::Supervisor, Process::Plant, Process::Planner, Process::Controller, Process::Standby];
+const TICKING: [Process; 5] = [Process::Gate, Process::Plant, Process::Planner, Process::Controller, Process::Standby];
 /// Heading of an incident.
 const HEADING: &str = "\n## ";
 
@@ -142,7 +142,7 @@ impl PostMortem {
     }
 
     fn command(&mut self, m: &Command) {
-        self.record_last_message(Process::Supervisor.code(), m.stamp_ns, m.tick);
+        self.record_last_message(Process::Gate.code(), m.stamp_ns, m.tick);
         self.torques.command(m);
         let Some(open) = &mut self.open else { return };
         if m.tick <= open.begin.tick {

@@ -20,7 +20,7 @@ mod views;
 mod write;
 
 use hapfic_log::LogFigures;
-use hapfic_messages::{Command, Event, Operator, Process, Reference, Request, State, Timing};
+use hapfic_messages::{Command, Event, Operator, Reference, Request, State, Timing};
 use hapfic_simulation::conditions::TaskReport;
 use serde::{Deserialize, Serialize};
 use std::fs;
@@ -103,6 +103,3 @@ fn replace(path: &Path, content: &[u8]) -> std::io::Result<()> {
     fs::write(&new, content)?;
     fs::rename(new, path)
 }
-
-/// The process under whose code the gate sends its heartbeats.
-pub const GATE: Process = Process::Supervisor;

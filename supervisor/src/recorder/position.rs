@@ -1,6 +1,6 @@
 //! How far a log has come: the newest message of each kind.
 
-use super::{GATE, RecordedMessage};
+use super::RecordedMessage;
 use hapfic_ipc::{HeartbeatPage, LogPosition};
 use hapfic_messages::{Event, Process, Request};
 use std::hash::{DefaultHasher, Hash, Hasher};
@@ -27,7 +27,7 @@ pub(super) fn request_index(request: &Request) -> usize {
 
 /// Whether a tick can be that of a message of now: the others are recorded, and hide none.
 pub(super) fn is_plausible(tick: i64, heartbeats: &HeartbeatPage) -> bool {
-    tick <= heartbeats.read(GATE).tick + MAX_TICKS_AHEAD
+    tick <= heartbeats.read(Process::Gate).tick + MAX_TICKS_AHEAD
 }
 
 /// Identity of an event, the same in every process of this program.

@@ -4,17 +4,13 @@ use super::Watch;
 use super::evidence::Suspicion;
 use super::slot::ProcessSlot;
 use crate::children::started;
-use crate::recorder;
 use anyhow::Result;
 use hapfic_config::{OnFailure, OnLoss};
-use hapfic_messages::{Clock, Detector, Phase, Process};
+use hapfic_messages::{Clock, Detector, Process};
 use std::sync::atomic::Ordering;
-use std::thread::JoinHandle;
 
 /// Factor of the time-outs in lockstep, where a late process costs nothing and the machine may be busy.
 const LOCKSTEP_TIMEOUT_FACTOR: u64 = 5;
-/// Name of the gate's thread.
-const GATE_THREAD: &str = "hapfic-gate";
 
 impl Watch<'_> {
     /// Checks all processes and threads, and restarts what is lost; `false` if the run must end.
@@ -28,17 +24,7 @@ impl Watch<'_> {
             return Ok(false);
         }
         self.evidence.observe(&self.run.shared.heartbeats, hapfic_ipc::clock::now_ns());
-        let losses = self.losses_so_far();
         let healthy = self.check_processes()?;
-        if self.losses_so_far() > losses {
-            // A lost process may have kept the gate from its processor.
-            self.evidence.renew(recorder::GATE);
-        }
-        if self.is_gate_silent() {
-            let age_ms = self.run.shared.heartbeats.read(recorder::GATE).age_ns().unwrap_or(0) / 1_000_000;
-            self.fault("gate", format!("has sent no heartbeat for {age_ms} ms"), Detector::Heartbeat);
-            return Ok(false);
-        }
         if healthy && self.run.shared.orders.start.load(Ordering::Relaxed) {
             self.inject()?;
             if self.stalled()? {
@@ -50,37 +36,7 @@ impl Watch<'_> {
             self.fault("recorder", "cannot write the log any further".to_owned(), Detector::Recorder);
             return Ok(false);
         }
-        if healthy && self.gate.as_ref().is_some_and(JoinHandle::is_finished) {
-            let done = self.run.shared.gate.tick.load(Ordering::Acquire) + 1 >= self.run.settings.duration_ticks as i64;
-            if !done {
-                self.fault("gate", "ended too early".to_owned(), Detector::Exit);
-                return Ok(false);
-            }
-        }
         Ok(healthy)
-    }
-
-    fn losses_so_far(&self) -> u32 {
-        self.slots.iter().map(|slot| slot.losses).sum()
-    }
-
-    /// Detects a gate without heartbeats, unless it waits for a processor.
-    fn is_gate_silent(&mut self) -> bool {
-        let limit_ns = self.silence_limit_ns();
-        let silence_ns = self.evidence.silence_ns(recorder::GATE).unwrap_or(0);
-        let finished = self.run.shared.heartbeats.read(recorder::GATE).phase == Some(Phase::Finished);
-        if finished || silence_ns <= limit_ns / 2 {
-            self.gate_suspicion = None;
-            return false;
-        }
-        if self.gate_suspicion.is_none() {
-            self.gate_suspicion = Suspicion::begin_own(GATE_THREAD, &self.evidence);
-        }
-        let excused = self
-            .gate_suspicion
-            .as_mut()
-            .is_some_and(|suspicion| suspicion.observed_ns(&self.evidence) < limit_ns / 4 || suspicion.excuse(&self.evidence));
-        silence_ns > limit_ns && !excused
     }
 
     /// Heartbeat age at which a process counts as lost [ns].
@@ -122,7 +78,6 @@ impl Watch<'_> {
         self.stall.advanced = (gated, self.evidence.observed_ns());
         let rejected: Vec<_> = started(self.run.settings)
             .iter()
-            .chain([&recorder::GATE])
             .filter(|p| self.run.shared.heartbeats.read(**p).rejected > 0)
             .map(|p| format!("{p} {}", self.run.shared.heartbeats.read(*p).rejected))
             .collect();
@@ -131,7 +86,7 @@ impl Watch<'_> {
             // A process waits for a message that another has not sent. The clock waits, so all may restart.
             let what =
                 format!("is restarted with the others: no tick was done for {} ms; messages rejected: {rejected}", limit_ms);
-            for process in [Process::Planner, Process::Controller, Process::Standby] {
+            for process in [Process::Gate, Process::Planner, Process::Controller, Process::Standby] {
                 if !self.on_lost(process, Detector::Tick, &what)? {
                     return Ok(true);
                 }

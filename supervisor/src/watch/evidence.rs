@@ -58,11 +58,6 @@ impl Evidence {
         Duration::from_nanos(self.largest_gap_ns)
     }
 
-    /// Begins the observation of a process anew, as if its heartbeat were new.
-    pub fn renew(&mut self, process: Process) {
-        self.heartbeats[process as usize].observed_ns = self.observed_ns;
-    }
-
     /// Time under observation since the last heartbeat of a process [ns]; `None` before the first.
     pub fn silence_ns(&self, process: Process) -> Option<u64> {
         let last = &self.heartbeats[process as usize];
@@ -87,13 +82,6 @@ impl Suspicion {
     /// Begins to suspect the main thread of a process.
     pub fn begin(pid: Pid, evidence: &Evidence) -> Self {
         Self::of(PathBuf::from(format!("/proc/{pid}")), evidence)
-    }
-
-    /// Begins to suspect a thread of this process, by its name; `None` without such a thread.
-    pub fn begin_own(name: &str, evidence: &Evidence) -> Option<Self> {
-        let tasks = std::fs::read_dir("/proc/self/task").ok()?.flatten();
-        let named = |folder: &PathBuf| std::fs::read_to_string(folder.join("comm")).is_ok_and(|found| found.trim_end() == name);
-        Some(Self::of(tasks.map(|task| task.path()).find(named)?, evidence))
     }
 
     fn of(folder: PathBuf, evidence: &Evidence) -> Self {
@@ -252,14 +240,5 @@ mod tests {
         // A process that hardly ever gets the processor.
         let (before, now) = (times(20, 1980), times(21, 2079));
         assert!(now.starved_since(&before, 100 * MS) && !now.loops_since(&first));
-    }
-
-    #[test]
-    fn suspicion_of_own_thread_is_found_by_name() {
-        let evidence = Evidence::default();
-        assert!(Suspicion::begin_own("no such thread", &evidence).is_none());
-        let named = std::thread::Builder::new().name("hapfic-named".to_owned());
-        let found = named.spawn(move || Suspicion::begin_own("hapfic-named", &evidence).is_some()).unwrap();
-        assert!(found.join().unwrap());
     }
 }

@@ -5,7 +5,7 @@ use super::slot::ProcessSlot;
 use super::{FAST_POLL_INTERVAL, POLL_INTERVAL, RunTimes, WATCH_PRIORITY, Watch, bit};
 use crate::children::{self, Child, started};
 use crate::progress::Progress;
-use crate::{preflight, privileges, recorder, summary};
+use crate::{preflight, privileges, summary};
 use anyhow::Result;
 use hapfic_config::PERIOD_S;
 use hapfic_ipc::ProcessStart;
@@ -58,7 +58,7 @@ impl Watch<'_> {
             }
             self.inject()?;
             if self.run.clock == Clock::Realtime
-                && SchedGrants(self.run.shared.heartbeats.read(recorder::GATE).realtime).has(SchedGrants::FIFO)
+                && SchedGrants(self.run.shared.heartbeats.read(Process::Gate).realtime).has(SchedGrants::FIFO)
             {
                 // Restarts must not wait for other processes of the machine; without the privilege they do.
                 let _ = realtime::set_fifo(WATCH_PRIORITY);
@@ -94,7 +94,6 @@ impl Watch<'_> {
             }
             let missing: Vec<_> = started(self.run.settings)
                 .iter()
-                .chain([&recorder::GATE])
                 .filter(|p| self.run.shared.heartbeats.read(**p).phase.is_none())
                 .map(|p| p.name())
                 .collect();
@@ -195,7 +194,6 @@ impl Watch<'_> {
             }
         }
         self.run.shared.orders.stop.store(true, Ordering::Release);
-        let gate_ended = self.wait_for_gate();
         if completed {
             // Their last messages lie in their own memory: the recorder drains them before the processes end.
             let begun = Instant::now();
@@ -211,18 +209,6 @@ impl Watch<'_> {
         for process in killed.processes {
             self.fault(process.name(), "did not end on request, and was killed".to_owned(), Detector::Exit);
         }
-        // A gate that waits for a process ends with it.
-        if (gate_ended || self.wait_for_gate())
-            && let Some(gate) = self.gate.take()
-        {
-            match gate.join() {
-                Ok(Ok(())) => {}
-                Ok(Err(e)) => self.fault("gate", e.to_string(), Detector::Exit),
-                Err(_) => self.fault("gate", "panicked".to_owned(), Detector::Exit),
-            }
-        } else if self.gate.take().is_some() {
-            self.fault("gate", "did not end on request".to_owned(), Detector::Exit);
-        }
         self.abandoned.extend(killed.abandoned);
         for child in std::mem::take(&mut self.abandoned).iter_mut() {
             if child.ended()?.is_none() {
@@ -234,15 +220,5 @@ impl Watch<'_> {
             }
         }
         Ok(())
-    }
-
-    /// Waits for the end of the gate's thread, for at most [`LAST_TICK_TIMEOUT`]; returns whether it has ended.
-    fn wait_for_gate(&self) -> bool {
-        let begun = Instant::now();
-        let ended = || self.gate.as_ref().is_none_or(std::thread::JoinHandle::is_finished);
-        while !ended() && begun.elapsed() < LAST_TICK_TIMEOUT {
-            std::thread::sleep(FAST_POLL_INTERVAL);
-        }
-        ended()
     }
 }

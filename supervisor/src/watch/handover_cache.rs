@@ -1,13 +1,12 @@
-//! The hand-over cache: the last states and references, for the successor of a lost process.
+//! The hand-over cache: the last states, references, commands and parameter sets, for the successor of a lost process.
 //!
 //! The history of a publisher ends with its process. So the supervisor subscribes too, and republishes the last
 //! messages of a lost process. The successor continues from there; later subscribers find them in the history.
 
 use anyhow::Result;
-use hapfic_ipc::inject::Corruptible;
 use hapfic_ipc::topic::{self, Topic};
 use hapfic_ipc::{Bus, Input, IpcError, Output, Wait};
-use hapfic_messages::{Check, Message, Process, Reference, State, TickBuffer, Ticked};
+use hapfic_messages::{Check, Command, Message, Operator, Process, Reference, State, TickBuffer, Ticked};
 use std::sync::atomic::{AtomicI64, Ordering};
 
 /// Ticks that a message may be ahead of the last command: the planner is one tick ahead, its state another.
@@ -20,7 +19,7 @@ struct CachedTopic<T: Message> {
     recent: TickBuffer<T>,
 }
 
-impl<T: Check + Corruptible + Ticked + Message> CachedTopic<T> {
+impl<T: Check + Ticked + Message> CachedTopic<T> {
     fn open(bus: &Bus, topic: &Topic<T>) -> Result<Self, IpcError> {
         Ok(Self { input: bus.input(topic, Wait::No)?, output: bus.output(topic)?, recent: TickBuffer::default() })
     }
@@ -72,10 +71,14 @@ fn newest_without_gap(ticks: impl Iterator<Item = i64>, done: i64) -> Option<i64
     newest
 }
 
-/// Cache of the last states and references.
+/// Cache of the last states, references, commands and parameter sets.
 pub struct HandOverCache {
     states: CachedTopic<State>,
     references: CachedTopic<Reference>,
+    commands: CachedTopic<Command>,
+    operators: (Input<Operator>, Output<Operator>),
+    /// Parameter sets published last.
+    sets: Option<Operator>,
 }
 
 impl HandOverCache {
@@ -84,7 +87,13 @@ impl HandOverCache {
     /// # Errors
     /// [`IpcError`] if the topics cannot be opened.
     pub fn open(bus: &Bus) -> Result<Self, IpcError> {
-        Ok(Self { states: CachedTopic::open(bus, &topic::STATE)?, references: CachedTopic::open(bus, &topic::REFERENCE)? })
+        Ok(Self {
+            states: CachedTopic::open(bus, &topic::STATE)?,
+            references: CachedTopic::open(bus, &topic::REFERENCE)?,
+            commands: CachedTopic::open(bus, &topic::COMMAND)?,
+            operators: (bus.input(&topic::OPERATOR, Wait::No)?, bus.output(&topic::OPERATOR)?),
+            sets: None,
+        })
     }
 
     /// Republishes the last messages of a lost process.
@@ -97,6 +106,15 @@ impl HandOverCache {
         match process {
             Process::Plant => self.states.hand_over(gated),
             Process::Planner => self.references.hand_over(gated),
+            Process::Gate => {
+                self.receive_operators()?;
+                let last = self.commands.hand_over(gated)?;
+                if let Some(sets) = &self.sets {
+                    self.operators.1.send(sets)?;
+                    self.operators.1.preloan();
+                }
+                Ok(last)
+            }
             _ => Ok(None),
         }
     }
@@ -109,7 +127,23 @@ impl HandOverCache {
     /// [`IpcError`] if messaging fails.
     pub fn receive(&mut self, gated: &AtomicI64) -> Result<(), IpcError> {
         self.states.receive(gated)?;
-        self.references.receive(gated)
+        self.references.receive(gated)?;
+        self.commands.receive(gated)?;
+        self.receive_operators()
+    }
+
+    fn receive_operators(&mut self) -> Result<(), IpcError> {
+        while let Some(sets) = self.operators.0.next()? {
+            if sets.check().is_ok() && self.sets.is_none_or(|last| sets.next.version >= last.next.version) {
+                self.sets = Some(sets);
+            }
+        }
+        Ok(())
+    }
+
+    /// Parameter sets published last; `None` before the first.
+    pub fn operator(&self) -> Option<Operator> {
+        self.sets
     }
 
     /// The newest state, with the reference of its tick if that is there.
@@ -122,6 +156,8 @@ impl HandOverCache {
     pub fn preloan(&mut self) {
         self.states.output.preloan();
         self.references.output.preloan();
+        self.commands.output.preloan();
+        self.operators.1.preloan();
     }
 }
 

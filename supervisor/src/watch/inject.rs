@@ -7,7 +7,7 @@ use super::slot::ProcessSlot;
 use crate::children::this_program;
 use anyhow::{Context, Result, bail};
 use hapfic_config::{Fault, FaultKind, FaultTarget};
-use hapfic_gate_process::status::SharedStatus;
+use hapfic_ipc::SharedStatus;
 use hapfic_ipc::{IpcError, Output};
 use hapfic_messages::{Injection, MessageFault, Process};
 use rustix::process::{Resource, Rlimit, Signal, prlimit};
@@ -72,6 +72,7 @@ fn targets(target: FaultTarget) -> &'static [Process] {
         FaultTarget::Standby => &[Process::Standby],
         FaultTarget::Controllers => &[Process::Controller, Process::Standby],
         FaultTarget::Supervisor => &[Process::Supervisor],
+        FaultTarget::Gate => &[Process::Gate],
         FaultTarget::Recorder => &[Process::Recorder],
         FaultTarget::Machine => &[],
     }

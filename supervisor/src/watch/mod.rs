@@ -14,7 +14,7 @@ mod restart;
 mod slot;
 
 use crate::children::{self, Child};
-use crate::latest::{LatestMessages, OperatorInput};
+use crate::latest::LatestMessages;
 use crate::notify::Notify;
 use crate::privileges::Cores;
 use crate::recorder::Recorder;
@@ -25,15 +25,14 @@ use clean_up::{CleanUp, SegmentRemover};
 use evidence::{Evidence, Suspicion};
 use handover_cache::HandOverCache;
 use hapfic_config::Settings;
-use hapfic_gate_process::status::SharedStatus;
-use hapfic_ipc::{Bus, Doorbell, IpcError, Output, topic};
+use hapfic_ipc::SharedStatus;
+use hapfic_ipc::{Bus, Doorbell, Output, topic};
 use hapfic_messages::{Clock, Credit, Detector, Event, EventKind, Process, Severity};
 use inject::Injections;
 use slot::ProcessSlot;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 pub use inject::{check as check_faults, describe as describe_fault, possible as fault_possible};
@@ -65,8 +64,6 @@ pub struct WatchStart<'a> {
     pub request: &'a RunRequest,
     /// Status shared with the other threads of the supervisor.
     pub shared: Arc<SharedStatus>,
-    /// Thread of the gate.
-    pub gate: JoinHandle<Result<(), IpcError>>,
     /// Recorder of the run, and its process.
     pub recorder: (&'a Recorder<'a>, Child),
     /// Latest messages of the run.
@@ -123,8 +120,6 @@ struct DeadNodes {
     count: u32,
     /// Whether all ports reconnect after the clean-up.
     reconnect_due: bool,
-    /// Failed connections of gate and recorder so far.
-    failed_connections: u32,
 }
 
 /// The main thread's view of a run.
@@ -133,11 +128,9 @@ pub struct Watch<'a> {
     slots: Vec<ProcessSlot>,
     /// Killed processes that have not ended: frozen, or inside an uninterruptible system call.
     abandoned: Vec<Child>,
-    gate: Option<JoinHandle<Result<(), IpcError>>>,
     /// Code of the primary controller that got its priority and core last.
     primary: u32,
     cache: HandOverCache,
-    operator: OperatorInput,
     /// Grants the plant all ticks, once a run in lockstep goes on without its recorder.
     credit: Output<Credit>,
     injections: Injections,
@@ -147,8 +140,6 @@ pub struct Watch<'a> {
     /// Re-armings handled so far.
     rearms: u64,
     evidence: Evidence,
-    /// Suspicion of the gate's thread.
-    gate_suspicion: Option<Suspicion>,
     stall: StallDetector,
     dead_nodes: DeadNodes,
     /// Whether a spent budget requested a latched stop, and no re-arming followed.
@@ -166,7 +157,7 @@ impl<'a> Watch<'a> {
         let WatchStart {
             request,
             shared,
-            gate,
+
             recorder: (recorder, recorder_process),
             latest,
             stop,
@@ -187,10 +178,8 @@ impl<'a> Watch<'a> {
         Ok(Self {
             slots: vec![ProcessSlot::new(Process::Recorder, recorder_process)],
             abandoned: Vec::new(),
-            gate: Some(gate),
             primary: Process::Controller.code(),
             cache: HandOverCache::open(bus)?,
-            operator: OperatorInput::open(bus)?,
             credit: bus.output(&topic::CREDIT)?,
             injections: Injections::new(&settings.faults, fault_requests, bus.output(&topic::INJECTION)?, &request.log),
             doorbells,
@@ -198,9 +187,8 @@ impl<'a> Watch<'a> {
             begun: Instant::now(),
             rearms: 0,
             evidence: Evidence::default(),
-            gate_suspicion: None,
             stall: StallDetector { advanced: (-1, 0), plant_restart_left: true, ..StallDetector::default() },
-            dead_nodes: DeadNodes { helper: CleanUp::default(), segments, count: 0, reconnect_due: false, failed_connections: 0 },
+            dead_nodes: DeadNodes { helper: CleanUp::default(), segments, count: 0, reconnect_due: false },
             stopped_by_budget: false,
             faults: Vec::new(),
             run: RunContext {

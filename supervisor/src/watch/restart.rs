@@ -97,8 +97,6 @@ impl Watch<'_> {
             let failed_connections = self.run.shared.heartbeats.read(slot.process).failed_connections;
             more |= failed_connections > std::mem::replace(&mut slot.failed_connections, failed_connections);
         }
-        let own = self.run.shared.heartbeats.read(crate::recorder::GATE).failed_connections;
-        more |= own > std::mem::replace(&mut self.dead_nodes.failed_connections, own);
         if !more {
             return Ok(());
         }
@@ -151,7 +149,7 @@ impl Watch<'_> {
 
     /// Returns the priority of helper processes: that of the main thread, if the gate has real-time privileges.
     fn helper_priority(&self) -> Option<u32> {
-        let granted = SchedGrants(self.run.shared.heartbeats.read(crate::recorder::GATE).realtime);
+        let granted = SchedGrants(self.run.shared.heartbeats.read(Process::Gate).realtime);
         (self.run.clock == Clock::Realtime && granted.has(SchedGrants::FIFO)).then_some(WATCH_PRIORITY)
     }
 
@@ -274,7 +272,7 @@ impl Watch<'_> {
         };
         if process != Process::Recorder
             && self.run.clock == Clock::Realtime
-            && SchedGrants(self.run.shared.heartbeats.read(crate::recorder::GATE).realtime).has(SchedGrants::FIFO)
+            && SchedGrants(self.run.shared.heartbeats.read(Process::Gate).realtime).has(SchedGrants::FIFO)
         {
             prioritise_joining(&child, self.run.cores.reserve);
         }
@@ -369,8 +367,10 @@ impl Watch<'_> {
 
     /// Receives the latest messages, for a successor, for operators and for the progress line.
     fn receive_latest(&mut self) -> Result<()> {
-        self.operator.receive(&self.run.latest)?;
         self.cache.receive(&self.run.shared.gate.tick)?;
+        if let Some(sets) = self.cache.operator() {
+            self.run.latest.set_operator(sets);
+        }
         if let Some((state, reference)) = self.cache.newest() {
             self.run.latest.update(state, reference);
         }

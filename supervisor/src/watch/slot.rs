@@ -4,7 +4,7 @@ use super::evidence::{Evidence, Suspicion};
 use crate::children::{Child, describe};
 use anyhow::Result;
 use hapfic_gate::restart_policy::{RestartStage, RestartState};
-use hapfic_gate_process::status::SharedStatus;
+use hapfic_ipc::SharedStatus;
 use hapfic_messages::{Detector, PERIOD_NS, Phase, Process};
 use std::time::{Duration, Instant};
 
@@ -107,7 +107,8 @@ impl ProcessSlot {
         let silence_ns = evidence.silence_ns(self.process).unwrap_or(0);
         let starting = self.restart.stage == RestartStage::Starting && self.generation > 0;
         let starting_ns = if starting { evidence.observed_ns() - self.started_observed_ns } else { 0 };
-        let ticking = self.restart.stage == RestartStage::Working && !matches!(self.process, Process::Plant | Process::Recorder);
+        let ticking = self.restart.stage == RestartStage::Working
+            && !matches!(self.process, Process::Plant | Process::Gate | Process::Recorder);
         let behind = if ticking { gated.saturating_sub(heartbeat.tick) } else { 0 };
         let behind_limit = limits.behind.unwrap_or(i64::MAX);
         if silence_ns <= limits.silence_ns / 2 && behind <= behind_limit / 2 && starting_ns <= limits.ready_ns / 2 {

@@ -85,7 +85,7 @@ impl Ticks {
             (Process::Plant, &mut record.plant),
             (Process::Controller, primary),
             (Process::Standby, standby),
-            (Process::Supervisor, &mut record.gate),
+            (Process::Gate, &mut record.gate),
         ];
         if let Some((_, entry)) = processes.into_iter().find(|(process, _)| process.name() == name) {
             *entry = stamps;
@@ -159,7 +159,7 @@ mod tests {
             ticks.add(&timing(Process::Plant, tick, [0, 4, 10], 60));
             ticks.add(&timing(Process::Controller, tick, [8, 20, if tick == 6 { 520 } else { 30 }], 0));
             ticks.add(&timing(Process::Standby, tick, [8, 20, 40], 0));
-            ticks.add(&timing(Process::Supervisor, tick, [8, 45, 50], 42));
+            ticks.add(&timing(Process::Gate, tick, [8, 45, 50], 42));
             let controller = if tick == 4 { Process::Standby } else { Process::Controller };
             let source = if tick == 6 { Source::Repeated } else { Source::Fresh };
             ticks.add(&Record::Command(proto::Command {

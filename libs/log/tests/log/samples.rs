@@ -4,9 +4,9 @@ use foxglove::messages::{FrameTransforms, Log, SceneUpdate};
 use hapfic_log::viewer::{SceneBody, SceneShape, ViewerScene, ViewerShape};
 use hapfic_log::{Attachment, LogError, LogMessage, Names, Reader, Topic, Viewer, Writer, WriterOptions, convert};
 use hapfic_messages::{
-    AxisPlan, Command, ContactState, ControllerState, Detector, Drive, EVENT_TEXT, Event, EventKind, JointSpaceParameters, Mode,
-    ObjectState, Parameters, Phase, Physics, PlannerState, Process, Reference, Request, ResetPolicy, RotationParameters,
-    RotationPlan, RotationRequest, Saturation, Search, Severity, Source, State, Task, Timing,
+    AxisPlan, Command, ContactState, ControllerState, Detector, Drive, EVENT_TEXT, Event, EventKind, GateState,
+    JointSpaceParameters, Mode, ObjectState, Parameters, Phase, Physics, PlannerState, Process, Reference, Request, ResetPolicy,
+    RotationParameters, RotationPlan, RotationRequest, Saturation, Search, Severity, Source, State, Task, Timing,
 };
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -172,6 +172,8 @@ pub(crate) fn command(tick: i64) -> Command {
         rate_limited: 0b001,
         limbs: 1,
         torque: numbers(tick, 19.0),
+        // Between gates alone: a log has the torques themselves.
+        gate: GateState::default(),
         request: standby_request(tick),
     }
 }

@@ -32,7 +32,7 @@ impl Sequence {
     }
 
     fn event(&mut self, tick: i64, kind: EventKind, severity: Severity, detector: Detector, text: &str) -> bool {
-        let process = if kind == EventKind::Transition { Process::Supervisor } else { Process::Controller };
+        let process = if kind == EventKind::Transition { Process::Gate } else { Process::Controller };
         let event = Event::new(tick, process, kind, severity, detector, text);
         // Half a millisecond after the tick.
         let stamp_ns = Some(stamp(self.clock, tick)).filter(|ns| *ns > 0).map_or(0, |ns| ns + 500_000);
@@ -102,7 +102,7 @@ fn incident_open_and_closed_is_described() {
             "**First detected by**: exit, of controller, tick 4000, 3.0 ms before the transition.",
             "| 0.0 | 4000 | controller | missed | deadline | no request |",
             "| 29.0 | 4029 | controller | restarted | none | started again |",
-            "| 30.0 | 4030 | supervisor | transition | deadline | severity ? -> nominal |",
+            "| 30.0 | 4030 | gate | transition | deadline | severity ? -> nominal |",
             "- time to brake: 3.0 ms (first cause to brake)",
             "| 3999 | active | fresh | controller | 1.500 0.000 | 2.500 0.000 | 1.500 0.000 | 0.000 -0.250 |",
             "| 4003 | brake | none | controller | - | - | 1.500 0.000 | 0.000 -0.250 |",
@@ -139,7 +139,7 @@ fn incident_stop_by_operator_or_budget_is_named() {
     let mut sequence = Sequence::new(Clock::Lockstep);
     sequence.event(10, EventKind::Missed, Severity::Degraded, Detector::Deadline, "by chance");
     assert!(sequence.event(12, EventKind::Transition, Severity::Stopped, Detector::Operator, "estop"));
-    assert!(sequence.text().contains("**What happened**: supervisor transition: estop.\n"), "{}", sequence.text());
+    assert!(sequence.text().contains("**What happened**: gate transition: estop.\n"), "{}", sequence.text());
     assert!(sequence.event(20, EventKind::Transition, Severity::Brake, Detector::Operator, "rearmed"));
     sequence.transition(40, Severity::Nominal);
     sequence.event(50, EventKind::Lost, Severity::Degraded, Detector::Tick, "stands still");
@@ -234,7 +234,7 @@ fn incidents_unwritable_file_is_reported() {
 #[test]
 fn incidents_log_on_device_writes_no_file() {
     let mut incidents = PostMortem::new(Path::new("/dev/null"), Clock::Lockstep, false);
-    let event = Event::new(5, Process::Supervisor, EventKind::Transition, Severity::Brake, Detector::Deadline, "brake");
+    let event = Event::new(5, Process::Gate, EventKind::Transition, Severity::Brake, Detector::Deadline, "brake");
     assert!(incidents.observe(&RecordedMessage::Event(event), &HeartbeatPage::private().unwrap()));
     let summary = incidents.finish().unwrap();
     assert!(summary.error.is_some_and(|error| error.starts_with("/dev/null: not a regular file")));

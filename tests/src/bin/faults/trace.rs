@@ -157,7 +157,7 @@ impl Trace {
                     && let Some(tick) = self.tick_mut(timing.tick)
                 {
                     tick.done_by |= 1 << process.code();
-                    if process == Process::Supervisor {
+                    if process == Process::Gate {
                         tick.command_ns.get_or_insert(timing.publish_ns);
                     }
                 }

@@ -7,13 +7,8 @@ use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 use std::time::Instant;
 
-/// Groups of processor time, in the order of the table: processes, and threads of the supervisor.
+/// Groups of processor time, in the order of the table: the processes.
 pub(crate) const GROUPS: [&str; 7] = ["plant", "planner", "controller", "standby", "gate", "recorder", "supervisor"];
-/// Threads of the supervisor with a group of their own, by thread name.
-const THREADS: [(&str, &str); 4] =
-    [("hapfic-gate", "gate"), ("hapfic-gate-2", "gate"), ("hapfic-recorder", "recorder"), ("hapfic-writer", "recorder")];
-/// Group of the other threads.
-const SUPERVISOR: &str = "supervisor";
 /// Fields of user and system time in a `stat` file, counted after the program's name.
 const TIME_FIELDS: [usize; 2] = [11, 12];
 /// Unit of these times [1/s]: USER_HZ is 100 on every Linux.
@@ -35,15 +30,12 @@ impl CpuTime {
         let mut seconds = BTreeMap::new();
         let mut add = |group, time| *seconds.entry(group).or_insert(0.0) += time;
         let children = children_of(supervisor);
-        for group in &GROUPS[..4] {
-            let pid = children.iter().find(|(name, _)| name == group)?.1;
+        for group in &GROUPS {
+            let pid = match *group {
+                "supervisor" => supervisor,
+                child => children.iter().find(|(name, _)| name == child)?.1,
+            };
             add(*group, times(&fs::read_to_string(format!("/proc/{pid}/stat")).ok()?)?);
-        }
-        for task in fs::read_dir(format!("/proc/{supervisor}/task")).ok()?.flatten() {
-            // A thread may end meanwhile.
-            let read = |name| fs::read_to_string(task.path().join(name)).ok();
-            let (Some(name), Some(time)) = (read("comm"), read("stat").and_then(|stat| times(&stat))) else { continue };
-            add(THREADS.iter().find(|(thread, _)| *thread == name.trim()).map_or(SUPERVISOR, |(_, group)| *group), time);
         }
         Some(Self { at: Instant::now(), seconds })
     }

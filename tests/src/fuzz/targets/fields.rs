@@ -225,6 +225,15 @@ impl FieldAccess for Command {
             Codes(from_mut(&mut self.rate_limited)),
             Codes(from_mut(&mut self.limbs)),
             Numbers(&mut self.torque),
+            Numbers(&mut self.gate.filtered),
+            Counts(from_mut(&mut self.gate.stops)),
+            Counts(from_mut(&mut self.gate.rearms)),
+            Codes(from_mut(&mut self.gate.ramping)),
+            Codes(from_mut(&mut self.gate.primary)),
+            Codes(from_mut(&mut self.gate.misses)),
+            Codes(from_mut(&mut self.gate.missed)),
+            Codes(from_mut(&mut self.gate.good)),
+            Codes(from_mut(&mut self.gate.opened)),
         ];
         fields.extend(self.request.fields());
         fields

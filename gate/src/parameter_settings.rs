@@ -4,7 +4,8 @@ use hapfic_config::{JointSpaceSettings, ParameterSettings, ResetPolicy, Rotation
 use hapfic_messages::Parameters;
 
 /// Settings of a published set; `None` if a code is invalid, which the check of messages excludes.
-pub(super) fn settings(set: &Parameters) -> Option<ParameterSettings> {
+#[must_use]
+pub fn settings(set: &Parameters) -> Option<ParameterSettings> {
     Some(ParameterSettings {
         target_position: Some(set.target_position),
         desired_force: set.desired_force,
@@ -65,9 +66,9 @@ pub(super) fn settings(set: &Parameters) -> Option<ParameterSettings> {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+    use crate::parameter_schedule::ParameterSchedule;
     use hapfic_config::Settings;
     use hapfic_controller::parameters::TipPose;
-    use hapfic_gate::parameter_schedule::ParameterSchedule;
 
     #[test]
     fn settings_of_published_set_are_those_that_made_it() {

@@ -1,14 +1,29 @@
-//! Status that the supervisor's threads share, in parts with one writer each. All are atomics: the gate never waits for
-//! another thread.
+//! Status that supervisor and gate share: a page in the run's folder, in parts with one writer each. All are atomics: the
+//! gate never waits for another process. The page outlives every gate.
 
-use hapfic_ipc::HeartbeatPage;
+use crate::error::IpcError;
+use crate::heartbeat::HeartbeatPage;
+use crate::shared_page::{PageContent, SharedPage};
+use core::ops::Deref;
+use core::sync::atomic::{AtomicI64, AtomicU32, AtomicU64, Ordering};
 use hapfic_messages::{Detector, Process};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU32, AtomicU64, Ordering};
 
-/// Status shared by the supervisor's threads.
+/// Name of the page in the run's folder.
+const FILE: &str = "status";
+
+/// Status shared by supervisor and gate, and the heartbeats of all processes, which they write themselves.
 #[derive(Debug)]
 pub struct SharedStatus {
+    page: SharedPage<RunStatus>,
+    /// Heartbeats of all processes.
+    pub heartbeats: Arc<HeartbeatPage>,
+}
+
+/// Content of the page.
+#[derive(Debug)]
+#[repr(C)]
+pub struct RunStatus {
     /// Orders to the gate.
     pub orders: RunOrders,
     /// Processes that are there, and that are missing.
@@ -17,35 +32,72 @@ pub struct SharedStatus {
     pub gate: GateReport,
     /// Report of the thread that answers operators.
     pub operator: OperatorReport,
-    /// Heartbeats of all processes, which they write themselves.
-    pub heartbeats: Arc<HeartbeatPage>,
 }
 
+// SAFETY: atomics only, of integers, for which every bit pattern is valid; `SharedStatus::create` writes the initial values
+// that are not zero.
+unsafe impl PageContent for RunStatus {}
+
 impl SharedStatus {
-    /// Status before the run.
+    /// Creates the status of a run in its folder. Only the supervisor may call it, before any other process starts.
+    ///
+    /// # Errors
+    /// [`IpcError::System`] if the page cannot be created or mapped.
+    pub fn create(folder: &str, heartbeats: Arc<HeartbeatPage>) -> Result<Self, IpcError> {
+        let status = Self::open(folder, heartbeats)?;
+        status.gate.tick.store(-1, Ordering::Relaxed);
+        status.gate.primary.store(Process::Controller.code(), Ordering::Release);
+        Ok(status)
+    }
+
+    /// Maps the status of a run in its folder.
+    ///
+    /// # Errors
+    /// [`IpcError::System`] if the page cannot be mapped.
+    pub fn open(folder: &str, heartbeats: Arc<HeartbeatPage>) -> Result<Self, IpcError> {
+        Ok(Self { page: SharedPage::open(folder, FILE, "share the status of the run")?, heartbeats })
+    }
+}
+
+impl Deref for SharedStatus {
+    type Target = RunStatus;
+
+    fn deref(&self) -> &RunStatus {
+        &self.page
+    }
+}
+
+/// A flag in shared memory.
+#[derive(Debug, Default)]
+#[repr(transparent)]
+pub struct Flag(AtomicU32);
+
+impl Flag {
+    /// Whether the flag is set.
     #[must_use]
-    pub fn new(heartbeats: Arc<HeartbeatPage>) -> Self {
-        Self {
-            orders: RunOrders::default(),
-            presence: Presence::default(),
-            gate: GateReport {
-                tick: AtomicI64::new(-1),
-                primary: AtomicU32::new(Process::Controller.code()),
-                ..GateReport::default()
-            },
-            operator: OperatorReport::default(),
-            heartbeats,
-        }
+    pub fn load(&self, ordering: Ordering) -> bool {
+        self.0.load(ordering) != 0
+    }
+
+    /// Sets or clears the flag.
+    pub fn store(&self, value: bool, ordering: Ordering) {
+        self.0.store(value.into(), ordering);
+    }
+
+    /// Sets or clears the flag; returns whether it was set.
+    pub fn swap(&self, value: bool, ordering: Ordering) -> bool {
+        self.0.swap(value.into(), ordering) != 0
     }
 }
 
 /// Orders to the gate, by the main thread and by the thread that answers operators.
-#[derive(Debug, Default)]
+#[derive(Debug)]
+#[repr(C)]
 pub struct RunOrders {
     /// Whether all processes are ready, so that the gate may start the run.
-    pub start: AtomicBool,
+    pub start: Flag,
     /// Whether the gate has to end.
-    pub stop: AtomicBool,
+    pub stop: Flag,
     /// Latched stops requested so far.
     pub latched_stops: AtomicU64,
     /// Code of the detector that requested the last latched stop.
@@ -63,7 +115,8 @@ impl RunOrders {
 }
 
 /// Sets of processes, a bit for each by its code; written by the main thread.
-#[derive(Debug, Default)]
+#[derive(Debug)]
+#[repr(C)]
 pub struct Presence {
     /// Processes that are alive and run ticks.
     pub present: AtomicU32,
@@ -80,7 +133,8 @@ impl Presence {
 }
 
 /// Report of the gate.
-#[derive(Debug, Default)]
+#[derive(Debug)]
+#[repr(C)]
 pub struct GateReport {
     /// Last tick with a published command; -1 before the first.
     pub tick: AtomicI64,
@@ -136,12 +190,13 @@ pub struct GateCounts {
 }
 
 /// Report of the thread that answers operators.
-#[derive(Debug, Default)]
+#[derive(Debug)]
+#[repr(C)]
 pub struct OperatorReport {
     /// Whether an operator has requested the end of the run.
-    pub end_requested: AtomicBool,
+    pub end_requested: Flag,
     /// Whether dead clients require a clean-up, which the main thread does after the hand-over cache is up to date.
-    pub cleanup_requested: AtomicBool,
+    pub cleanup_requested: Flag,
     /// Unreadable requests.
     pub rejected: AtomicU64,
 }
@@ -151,15 +206,10 @@ const RECENT: usize = 1000;
 
 /// Recent latencies from state to command [us].
 #[derive(Debug)]
+#[repr(C)]
 pub struct RecentLatencies {
     us: [AtomicU32; RECENT],
     count: AtomicU64,
-}
-
-impl Default for RecentLatencies {
-    fn default() -> Self {
-        Self { us: [const { AtomicU32::new(0) }; RECENT], count: AtomicU64::new(0) }
-    }
 }
 
 impl RecentLatencies {

@@ -1,0 +1,127 @@
+//! The process of the gate: joins a run, and begins, or continues behind the last command of a gate that was lost.
+
+use crate::change_exchange::{ChangeThread, placed};
+use crate::node::{GateNode, GateStart};
+use hapfic_config::Settings;
+use hapfic_controller::parameters::TipPose;
+use hapfic_gate::{GateLimits, ParameterSchedule, TorqueCheck, parameter_settings};
+use hapfic_ipc::realtime::{self, Prefault, SchedRequest};
+use hapfic_ipc::{
+    Bus, ChangePage, Domain, Ending, IpcError, ProcessStart, RunFile, SharedStatus, Wait, clock, tie_to_supervisor, topic,
+};
+use hapfic_messages::{Check, Clock, Command, Operator, RealtimeMode};
+use hapfic_robot::Chain;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::time::Duration;
+
+/// Time for which a successor waits for the last command of the gate before [ns]. The supervisor has sent it again.
+const RESUME_TIMEOUT_NS: u64 = 2_000_000_000;
+
+/// Size of the file table: the ports to all processes, and to their successors.
+const FD_TABLE_SIZE: u64 = 512;
+
+/// Error of the gate's process.
+#[derive(Debug, thiserror::Error)]
+pub enum GateError {
+    /// Messaging, or the system.
+    #[error(transparent)]
+    Ipc(#[from] IpcError),
+    /// The robot cannot be read.
+    #[error(transparent)]
+    Robot(#[from] hapfic_robot::RobotError),
+    /// A successor has not got what it continues from.
+    #[error("the gate before has published {what} of tick {tick}, which has not arrived within 2 s")]
+    NothingToResume {
+        /// What has not arrived.
+        what: &'static str,
+        /// Tick of the last command.
+        tick: i64,
+    },
+}
+
+/// Runs the gate of a run.
+///
+/// # Errors
+/// [`GateError`] if the run cannot be joined, or messaging fails.
+pub fn run(run: &RunFile, settings: &Settings, start: ProcessStart) -> Result<(), GateError> {
+    let system = |action| move |cause: std::io::Error| IpcError::System { action, cause };
+    let terminated = Arc::new(AtomicBool::new(false));
+    for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
+        signal_hook::flag::register(signal, Arc::clone(&terminated)).map_err(system("handle signals"))?;
+    }
+    rustix::thread::set_name(c"hapfic-gate").map_err(|e| system("set the process's name")(e.into()))?;
+    // Before any access to shared memory: an orphan must not touch it.
+    tie_to_supervisor(run.supervisor_pid, Ending::Killed).map_err(system("join the run"))?;
+    let realtime = run.clock == Clock::Realtime && run.realtime != RealtimeMode::Off;
+    if realtime {
+        realtime::lock_memory(Prefault::Used);
+    }
+    // A table that grows during the run delays a tick.
+    let _ = realtime::reserve_fd_table(FD_TABLE_SIZE);
+    hapfic_ipc::service::silence_transport_log();
+    let domain = Domain::new(&run.prefix, &run.root)?.with_short_timeouts(run.clock);
+    let chain = Chain::from_settings(&settings.robot)?;
+    let bus = Bus::open(&domain, "gate")?;
+    let page = Arc::new(ChangePage::open(&run.root)?);
+    let [position, rpy] = run.start_pose;
+    let pose = TipPose { position, rpy };
+    let (last, schedule) = match start.resume {
+        None => (None, ParameterSchedule::new(settings, pose)),
+        Some(tick) => {
+            let (last, operator) = last_of_predecessor(&bus, tick)?;
+            let next = parameter_settings::settings(&operator.next).unwrap_or(settings.initial);
+            let placed = placed(&page);
+            (Some(last), ParameterSchedule::resume(settings, pose, operator, next, placed.into_iter()))
+        }
+    };
+    let (_changes, change_server) = ChangeThread::start(page)?;
+    let priority = settings.realtime.priority_gate;
+    GateNode::run(
+        GateStart {
+            clock: run.clock,
+            limits: GateLimits::new(settings, &chain),
+            torque: TorqueCheck::new(chain, settings.world.gravity_m_per_s2),
+            schedule,
+            ticks: settings.duration_ticks as i64,
+            deadline: Duration::from_micros(settings.supervisor.deadline_us.into()),
+            sched: realtime.then(|| SchedRequest::new(priority, run.gate_core)),
+            deadline_timer: realtime.then(|| SchedRequest::new(priority, run.standby_core)),
+            busy_poll_lead_us: if run.gate_busy_polls { settings.realtime.busy_poll_lead_us } else { 0 },
+            spare: run.spare_core.map(|core| SchedRequest::new(priority, Some(core))),
+            change_server,
+            shared: SharedStatus::open(&run.root, bus.heartbeats())?,
+            generation: start.generation,
+            last,
+            terminated,
+        },
+        &bus,
+    )?;
+    Ok(())
+}
+
+/// Last command and parameter sets of the gate before, which the supervisor has sent again.
+fn last_of_predecessor(bus: &Bus, tick: i64) -> Result<(Command, Operator), GateError> {
+    let mut commands = bus.input(&topic::COMMAND, Wait::No)?;
+    let mut operators = bus.input(&topic::OPERATOR, Wait::No)?;
+    let (mut last, mut sets): (Option<Command>, Option<Operator>) = (None, None);
+    let begun = clock::now_ns();
+    loop {
+        while let Some(command) = commands.next()? {
+            if command.tick == tick && command.check().is_ok() {
+                last = Some(command);
+            }
+        }
+        while let Some(operator) = operators.next()? {
+            if operator.check().is_ok() && sets.is_none_or(|sets| operator.next.version >= sets.next.version) {
+                sets = Some(operator);
+            }
+        }
+        match (last, sets) {
+            (Some(last), Some(sets)) => return Ok((last, sets)),
+            _ if clock::now_ns() - begun < RESUME_TIMEOUT_NS => std::thread::sleep(Duration::from_millis(1)),
+            (None, _) => return Err(GateError::NothingToResume { what: "the command", tick }),
+            _ => return Err(GateError::NothingToResume { what: "the parameters", tick }),
+        }
+    }
+}
