@@ -175,7 +175,9 @@ fn fault_keys_incompatible_rejected() {
         ),
         (
             "kind = \"stop\"\nat_s = 1\nprocess = \"supervisor\"\n",
-            format!("9: fault[0].process: found \"supervisor\" beside kind = \"stop\", expected one of {all}. Hint"),
+            format!(
+                "9: fault[0].process: found \"supervisor\" beside kind = \"stop\", expected one of {all}, \"recorder\". Hint"
+            ),
         ),
         (
             "kind = \"memory_lock\"\nat_s = 1\nprocess = [\"plant\",\n \"supervisor\"]\n",
