@@ -13,7 +13,7 @@ use std::process::{Command, Stdio};
 use std::time::Duration;
 
 /// Processes of a tick, as `/timing` names them.
-const PROCESSES: [&str; 5] = ["plant", "supervisor", "controller", "standby", "planner"];
+const PROCESSES: [&str; 5] = ["plant", "gate", "controller", "standby", "planner"];
 /// First tick without page faults [ticks]. The foot touches the floor later. Processes count faults once in 1000 ticks.
 const WARM: i64 = 1000;
 /// Tick at which that count is read [ticks]. The spare gate thread may do tick [`WARM`], and counts its own faults only: the
@@ -204,7 +204,7 @@ fn realtime_threads_tick_only_wakes_and_waits() {
     let _lock = realtime_lock();
     let stack = StackSandbox::new();
     let mut run = running::start(&stack, "steady", "realtime");
-    let children = run.children(&["plant", "controller", "standby", "planner"]);
+    let children = run.children(&["plant", "controller", "standby", "planner", "gate"]);
     // By then all processes are connected, and their caches are warm.
     let _ = running::status_at(&stack, 500);
     let pids = children.iter().map(|(_, pid)| *pid).chain([run.pid()]);

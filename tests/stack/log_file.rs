@@ -10,11 +10,20 @@ pub type Streams = BTreeMap<String, Vec<(u64, Vec<u8>)>>;
 pub fn streams(path: &Path) -> Streams {
     let mut streams = Streams::new();
     for part in hapfic_log::parts(path) {
-        let bytes = std::fs::read(part).unwrap();
-        for message in mcap::MessageStream::new(&bytes).unwrap() {
-            let message = message.unwrap();
-            streams.entry(message.channel.topic.clone()).or_default().push((message.log_time, message.data.into_owned()));
+        for (topic, messages) in part_streams(&part) {
+            streams.entry(topic).or_default().extend(messages);
         }
+    }
+    streams
+}
+
+/// Reads every message of one part.
+pub fn part_streams(part: &Path) -> Streams {
+    let bytes = std::fs::read(part).unwrap();
+    let mut streams = Streams::new();
+    for message in mcap::MessageStream::new(&bytes).unwrap() {
+        let message = message.unwrap();
+        streams.entry(message.channel.topic.clone()).or_default().push((message.log_time, message.data.into_owned()));
     }
     streams
 }

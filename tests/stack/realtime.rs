@@ -105,9 +105,11 @@ fn gate_core_taken_spare_thread_answers() {
     let _lock = realtime_lock();
     let stack = StackSandbox::new();
     std::fs::write(stack.path("steady.toml"), running::unscripted(&stack)).unwrap();
-    let run = stack.start(&["run", "steady.toml", "--duration", "3600", "--log", "run.mcap", "--summary-json", "summary.json"]);
+    let mut run =
+        stack.start(&["run", "steady.toml", "--duration", "3600", "--log", "run.mcap", "--summary-json", "summary.json"]);
     let _ = running::status_at(&stack, 500);
-    let cores = ["hapfic-gate", "hapfic-gate-2"].map(|name| core_of(run.pid(), name));
+    let gate = run.children(&["gate"]).into_iter().find(|(name, _)| name == "gate").unwrap().1;
+    let cores = ["hapfic-gate", "hapfic-gate-2"].map(|name| core_of(gate, name));
     // Without privileges, or with one core, the gate sleeps on the shared core, and has no spare thread.
     let has_spare = realtime::may_fifo(80) && realtime::usable_cores().len() >= 2;
     assert_eq!(cores[1].is_some(), has_spare, "gate and spare are on the cores {cores:?}");

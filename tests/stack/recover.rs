@@ -1,6 +1,6 @@
 //! `hapfic recover` on the log of a real run.
 
-use crate::log_file::streams;
+use crate::log_file::{part_streams, streams};
 use hapfic_tests::StackSandbox;
 
 #[test]
@@ -58,9 +58,9 @@ fn log_in_parts_is_read_as_one() {
     assert!(parts.len() > 3, "{parts:?}");
     assert!(end.out.contains(&format!(" in {} parts, 0 ticks lost", parts.len())), "{}", end.out);
     let whole = streams(&stack.path("one.mcap"));
-    let mut joined = streams(&parts[0]);
+    let mut joined = part_streams(&parts[0]);
     for part in &parts[1..] {
-        for (topic, messages) in streams(part) {
+        for (topic, messages) in part_streams(part) {
             // Each part repeats the parameter sets that may be in force.
             let new = messages.into_iter().skip(if topic == "/operator" { 2 } else { 0 });
             joined.entry(topic).or_default().extend(new);

@@ -59,7 +59,8 @@ fn supervisor_halted_nothing_healthy_is_killed() {
     let summary = expect_no_losses(&stack);
     assert!(summary["timing"]["supervisor_delay_ms"].as_f64().unwrap() > 1000.0);
     assert!(end.out.contains("supervisor         was itself delayed"), "{}", end.out);
-    assert!(summary["timing"]["brake_ticks"].as_u64().unwrap() > 0, "a halted gate brakes");
+    let braked = summary["timing"]["brake_ticks"].as_u64().unwrap();
+    assert!(braked < 1000, "{braked} of 2000 ticks braked: the gate goes on without its supervisor");
 }
 
 /// Group of the freezer, thawed and removed when dropped.

@@ -170,9 +170,9 @@ fn estop_latched_until_rearm() {
         run_command(&stack, &["stop"], 0);
         run.finish().expect(3);
         let trace = EventTrace::read(&stack.path("run.mcap"));
-        let stops: Vec<_> = trace.events("transition", "supervisor").into_iter().filter(|e| e.severity == "stopped").collect();
+        let stops: Vec<_> = trace.events("transition", "gate").into_iter().filter(|e| e.severity == "stopped").collect();
         assert_eq!((stops.len(), stops[0].detector.as_str()), (1, "operator"), "{clock}:\n{}", trace.text());
-        assert_eq!(trace.events("rearmed", "supervisor").len(), 1, "{clock}:\n{}", trace.text());
+        assert_eq!(trace.events("rearmed", "gate").len(), 1, "{clock}:\n{}", trace.text());
         assert!(trace.commands.iter().any(|c| c.ramped != 0), "{clock}: the torque does not ramp in");
         let step = trace.largest_ramped_step();
         assert!(step <= 2.0 + 1e-9, "{clock}: a ramp step of {step} N m, the rate allows 2");
@@ -204,7 +204,7 @@ fn restart_budget_spent_latched_until_rearm() {
     end.expect(3);
     assert!(end.err.contains("LATCHED STOP: planner was lost once more after 3 restarts"), "{}", end.err);
     let trace = EventTrace::read(&stack.path("run.mcap"));
-    let stopped = trace.events("transition", "supervisor").into_iter().find(|e| e.severity == "stopped").unwrap().clone();
+    let stopped = trace.events("transition", "gate").into_iter().find(|e| e.severity == "stopped").unwrap().clone();
     assert_eq!(stopped.detector, "budget", "{}", trace.text());
     // Three restarts before the stop, one after `rearm`.
     assert_eq!(trace.events("restarted", "planner").len(), 4, "{}", trace.text());

@@ -118,8 +118,8 @@ fn recorder_has_no_real_time_privileges() {
     let stack = StackSandbox::new();
     let mut program = stack.start(&["run", "floor", "--duration", "600", "--log", "run.mcap"]);
     program.wait_for(&stack.path("run.mcap"), 100_000);
-    let children = program.children(&["hapfic-recorder"]);
-    let recorder = children.iter().find(|(name, _)| name == "hapfic-recorder").unwrap().1;
+    let children = program.children(&["recorder"]);
+    let recorder = children.iter().find(|(name, _)| name == "recorder").unwrap().1;
     let limits = std::fs::read_to_string(format!("/proc/{recorder}/limits")).unwrap();
     for limit in ["Max realtime priority", "Max locked memory"] {
         let line = limits.lines().find(|line| line.starts_with(limit)).unwrap();
