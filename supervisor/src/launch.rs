@@ -124,7 +124,7 @@ impl PreparedRun {
         let _services = keep_all_alive(&bus)?;
         let _idle = if realtime { CpuLatencyGuard::take() } else { None };
 
-        let shared = Arc::new(SharedStatus::create(&directory.root(), bus.heartbeats())?);
+        let shared = Arc::new(SharedStatus::create(&directory.root())?);
         let latest = Arc::new(LatestMessages::default());
         let root = Path::new(&directory.root()).to_owned();
         let recorder = Recorder::new(RecorderStart {
@@ -135,6 +135,7 @@ impl PreparedRun {
             run_file: &run_file,
             log: &request.log,
             file: log,
+            status: Arc::clone(&shared),
         })?;
         // Its start takes a while; nothing is sent before it is ready.
         let mut recorder_process = recorder.start(ProcessStart::default())?;

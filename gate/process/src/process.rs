@@ -90,7 +90,7 @@ pub fn run(run: &RunFile, settings: &Settings, start: ProcessStart) -> Result<()
             busy_poll_lead_us: if run.gate_busy_polls { settings.realtime.busy_poll_lead_us } else { 0 },
             spare: run.spare_core.map(|core| SchedRequest::new(priority, Some(core))),
             change_server,
-            shared: SharedStatus::open(&run.root, bus.heartbeats())?,
+            shared: SharedStatus::open(&run.root)?,
             generation: start.generation,
             last,
             terminated,

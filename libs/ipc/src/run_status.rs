@@ -7,7 +7,6 @@ use crate::shared_page::{PageContent, SharedPage};
 use core::ops::Deref;
 use core::sync::atomic::{AtomicI64, AtomicU32, AtomicU64, Ordering};
 use hapfic_messages::{Detector, Process};
-use std::sync::Arc;
 
 /// Name of the page in the run's folder.
 const FILE: &str = "status";
@@ -17,7 +16,7 @@ const FILE: &str = "status";
 pub struct SharedStatus {
     page: SharedPage<RunStatus>,
     /// Heartbeats of all processes.
-    pub heartbeats: Arc<HeartbeatPage>,
+    pub heartbeats: HeartbeatPage,
 }
 
 /// Content of the page.
@@ -43,8 +42,8 @@ impl SharedStatus {
     ///
     /// # Errors
     /// [`IpcError::System`] if the page cannot be created or mapped.
-    pub fn create(folder: &str, heartbeats: Arc<HeartbeatPage>) -> Result<Self, IpcError> {
-        let status = Self::open(folder, heartbeats)?;
+    pub fn create(folder: &str) -> Result<Self, IpcError> {
+        let status = Self::open(folder)?;
         status.gate.tick.store(-1, Ordering::Relaxed);
         status.gate.primary.store(Process::Controller.code(), Ordering::Release);
         Ok(status)
@@ -54,8 +53,9 @@ impl SharedStatus {
     ///
     /// # Errors
     /// [`IpcError::System`] if the page cannot be mapped.
-    pub fn open(folder: &str, heartbeats: Arc<HeartbeatPage>) -> Result<Self, IpcError> {
-        Ok(Self { page: SharedPage::open(folder, FILE, "share the status of the run")?, heartbeats })
+    pub fn open(folder: &str) -> Result<Self, IpcError> {
+        let page = SharedPage::open(folder, FILE, "share the status of the run")?;
+        Ok(Self { page, heartbeats: HeartbeatPage::open(folder)? })
     }
 }
 

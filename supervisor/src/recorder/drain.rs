@@ -4,11 +4,12 @@ use super::position::{identity, is_plausible, ticked};
 use super::views::Views;
 use super::{RecordedMessage, journal};
 use anyhow::Result;
-use hapfic_ipc::{Bus, Domain, HeartbeatPage, Input, IpcError, Output, RecorderPage, clock, topic};
+use hapfic_ipc::{Bus, Domain, Input, IpcError, Output, RecorderPage, SharedStatus, clock, topic};
 use hapfic_messages::{Check, Clock, Command, Credit, Event, Operator, Phase, Process, Reference, Request, State, Timing};
 use std::collections::HashMap;
 use std::path::Path;
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError};
 use std::time::Duration;
 
@@ -37,6 +38,7 @@ pub(super) struct DrainStart<'a> {
     /// Ticks the plant may be ahead, in lockstep.
     pub(super) credit_ticks: u32,
     pub(super) page: Arc<RecorderPage>,
+    pub(super) status: Arc<SharedStatus>,
     pub(super) sender: SyncSender<Vec<RecordedMessage>>,
     /// Batches to reuse: allocating each would cost more than draining.
     pub(super) empty_batches: Receiver<Vec<RecordedMessage>>,
@@ -48,7 +50,7 @@ pub(super) struct DrainThread {
     generation: u32,
     window: i64,
     page: Arc<RecorderPage>,
-    heartbeats: Arc<HeartbeatPage>,
+    status: Arc<SharedStatus>,
     sender: SyncSender<Vec<RecordedMessage>>,
     empty_batches: Receiver<Vec<RecordedMessage>>,
     /// Received messages, topic by topic, and their indices in the order of ticks.
@@ -78,15 +80,14 @@ pub(super) struct DrainThread {
 impl DrainThread {
     /// Opens the ports. From then on the thread misses no message.
     pub(super) fn open(start: DrainStart<'_>) -> Result<Self, IpcError> {
-        let DrainStart { domain, clock, generation, credit_ticks, page, sender, empty_batches } = start;
+        let DrainStart { domain, clock, generation, credit_ticks, page, status, sender, empty_batches } = start;
         let bus = Bus::open(domain, "recorder")?;
-        let heartbeats = bus.heartbeats();
         // A successor finds old messages in the histories. In lockstep the log knows which are new. In realtime the log may
         // hold more than was flushed, so all are left out.
         let last = match (generation, clock) {
             (0, _) => [-1, -1, -1, -1, -2],
             (_, Clock::Lockstep) => page.flushed().ticks,
-            (_, Clock::Realtime) => [heartbeats.read(Process::Gate).tick; 5],
+            (_, Clock::Realtime) => [status.gate.tick.load(Ordering::Acquire); 5],
         };
         let drain = Self {
             clock,
@@ -112,17 +113,12 @@ impl DrainThread {
             journal_timing_ns: [0; Process::ALL.len()],
             journal_events: HashMap::new(),
             page,
-            heartbeats,
+            status,
             _bus: bus,
         };
         drain.page.set_open(generation);
         drain.beat(Phase::Ready);
         Ok(drain)
-    }
-
-    /// Heartbeats of the run.
-    pub(super) fn heartbeats(&self) -> Arc<HeartbeatPage> {
-        Arc::clone(&self.heartbeats)
     }
 
     /// Takes the messages that the predecessors have not written, in lockstep.
@@ -242,7 +238,7 @@ impl DrainThread {
             failed_connections: self.failed_connections(),
             ..Timing::default()
         };
-        self.heartbeats.write(&timing, now);
+        self.status.heartbeats.write(&timing, now);
     }
 
     fn failed_connections(&self) -> u32 {
@@ -296,7 +292,7 @@ impl DrainThread {
             let last = &mut self.last[kind];
             let new = tick > *last;
             // An implausibly late tick is recorded too, but does not hide later ones.
-            if new && is_plausible(tick, &self.heartbeats) {
+            if new && is_plausible(tick, &self.status) {
                 *last = tick;
             }
             return new;

@@ -8,7 +8,7 @@
 use super::position::{identity, is_plausible, request_index};
 use super::{RecordedMessage, replace};
 use anyhow::{Context, Result, bail};
-use hapfic_ipc::{Bus, Domain, HeartbeatPage, Input, IpcError, LogPosition, RecorderPage, topic};
+use hapfic_ipc::{Bus, Domain, Input, IpcError, LogPosition, RecorderPage, SharedStatus, topic};
 use hapfic_messages::{Check, Command, Event, Message, Operator, Reference, Request, State, Timing};
 use std::collections::{HashMap, VecDeque};
 use std::fs;
@@ -34,14 +34,14 @@ pub(super) struct JournalThread {
 
 impl JournalThread {
     /// Starts the thread; returns when its inputs are open. It must start before any process sends a message.
-    pub(super) fn start(domain: &Domain, root: &Path, page: Arc<RecorderPage>) -> Result<Self> {
+    pub(super) fn start(domain: &Domain, root: &Path, page: Arc<RecorderPage>, status: Arc<SharedStatus>) -> Result<Self> {
         let end = Arc::new(AtomicBool::new(false));
         let (domain, root, ended) = (domain.clone(), root.to_owned(), Arc::clone(&end));
         let (ready, opened) = channel();
         let thread = std::thread::Builder::new()
             .name("hapfic-journal".to_owned())
             .spawn(move || {
-                let mut journal = match Journal::open(&domain, root, page) {
+                let mut journal = match Journal::open(&domain, root, page, status) {
                     Ok(journal) => journal,
                     Err(e) => {
                         let _ = ready.send(Err(e));
@@ -116,14 +116,14 @@ struct Journal {
     early: HashMap<u64, u32>,
     /// Rounds for which a recorder has waited.
     waited: u32,
-    heartbeats: Arc<HeartbeatPage>,
+    status: Arc<SharedStatus>,
     page: Arc<RecorderPage>,
     root: PathBuf,
     _bus: Bus,
 }
 
 impl Journal {
-    fn open(domain: &Domain, root: PathBuf, page: Arc<RecorderPage>) -> Result<Self, IpcError> {
+    fn open(domain: &Domain, root: PathBuf, page: Arc<RecorderPage>, status: Arc<SharedStatus>) -> Result<Self, IpcError> {
         let bus = Bus::open(domain, "journal")?;
         Ok(Self {
             state: Kept::open(&bus, &topic::STATE)?,
@@ -136,7 +136,7 @@ impl Journal {
             events: 0,
             early: HashMap::new(),
             waited: 0,
-            heartbeats: bus.heartbeats(),
+            status,
             page,
             root,
             _bus: bus,
@@ -176,8 +176,8 @@ impl Journal {
     /// Forgets what the recorder has flushed.
     fn forget(&mut self) {
         let flushed = self.page.flushed();
-        let heartbeats = Arc::clone(&self.heartbeats);
-        let done = |kind: usize, tick: i64| tick <= flushed.ticks[kind] || !is_plausible(tick, &heartbeats);
+        let status = Arc::clone(&self.status);
+        let done = |kind: usize, tick: i64| tick <= flushed.ticks[kind] || !is_plausible(tick, &status);
         self.state.forget_while(|m| done(0, m.tick));
         self.reference.forget_while(|m| done(1, m.tick));
         self.request.forget_while(|m| done(2 + request_index(m), m.tick));

@@ -6,7 +6,7 @@ use crate::children::{Child, describe};
 use crate::watch::RecorderEnd;
 use anyhow::{Context, Result};
 use hapfic_config::Settings;
-use hapfic_ipc::{Domain, ProcessStart, RecorderPage};
+use hapfic_ipc::{Domain, ProcessStart, RecorderPage, SharedStatus};
 use hapfic_log::{LogFigures, LogFile, Remainder};
 use hapfic_messages::{Clock, Phase, Process};
 use rustix::process::Signal;
@@ -38,6 +38,8 @@ pub struct RecorderStart<'a> {
     pub log: &'a Path,
     /// The created log.
     pub file: LogFile,
+    /// Status of the run.
+    pub status: Arc<SharedStatus>,
 }
 
 /// The recorder of a run, as the supervisor sees it. It holds the lock of the log as long as the run lasts.
@@ -58,10 +60,10 @@ impl<'a> Recorder<'a> {
     /// # Errors
     /// If the page cannot be shared, or the journal's ports cannot be opened.
     pub fn new(start: RecorderStart<'a>) -> Result<Self> {
-        let RecorderStart { domain, root, clock, settings, run_file, log, file } = start;
+        let RecorderStart { domain, root, clock, settings, run_file, log, file, status } = start;
         let page = Arc::new(RecorderPage::open(&root.to_string_lossy())?);
         let journal = match clock {
-            Clock::Lockstep => Some(JournalThread::start(&domain, &root, Arc::clone(&page))?),
+            Clock::Lockstep => Some(JournalThread::start(&domain, &root, Arc::clone(&page), status)?),
             Clock::Realtime => None,
         };
         Ok(Self { page, root, clock, settings, run_file, log, file, _journal: journal })

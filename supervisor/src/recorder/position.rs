@@ -1,9 +1,11 @@
 //! How far a log has come: the newest message of each kind.
 
 use super::RecordedMessage;
-use hapfic_ipc::{HeartbeatPage, LogPosition};
+use hapfic_ipc::LogPosition;
+use hapfic_ipc::run_status::RunStatus;
 use hapfic_messages::{Event, Process, Request};
 use std::hash::{DefaultHasher, Hash, Hasher};
+use std::sync::atomic::Ordering;
 use zerocopy::IntoBytes;
 
 /// Ticks that a message may be ahead of the last command.
@@ -26,8 +28,8 @@ pub(super) fn request_index(request: &Request) -> usize {
 }
 
 /// Whether a tick can be that of a message of now: the others are recorded, and hide none.
-pub(super) fn is_plausible(tick: i64, heartbeats: &HeartbeatPage) -> bool {
-    tick <= heartbeats.read(Process::Gate).tick + MAX_TICKS_AHEAD
+pub(super) fn is_plausible(tick: i64, status: &RunStatus) -> bool {
+    tick <= status.gate.tick.load(Ordering::Acquire) + MAX_TICKS_AHEAD
 }
 
 /// Identity of an event, the same in every process of this program.
@@ -38,9 +40,9 @@ pub(super) fn identity(event: &Event) -> u64 {
 }
 
 /// Counts a message in a position; events count by themselves.
-pub(super) fn advance(position: &mut LogPosition, record: &RecordedMessage, heartbeats: &HeartbeatPage) {
+pub(super) fn advance(position: &mut LogPosition, record: &RecordedMessage, status: &RunStatus) {
     if let Some((kind, tick)) = ticked(record) {
-        if is_plausible(tick, heartbeats) {
+        if is_plausible(tick, status) {
             position.ticks[kind] = position.ticks[kind].max(tick);
         }
     } else if let RecordedMessage::Timing(m) = record

@@ -8,7 +8,7 @@ use super::write::WriterThread;
 use super::{RecordedMessage, RecordingOutcome};
 use anyhow::{Context, Result};
 use hapfic_config::Settings;
-use hapfic_ipc::{Domain, Ending, LogPosition, ProcessStart, RecorderPage, RunFile, realtime, tie_to_supervisor};
+use hapfic_ipc::{Domain, Ending, LogPosition, ProcessStart, RecorderPage, RunFile, SharedStatus, realtime, tie_to_supervisor};
 use hapfic_log::{LogFile, Metrics, Remainder, RunLog, Viewer, scene};
 use hapfic_messages::Clock;
 use hapfic_plant::Plant;
@@ -65,12 +65,14 @@ fn record(run: &RunFile, settings: &Settings, generation: u32, page: &Arc<Record
         Clock::Realtime => QUEUE_REALTIME,
     });
     let (recycle, empty_batches) = sync_channel(EMPTY_BATCHES);
+    let status = Arc::new(SharedStatus::open(&run.root)?);
     let mut drain = DrainThread::open(DrainStart {
         domain: &domain,
         clock: run.clock,
         generation,
         credit_ticks: settings.supervisor.credit_ticks,
         page: Arc::clone(page),
+        status: Arc::clone(&status),
         sender,
         empty_batches,
     })?;
@@ -93,7 +95,7 @@ fn record(run: &RunFile, settings: &Settings, generation: u32, page: &Arc<Record
         chain: plant.chain().clone(),
         tasks: TaskFollower::new(TaskWatch::new(settings, plant.chain().clone())),
         page: Arc::clone(page),
-        heartbeats: drain.heartbeats(),
+        status,
         root: Path::new(&run.root).to_owned(),
         metrics: Metrics::new(),
         frames: ViewerFrames::default(),

@@ -5,7 +5,7 @@ use super::incident::PostMortem;
 use super::position::{advance, identity};
 use super::viewer_frames::ViewerFrames;
 use super::{RecordedMessage, RecordingOutcome, replace, tasks_file};
-use hapfic_ipc::{HeartbeatPage, LogPosition, RecorderPage};
+use hapfic_ipc::{LogPosition, RecorderPage, SharedStatus};
 use hapfic_log::{LogError, LogFigures, Metrics, Topic, Viewer, Writer, scene};
 use hapfic_messages::{Event, Mode, Operator};
 use hapfic_robot::Chain;
@@ -27,7 +27,7 @@ pub(super) struct WriterThread {
     pub(super) chain: Chain,
     pub(super) tasks: TaskFollower,
     pub(super) page: Arc<RecorderPage>,
-    pub(super) heartbeats: Arc<HeartbeatPage>,
+    pub(super) status: Arc<SharedStatus>,
     /// The run's folder.
     pub(super) root: PathBuf,
     pub(super) metrics: Metrics,
@@ -64,7 +64,7 @@ impl WriterThread {
                     for record in &batch {
                         self.page.count_written();
                         failed = self.take(record, failed);
-                        sync |= self.incidents.observe(record, &self.heartbeats);
+                        sync |= self.incidents.observe(record, &self.status.heartbeats);
                     }
                     // The messages before a brake reach the disk before any further ones.
                     if sync && failed.is_none() {
@@ -118,7 +118,7 @@ impl WriterThread {
             // The message has begun a new part: all before it are in the old one.
             self.note_flush();
         }
-        advance(&mut self.position, record, &self.heartbeats);
+        advance(&mut self.position, record, &self.status);
         if let RecordedMessage::Event(event) = record {
             self.page.set_event(self.position.events, identity(event));
             self.position.events += 1;
