@@ -62,8 +62,10 @@ pub enum FaultTarget {
     Controllers,
     /// The supervisor.
     Supervisor,
-    /// The gate.
+    /// The gate, active or not.
     Gate,
+    /// The spare gate, active or not.
+    SpareGate,
     /// The recorder.
     Recorder,
     /// The machine, for kinds that take no process. It has no word in a scenario.
@@ -79,6 +81,7 @@ const PROCESSES: &[FaultTarget] = &[
     FaultTarget::Standby,
     FaultTarget::Controllers,
     FaultTarget::Gate,
+    FaultTarget::SpareGate,
     FaultTarget::Recorder,
     FaultTarget::Supervisor,
 ];
@@ -114,8 +117,8 @@ impl FaultKind {
             Self::Kill => PROCESSES,
             // No component monitors the supervisor for anything but its death.
             Self::Stop => &PROCESSES[..PROCESSES.len() - 1],
-            // The recorder takes part in no tick, and nothing stands behind the gate that could reject its messages.
-            _ => &PROCESSES[..PROCESSES.len() - 3],
+            // The recorder takes part in no tick, and nothing stands behind the gates that could reject its messages.
+            _ => &PROCESSES[..PROCESSES.len() - 4],
         }
     }
 }
@@ -132,6 +135,7 @@ impl FaultTarget {
             Self::Controllers => "controllers",
             Self::Supervisor => "supervisor",
             Self::Gate => "gate",
+            Self::SpareGate => "spare_gate",
             Self::Recorder => "recorder",
             Self::Machine => "machine",
         }

@@ -105,7 +105,7 @@ fn faults_round_trip_equal() {
 
 #[test]
 fn fault_words_equal_names() {
-    let targets = ["plant", "planner", "controller", "standby", "controllers", "gate", "recorder", "supervisor"]
+    let targets = ["plant", "planner", "controller", "standby", "controllers", "gate", "spare_gate", "recorder", "supervisor"]
         .map(|word| (word, format!("process={word}")));
     for (word, process) in &targets {
         let pairs = ["kind=kill", process.as_str()];
@@ -176,7 +176,7 @@ fn fault_keys_incompatible_rejected() {
         (
             "kind = \"stop\"\nat_s = 1\nprocess = \"supervisor\"\n",
             format!(
-                "9: fault[0].process: found \"supervisor\" beside kind = \"stop\", expected one of {all}, \"gate\", \"recorder\". Hint"
+                "9: fault[0].process: found \"supervisor\" beside kind = \"stop\", expected one of {all}, \"gate\", \"spare_gate\", \"recorder\". Hint"
             ),
         ),
         (

@@ -68,18 +68,26 @@ impl Gate {
     /// from the same requests.
     #[must_use]
     pub fn resume(limits: GateLimits, check: TorqueCheck, last: Command) -> Self {
+        let mut gate = Self::new(limits, check);
+        gate.follow(last);
+        gate
+    }
+
+    /// Continues behind the command of another gate. No call waits or allocates.
+    pub fn follow(&mut self, last: Command) {
         let state = &last.gate;
         let conditions = Conditions { missed: state.missed, good: state.good, ..Conditions::default() };
-        let protocol = Protocol {
+        self.protocol = Protocol {
             primary: if state.primary == 0 { ControllerSlot::First } else { ControllerSlot::Second },
             misses: state.misses,
             severity: Severity::from_code(last.severity).unwrap_or(Severity::Stopped),
             conditions,
             opened: state.opened != 0,
         };
-        let conditioning = Conditioning::from_carried(state.filtered, state.ramping != 0);
-        let orders = [state.stops, state.rearms];
-        Self { limits, check, conditioning, protocol, step: None, orders, last: Command { stamp_ns: 0, ..last } }
+        self.conditioning = Conditioning::from_carried(state.filtered, state.ramping != 0);
+        self.orders = [state.stops, state.rearms];
+        self.step = None;
+        self.last = Command { stamp_ns: 0, ..last };
     }
 
     /// Latched stops and re-armings that the gate has taken in so far.

@@ -70,6 +70,26 @@ impl ParameterSchedule {
         Self { operator, next, start, waiting }
     }
 
+    /// Continues behind the sets that another gate has published last, made from `next`. No call waits or allocates.
+    pub fn follow(&mut self, operator: &Operator, next: ParameterSettings) {
+        if operator.next.version <= self.operator.next.version {
+            return;
+        }
+        (self.operator, self.next) = (*operator, next);
+        while self.waiting.front().is_some_and(|change| change.at_tick <= operator.next.effective_tick) {
+            self.waiting.pop_front();
+        }
+    }
+
+    /// Takes a change that another gate has placed, unless it is in force, announced or here already. No call allocates.
+    pub fn take_placed(&mut self, change: &OperatorChange) {
+        let known = self.waiting.iter().any(|waiting| waiting.at_tick == change.at_tick);
+        if change.at_tick > self.operator.next.effective_tick && !known && self.waiting.len() < self.waiting.capacity() {
+            let index = self.waiting.iter().take_while(|waiting| waiting.at_tick < change.at_tick).count();
+            self.waiting.insert(index, *change);
+        }
+    }
+
     /// Parameters in force and announced.
     #[must_use]
     pub fn operator(&self) -> &Operator {

@@ -114,8 +114,9 @@ pub fn this_program() -> Result<Command> {
 /// Returns the processes of a run, in the order of their start.
 #[must_use]
 pub fn started(settings: &Settings) -> &'static [Process] {
-    const ALL: [Process; 5] = [Process::Gate, Process::Plant, Process::Planner, Process::Controller, Process::Standby];
-    if settings.supervisor.standby { &ALL } else { &ALL[..4] }
+    const ALL: [Process; 6] =
+        [Process::Gate, Process::SpareGate, Process::Plant, Process::Planner, Process::Controller, Process::Standby];
+    if settings.supervisor.standby { &ALL } else { &ALL[..5] }
 }
 
 /// Returns the scenario's external command for a process, if any.
@@ -125,7 +126,7 @@ pub fn external_command(processes: &ExternalProcesses, process: Process) -> Opti
         Process::Plant => processes.plant.as_ref(),
         Process::Planner => processes.planner.as_ref(),
         Process::Controller | Process::Standby => processes.controller.as_ref(),
-        Process::Supervisor | Process::Recorder | Process::Gate => None,
+        Process::Supervisor | Process::Recorder | Process::Gate | Process::SpareGate => None,
     }
 }
 

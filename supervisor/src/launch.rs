@@ -17,7 +17,7 @@ use hapfic_controller::parameters::TipPose;
 use hapfic_gate_process::change_exchange::ChangeClient;
 use hapfic_ipc::realtime::{CpuLatencyGuard, Prefault};
 use hapfic_ipc::run_status::{GateCounts, SharedStatus};
-use hapfic_ipc::{Bus, ChangePage, Domain, ProcessStart, RunFile, topic};
+use hapfic_ipc::{Bus, ChangePage, Domain, GatePage, ProcessStart, RunFile, topic};
 use hapfic_log::{LogFile, RunLog};
 use hapfic_messages::{Clock, Detector, RealtimeMode};
 use hapfic_plant::{Plant, PlantError};
@@ -127,6 +127,7 @@ impl PreparedRun {
         let shared = Arc::new(SharedStatus::create(&directory.root())?);
         let latest = Arc::new(LatestMessages::default());
         let root = Path::new(&directory.root()).to_owned();
+        let gates = GatePage::create(&directory.root())?;
         let recorder = Recorder::new(RecorderStart {
             domain: domain.clone(),
             root: root.clone(),
@@ -175,6 +176,7 @@ impl PreparedRun {
                 request,
                 shared: Arc::clone(&shared),
                 recorder: (&recorder, recorder_process),
+                gates: &gates,
                 latest,
                 stop,
                 prefix: directory.prefix(),

@@ -36,7 +36,7 @@ pub struct Cores {
     pub gate: Option<u32>,
     /// Whether the gate may busy-poll for requests, because plant and controller have other cores.
     pub gate_busy_polls: bool,
-    /// Core of the spare gate thread if the gate busy-polls: the core of the controller, which notifies it.
+    /// Core of the spare gate if the gate busy-polls: the core of the controller, which notifies it.
     pub spare: Option<u32>,
 }
 
@@ -93,6 +93,7 @@ fn thread_privileges(settings: &Settings, cores: Cores) -> Vec<ThreadPrivileges>
     [
         ("plant", Process::Plant, rt.priority_plant, rt.core_plant),
         ("gate", Process::Gate, rt.priority_gate, cores.gate),
+        ("spare_gate", Process::SpareGate, rt.priority_gate, cores.spare),
         ("controller", Process::Controller, rt.priority_controller, rt.core_controller),
         ("standby", Process::Standby, rt.priority_controller - 1, rt.core_standby.or(cores.reserve)),
         ("planner", Process::Planner, rt.priority_planner, rt.core_planner),

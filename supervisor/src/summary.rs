@@ -77,7 +77,7 @@ pub struct RunTiming {
     pub wake_lateness_us: Option<Quantiles>,
     /// Steal time, the sum of all processors [ms].
     pub steal_ms: u64,
-    /// Ticks by the spare gate thread.
+    /// Ticks by the gate that was not the active one.
     pub spare_gate_ticks: u64,
     /// Ticks in which the torque of a joint stepped by more than `discontinuity_n_m`, as the gate has counted them.
     pub discontinuities: u64,

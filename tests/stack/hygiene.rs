@@ -16,8 +16,7 @@ use std::time::Duration;
 const PROCESSES: [&str; 5] = ["plant", "gate", "controller", "standby", "planner"];
 /// First tick without page faults [ticks]. The foot touches the floor later. Processes count faults once in 1000 ticks.
 const WARM: i64 = 1000;
-/// Tick at which that count is read [ticks]. The spare gate thread may do tick [`WARM`], and counts its own faults only: the
-/// gate's thread then counts at its next tick.
+/// Tick at which that count is read [ticks]. The spare gate may do tick [`WARM`]: the gate then counts at its next tick.
 const WARM_COUNTED: i64 = WARM + 500;
 
 /// Account of a process over a run.

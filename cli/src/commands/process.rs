@@ -22,6 +22,9 @@ pub enum ProcessName {
     Standby,
     /// The gate.
     Gate,
+    /// The spare gate.
+    #[value(name = "spare_gate")]
+    SpareGate,
     /// The recorder.
     Recorder,
     /// Helper that removes dead nodes and ends.
@@ -38,6 +41,7 @@ pub fn process(name: ProcessName, external: &[String]) -> Result<CommandOutcome>
         ProcessName::Standby => Process::Standby,
         ProcessName::Recorder => Process::Recorder,
         ProcessName::Gate => Process::Gate,
+        ProcessName::SpareGate => Process::SpareGate,
     };
     let run = match run_file() {
         Ok(run) => run,
@@ -52,7 +56,7 @@ pub fn process(name: ProcessName, external: &[String]) -> Result<CommandOutcome>
     let start = ProcessStart::from_env()?;
     match process {
         Process::Recorder => hapfic_supervisor::recorder::process::run(&run, &settings, start).context("recorder")?,
-        Process::Gate => hapfic_gate_process::run(&run, &settings, start).context("gate")?,
+        Process::Gate | Process::SpareGate => hapfic_gate_process::run(&run, &settings, process, start).context("gate")?,
         _ => run_tick_by_tick(&run, &settings, process, start)?,
     }
     Ok(CommandOutcome::Done)

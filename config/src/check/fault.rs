@@ -123,7 +123,7 @@ impl ScenarioCheck<'_> {
                     &key,
                     kind,
                     &one_of,
-                    "the supervisor can only be killed, gate and recorder killed or halted",
+                    "the supervisor can only be killed, gates and recorder killed or halted",
                 ))
             }
         }

@@ -117,7 +117,7 @@ pub(crate) struct RawRealtime {
     pub(crate) placement: Placement,
     /// Busy-poll window [us], an integer in [0, 500]: the controller, and a gate on another core, poll for a state from this
     /// long before it is due; 0: they sleep. Above 25 they warm up the cache with a dry run of the tick. A gate on a core of
-    /// its own has a spare gate thread on the controller's core.
+    /// its own has its spare gate on the controller's core.
     pub(crate) busy_poll_lead_us: u32,
     /// Processor core, an integer in [0, 1023]; default by `placement`.
     #[serde(skip_serializing_if = "Option::is_none")]

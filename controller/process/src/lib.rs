@@ -34,7 +34,7 @@ struct ControllerPorts {
     command_doorbell: Doorbell,
     /// Notified only by the gate: after each command, and when it calls the standby controller.
     command_sent: Doorbell,
-    /// Notifies the spare gate thread.
+    /// Notifies the gate that is not the active one.
     spare_gate: Doorbell,
     injector: Injector<Request>,
 }
@@ -48,7 +48,7 @@ impl ControllerPorts {
         self.command.update_connections();
     }
 
-    /// Notifies the spare gate thread, if there is one, when the gate does not respond to a request.
+    /// Notifies the other gate when the active one does not respond to a request.
     fn notify_spare_gate_on_timeout(&self, command_sent: u32, published_ns: u64) {
         if self.spare_gate.has_waiters() && !self.command_sent.spin_until_changed(command_sent, published_ns + GATE_RESPONSE_NS) {
             self.spare_gate.notify();

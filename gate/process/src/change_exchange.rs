@@ -6,7 +6,7 @@
 //! outlives it; the thread writes the answer.
 
 use hapfic_config::{OperatorChange, ParameterSettings};
-use hapfic_ipc::{ChangePage, Decision, IpcError};
+use hapfic_ipc::{CHANGES, ChangePage, Decision, IpcError};
 use rtrb::{Consumer, Producer, RingBuffer};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
@@ -122,10 +122,28 @@ impl ChangeClient {
 pub struct ChangeServer {
     requests: Consumer<ChangeRequest>,
     replies: Producer<ChangeReply>,
+    /// Changes that the other gate has placed.
+    placed: Consumer<OperatorChange>,
     page: Arc<ChangePage>,
 }
 
 impl ChangeServer {
+    /// Next change that the other gate has placed.
+    pub fn next_placed(&mut self) -> Option<OperatorChange> {
+        self.placed.pop().ok()
+    }
+
+    /// All changes that a gate has placed. The only call that allocates: for lockstep.
+    #[must_use]
+    pub fn all_placed(&self) -> Vec<OperatorChange> {
+        placed(&self.page)
+    }
+
+    /// Leaves the pending requests to the other gate.
+    pub fn discard(&mut self) {
+        while self.requests.pop().is_ok() {}
+    }
+
     /// Takes the pending request, if any. The caller replies immediately.
     pub fn take(&mut self) -> Option<ChangeRequest> {
         while let Ok(request) = self.requests.pop() {
@@ -147,12 +165,14 @@ impl ChangeServer {
 /// Changes that an earlier gate has placed, with their ticks.
 #[must_use]
 pub fn placed(page: &ChangePage) -> Vec<OperatorChange> {
-    let placed = |id: u64| {
-        let decision = page.decision(id).filter(|decision| decision.code == ChangeOutcome::Placed as u32)?;
-        let request: RequestText = serde_json::from_str(&page.request(id)?).ok()?;
-        Some(OperatorChange { at_tick: decision.effective_tick, ..request.change })
-    };
-    page.ids().filter_map(placed).collect()
+    page.ids().filter_map(|id| placed_change(page, id)).collect()
+}
+
+/// A change with its tick, if a gate has placed it.
+fn placed_change(page: &ChangePage, id: u64) -> Option<OperatorChange> {
+    let decision = page.decision(id).filter(|decision| decision.code == ChangeOutcome::Placed as u32)?;
+    let request: RequestText = serde_json::from_str(&page.request(id)?).ok()?;
+    Some(OperatorChange { at_tick: decision.effective_tick, ..request.change })
 }
 
 /// Thread between the page and the queues of the gate; ends when dropped.
@@ -170,15 +190,18 @@ impl ChangeThread {
     pub fn start(page: Arc<ChangePage>) -> Result<(Self, ChangeServer), IpcError> {
         let (mut request, requests) = RingBuffer::new(DEPTH);
         let (reply, mut replies) = RingBuffer::<ChangeReply>::new(DEPTH);
-        let server = ChangeServer { requests, replies: reply, page: Arc::clone(&page) };
+        let (mut place, placed) = RingBuffer::<OperatorChange>::new(CHANGES as usize);
+        let server = ChangeServer { requests, replies: reply, placed, page: Arc::clone(&page) };
         let end = Arc::new(AtomicBool::new(false));
         let ended = Arc::clone(&end);
         let mut seen = page.newest();
+        let mut undecided: Vec<u64> = Vec::new();
         let serve = move || {
             while !ended.load(Ordering::Acquire) {
                 // Only the newest can be pending.
                 let newest = page.newest();
                 if newest != seen {
+                    undecided.extend(seen + 1..=newest);
                     seen = newest;
                     let text = page.request(newest).and_then(|text| serde_json::from_str::<RequestText>(&text).ok());
                     if let Some(RequestText { made_on, change }) = text {
@@ -186,6 +209,14 @@ impl ChangeThread {
                         let _ = request.push(ChangeRequest { id: newest, made_on, change });
                     }
                 }
+                // Whichever gate has decided: both keep the placed changes.
+                undecided.retain(|id| {
+                    let Some(decision) = page.decision(*id) else { return *id + CHANGES > newest };
+                    if let (true, Some(change)) = (decision.code == ChangeOutcome::Placed as u32, placed_change(&page, *id)) {
+                        let _ = place.push(change);
+                    }
+                    false
+                });
                 while let Ok(reply) = replies.pop() {
                     if let Ok(text) = serde_json::to_string(&reply) {
                         page.answer(reply.id, &text);

@@ -1,7 +1,7 @@
 //! Process of the gate: request(k) in, command(k) out.
 //!
-//! [`hapfic_gate::Gate`] decides; `node` waits, reads, validates, publishes and accounts. If it polls for requests on
-//! a core of its own, a spare gate thread (`spare`) takes over during steal time on that core. Read `process`, `node`, then
+//! [`hapfic_gate::Gate`] decides; `node` waits, reads, validates, publishes and accounts. There are two such
+//! processes: one gates, the other takes a tick that the first does not gate (`pair`). Read `process`, `node`, `pair`, then
 //! `turn`, `receive`, `idle_work`, `events`. The state of the gate is in each command, so a successor of a lost gate continues
 //! as if nothing had happened. [`change_exchange`] brings the operator's changes.
 
@@ -10,13 +10,13 @@ pub mod change_exchange;
 mod events;
 mod idle_work;
 mod node;
+mod pair;
 mod ports;
 mod process;
 mod receive;
 mod received;
 mod reported;
 mod run;
-mod spare;
 mod tick_account;
 mod turn;
 

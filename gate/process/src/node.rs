@@ -12,7 +12,7 @@ use hapfic_gate::torque_check::TorqueCheck;
 use hapfic_gate::{Gate, GateLimits};
 use hapfic_ipc::SharedStatus;
 use hapfic_ipc::realtime::{SchedGrants, SchedRequest};
-use hapfic_ipc::{ArrivalPredictor, Bus, IpcError, allocations, clock};
+use hapfic_ipc::{ArrivalPredictor, Bus, GateLock, GatePage, IpcError, allocations, clock};
 use hapfic_messages::{Clock, Command, Mode, Phase, Process, Source, Timing};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -43,8 +43,10 @@ pub struct GateStart {
     /// Busy-poll window before a state is due [us]; 0: the gate sleeps until state and request arrive. For a real-time
     /// thread on a core without plant and controllers.
     pub busy_poll_lead_us: u32,
-    /// Priority and core of the spare gate thread, which takes over from a polling gate that does not answer.
-    pub spare: Option<SchedRequest>,
+    /// Which of the two gates this is.
+    pub own: Process,
+    /// Page of the two gates.
+    pub gates: Arc<GatePage>,
     /// Source of the operator's changes while the stack runs.
     pub change_server: ChangeServer,
     /// Status shared with the supervisor.
@@ -69,17 +71,17 @@ pub struct GateNode {
     pub(super) waiting_ns: u64,
     pub(super) waited_ns: u64,
     /// Whether a command has been active.
-    was_active: bool,
+    pub(super) was_active: bool,
     /// Time of the last heartbeat while waiting [ns].
-    heartbeat_ns: u64,
+    pub(super) heartbeat_ns: u64,
     /// Arrival predictor, if busy-poll is enabled.
     pub(super) predictor: Option<ArrivalPredictor>,
+    /// Whether the other gate works, and this one receives now and then.
+    pub(super) follows: bool,
     /// Last tick for which the gate called the standby.
     pub(super) called: i64,
     pub(super) granted: SchedGrants,
     pub(super) faults: u32,
-    /// Error of a tick on the spare gate thread.
-    pub(super) failed: Option<IpcError>,
 }
 
 impl GateNode {
@@ -99,10 +101,10 @@ impl GateNode {
             gate,
             heartbeat_ns: 0,
             predictor: None,
+            follows: false,
             called: -1,
             granted: SchedGrants::default(),
             faults: 0,
-            failed: None,
             start,
         })
     }
@@ -161,18 +163,22 @@ impl GateNode {
         ControllerSlot::BOTH.iter().any(|slot| present & (1 << slot.process().code()) != 0)
     }
 
+    /// Publishes the command of the tick whose lock this gate holds. `begun` is the time of the look at its inputs [ns], and
+    /// the number of allocations before it.
     pub(super) fn publish(
         &mut self,
         command: &Command,
-        wake: u64,
-        before: u64,
+        (wake, before): (u64, u64),
         account: &mut TickAccount,
+        lock: GateLock<'_>,
     ) -> Result<(), IpcError> {
         let tick = command.tick;
         let severity_before = self.start.shared.gate.severity.load(Ordering::Relaxed);
         let announced = self.announce(tick)?;
         let stamp = if self.start.clock == Clock::Realtime { clock::now_ns() } else { 0 };
         let published = self.ports.command.send(&Command { stamp_ns: stamp, ..*command })?;
+        self.start.gates.set_published(tick);
+        drop(lock);
         let allocated = if self.start.clock == Clock::Realtime { allocations::count() - before } else { 0 };
         // From here on it is idle time.
         self.start.shared.gate.severity.store(command.severity, Ordering::Relaxed);
@@ -245,7 +251,7 @@ impl GateNode {
 
     fn account(&mut self, timing: &Timing) -> Result<(), IpcError> {
         let timing = Timing {
-            process: Process::Gate.code(),
+            process: self.start.own.code(),
             generation: self.start.generation,
             rejected: self.rejections.count,
             page_faults: self.faults,

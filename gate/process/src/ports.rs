@@ -1,6 +1,6 @@
 //! Ports of the gate.
 
-use hapfic_ipc::{Bus, Doorbell, Input, IpcError, Output, Wait, topic};
+use hapfic_ipc::{Bus, Doorbell, Input, IpcError, Listener, Output, Wait, topic};
 use hapfic_messages::{Clock, Command, Event, Operator, Request, State, Timing};
 
 /// Inputs and outputs of the gate.
@@ -8,11 +8,16 @@ pub(super) struct GatePorts {
     pub(super) state: Input<State>,
     pub(super) request: Input<Request>,
     pub(super) command: Output<Command>,
+    /// Commands and parameter sets of the other gate, and its own again.
+    pub(super) command_in: Input<Command>,
+    pub(super) operator_in: Input<Operator>,
     pub(super) operator: Output<Operator>,
     pub(super) event: Output<Event>,
     pub(super) timing: Output<Timing>,
     /// Wakes planner and standby, which do not need a state immediately.
     pub(super) command_sent: Doorbell,
+    /// Wakes this gate while it is not the active one.
+    pub(super) spare: Listener,
 }
 
 impl GatePorts {
@@ -23,10 +28,13 @@ impl GatePorts {
             state: bus.input(&topic::STATE, Wait::No)?,
             request: bus.input(&topic::REQUEST, wait)?,
             command: bus.output(&topic::COMMAND)?,
+            command_in: bus.input(&topic::COMMAND, Wait::No)?,
+            operator_in: bus.input(&topic::OPERATOR, Wait::No)?,
             operator: bus.output(&topic::OPERATOR)?,
             event: bus.output(&topic::EVENT)?,
             timing: bus.output(&topic::TIMING)?,
             command_sent: bus.doorbell(topic::COMMAND_SENT),
+            spare: bus.listener(topic::SPARE_GATE),
         })
     }
 
@@ -39,6 +47,8 @@ impl GatePorts {
         self.timing.preloan();
         self.request.update_connections();
         self.state.update_connections();
+        self.command_in.update_connections();
+        self.operator_in.update_connections();
     }
 
     /// Number of failed connections.

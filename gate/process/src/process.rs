@@ -7,9 +7,10 @@ use hapfic_controller::parameters::TipPose;
 use hapfic_gate::{GateLimits, ParameterSchedule, TorqueCheck, parameter_settings};
 use hapfic_ipc::realtime::{self, Prefault, SchedRequest};
 use hapfic_ipc::{
-    Bus, ChangePage, Domain, Ending, IpcError, ProcessStart, RunFile, SharedStatus, Wait, clock, tie_to_supervisor, topic,
+    Bus, ChangePage, Domain, Ending, GatePage, IpcError, ProcessStart, RunFile, SharedStatus, Wait, clock, tie_to_supervisor,
+    topic,
 };
-use hapfic_messages::{Check, Clock, Command, Operator, RealtimeMode};
+use hapfic_messages::{Check, Clock, Command, Operator, Process, RealtimeMode};
 use hapfic_robot::Chain;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -44,13 +45,14 @@ pub enum GateError {
 ///
 /// # Errors
 /// [`GateError`] if the run cannot be joined, or messaging fails.
-pub fn run(run: &RunFile, settings: &Settings, start: ProcessStart) -> Result<(), GateError> {
+pub fn run(run: &RunFile, settings: &Settings, own: Process, start: ProcessStart) -> Result<(), GateError> {
     let system = |action| move |cause: std::io::Error| IpcError::System { action, cause };
     let terminated = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
         signal_hook::flag::register(signal, Arc::clone(&terminated)).map_err(system("handle signals"))?;
     }
-    rustix::thread::set_name(c"hapfic-gate").map_err(|e| system("set the process's name")(e.into()))?;
+    let name = if own == Process::Gate { c"hapfic-gate" } else { c"hapfic-gate-2" };
+    rustix::thread::set_name(name).map_err(|e| system("set the process's name")(e.into()))?;
     // Before any access to shared memory: an orphan must not touch it.
     tie_to_supervisor(run.supervisor_pid, Ending::Killed).map_err(system("join the run"))?;
     let realtime = run.clock == Clock::Realtime && run.realtime != RealtimeMode::Off;
@@ -62,7 +64,7 @@ pub fn run(run: &RunFile, settings: &Settings, start: ProcessStart) -> Result<()
     hapfic_ipc::service::silence_transport_log();
     let domain = Domain::new(&run.prefix, &run.root)?.with_short_timeouts(run.clock);
     let chain = Chain::from_settings(&settings.robot)?;
-    let bus = Bus::open(&domain, "gate")?;
+    let bus = Bus::open(&domain, own.name())?;
     let page = Arc::new(ChangePage::open(&run.root)?);
     let [position, rpy] = run.start_pose;
     let pose = TipPose { position, rpy };
@@ -77,6 +79,11 @@ pub fn run(run: &RunFile, settings: &Settings, start: ProcessStart) -> Result<()
     };
     let (_changes, change_server) = ChangeThread::start(page)?;
     let priority = settings.realtime.priority_gate;
+    // The spare gate shares the core of the controller, which notifies it, and sleeps there.
+    let (core, polls) = match own {
+        Process::SpareGate => (run.spare_core.or(run.core), false),
+        _ => (run.gate_core, run.gate_busy_polls),
+    };
     GateNode::run(
         GateStart {
             clock: run.clock,
@@ -85,10 +92,11 @@ pub fn run(run: &RunFile, settings: &Settings, start: ProcessStart) -> Result<()
             schedule,
             ticks: settings.duration_ticks as i64,
             deadline: Duration::from_micros(settings.supervisor.deadline_us.into()),
-            sched: realtime.then(|| SchedRequest::new(priority, run.gate_core)),
+            sched: realtime.then(|| SchedRequest::new(priority, core)),
             deadline_timer: realtime.then(|| SchedRequest::new(priority, run.standby_core)),
-            busy_poll_lead_us: if run.gate_busy_polls { settings.realtime.busy_poll_lead_us } else { 0 },
-            spare: run.spare_core.map(|core| SchedRequest::new(priority, Some(core))),
+            busy_poll_lead_us: if polls { settings.realtime.busy_poll_lead_us } else { 0 },
+            own,
+            gates: Arc::new(GatePage::open(&run.root)?),
             change_server,
             shared: SharedStatus::open(&run.root)?,
             generation: start.generation,

@@ -26,6 +26,14 @@ impl Reported {
     }
 }
 
+impl Reported {
+    /// Takes over what the other gate has reported up to its last command.
+    pub(super) fn follow(&mut self, last: &Command) {
+        (self.missed, self.limited, self.promoted) = (last.gate.missed.into(), last.limited, None);
+        self.compared = (last.tick, false);
+    }
+}
+
 impl Default for Reported {
     fn default() -> Self {
         Self { promoted: None, missed: 0, compared: (-1, false), slipped: 0, limited: 0 }

@@ -2,7 +2,6 @@
 
 use crate::arrival_wait::{ArrivalWait, TIMEOUT};
 use crate::node::{GateNode, GateStart};
-use crate::spare::SpareGate;
 use crate::tick_account::TickAccount;
 use hapfic_gate::protocol::WaitPolicy;
 use hapfic_ipc::realtime::{self, SchedGrants};
@@ -32,16 +31,12 @@ impl GateNode {
             // A polling gate sets a time-out only once the request is late.
             _ => None,
         };
-        let arrival_wait =
+        let mut arrival_wait =
             ArrivalWait::new(bus.listener(topic::STATE_DOORBELL), bus.listener(topic::REQUEST_DOORBELL), deadline_timer);
-        let spare = match start.spare {
-            Some(sched) => Some(SpareGate::start(bus.doorbell(topic::SPARE_GATE), bus.listener(topic::SPARE_GATE), sched)?),
-            None => None,
-        };
-        Box::new(Self::open(start, bus)?).run_loop(arrival_wait, spare)
+        Self::open(start, bus)?.run_loop(&mut arrival_wait)
     }
 
-    fn run_loop(mut self: Box<Self>, arrival_wait: ArrivalWait, spare: Option<SpareGate>) -> Result<(), IpcError> {
+    fn run_loop(&mut self, arrival_wait: &mut ArrivalWait) -> Result<(), IpcError> {
         if let Some(sched) = self.start.sched {
             self.granted = realtime::apply_to_current_thread(sched);
             if self.granted.has(SchedGrants::FIFO) && self.granted.has(SchedGrants::PINNED) {
@@ -61,10 +56,12 @@ impl GateNode {
             wait(&[], FLAG_POLL_INTERVAL)?;
         }
         let mut account = TickAccount::new(FAULTS_EVERY);
-        self.ports.operator.send(self.start.schedule.operator())?;
-        self.start.shared.gate.announced.store(self.start.schedule.operator().next.version, Ordering::Relaxed);
+        if self.is_active() {
+            self.ports.operator.send(self.start.schedule.operator())?;
+            self.start.shared.gate.announced.store(self.start.schedule.operator().next.version, Ordering::Relaxed);
+        }
         let mut announced = None;
-        if self.start.last.is_none() {
+        if self.start.last.is_none() && self.is_active() {
             announced = self.announce(-1)?;
             self.ports.command.send(self.gate.last())?;
         }
@@ -72,12 +69,9 @@ impl GateNode {
             self.report_parameters(version, from)?;
         }
         self.idle_work()?;
-        let lockstep = self.start.clock == Clock::Lockstep;
-        while lockstep && self.gate.tick() < self.start.ticks && !self.stopped() {
-            self.lockstep_tick(&mut account)?;
-        }
-        if !lockstep {
-            self = self.realtime(arrival_wait, spare, &mut account)?;
+        match self.start.clock {
+            Clock::Lockstep => self.lockstep(&mut account)?,
+            Clock::Realtime => self.realtime(arrival_wait, &mut account)?,
         }
         self.faults += account.new_faults(i64::MAX);
         self.heartbeat(Phase::Finished)?;
@@ -88,7 +82,33 @@ impl GateNode {
         Ok(())
     }
 
+    /// Gates every tick of the run in lockstep, or stands by while the other gate does.
+    fn lockstep(&mut self, account: &mut TickAccount) -> Result<(), IpcError> {
+        let mut was_active = self.is_active();
+        while self.gate.tick() < self.start.ticks && !self.stopped() {
+            if !self.is_active() {
+                was_active = false;
+                self.stand_by(account)?;
+                continue;
+            }
+            if !was_active {
+                was_active = true;
+                // The clock stands: what the other gate has left is here, and every change that it has placed.
+                self.follows = true;
+                self.keep_up()?;
+                self.follows = false;
+                for change in self.start.change_server.all_placed() {
+                    self.start.schedule.take_placed(&change);
+                }
+                self.waiting_ns = clock::now_ns();
+            }
+            self.lockstep_tick(account)?;
+        }
+        Ok(())
+    }
+
     /// Gates a tick in lockstep: waits for a request of every present controller, and without limit for at least one.
+    /// Returns also when the gate is not the active one any more.
     fn lockstep_tick(&mut self, account: &mut TickAccount) -> Result<(), IpcError> {
         loop {
             self.receive()?;
@@ -96,11 +116,15 @@ impl GateNode {
             // A halted gate has not waited: a gap counts as one time-out.
             self.waited_ns += now.saturating_sub(std::mem::replace(&mut self.waiting_ns, now)).min(TIMEOUT.as_nanos() as u64);
             let overdue = self.waited_ns > LOCKSTEP_TIMEOUT_NS;
-            if let Some(command) = self.decide(overdue, WaitPolicy::Lockstep) {
-                return self.publish(&command, now, now, account);
+            let done = self.own_tick(|gate, lock| match gate.decide(overdue, WaitPolicy::Lockstep) {
+                Some(command) if gate.is_active() => gate.publish(&command, (now, now), account, lock).map(Some),
+                _ => Ok(None),
+            })?;
+            if done.is_some() {
+                return Ok(());
             }
             self.idle_work()?;
-            if self.stopped() {
+            if self.stopped() || !self.is_active() {
                 return Ok(());
             }
             wait(&[&self.ports.request], TIMEOUT)?;

@@ -1,47 +1,31 @@
-//! Tick in realtime: the wait for its request, its command, and the same on the spare gate thread.
+//! Tick in realtime: the wait for its request, and its command.
 
 use crate::arrival_wait::{ArrivalWait, PendingTick, TIMEOUT, WakeReason};
 use crate::node::GateNode;
-use crate::spare::SpareGate;
 use crate::tick_account::TickAccount;
 use hapfic_gate::protocol::WaitPolicy;
 use hapfic_ipc::{IpcError, allocations, clock};
 use hapfic_messages::Phase;
-use std::sync::atomic::Ordering;
 
 impl GateNode {
-    /// Gates every tick of the run. Waits in between for a request until the deadline, which counts from the state's
-    /// publication. During the wait, the [spare gate thread](SpareGate) may take over.
-    pub(super) fn realtime(
-        self: Box<Self>,
-        mut arrival_wait: ArrivalWait,
-        spare: Option<SpareGate>,
-        account: &mut TickAccount,
-    ) -> Result<Box<Self>, IpcError> {
-        let mut gate = self;
-        while gate.gate.tick() < gate.start.ticks && !gate.stopped() {
-            if gate.attempt(account)? {
+    /// Gates every tick of the run, or stands by while the other gate does. Waits in between for a request until the
+    /// deadline, which counts from the state's publication.
+    pub(super) fn realtime(&mut self, arrival_wait: &mut ArrivalWait, account: &mut TickAccount) -> Result<(), IpcError> {
+        while self.gate.tick() < self.start.ticks && !self.stopped() {
+            if !self.is_active() {
+                self.stand_by(account)?;
                 continue;
             }
-            let pending = gate.pending();
-            gate.handle_late_request(&pending)?;
-            let woken = match &spare {
-                Some(spare) => {
-                    drop(spare.cell.put(gate));
-                    let woken = arrival_wait.wait(&pending);
-                    gate = spare.wait_for_gate()?;
-                    woken?
-                }
-                None => arrival_wait.wait(&pending)?,
-            };
-            if let Some(error) = gate.failed.take() {
-                return Err(error);
+            if self.attempt(account)? {
+                continue;
             }
-            if woken == WakeReason::WarmUp {
-                gate.warm_up(pending.tick);
+            let pending = self.pending();
+            self.handle_late_request(&pending)?;
+            if arrival_wait.wait(&pending)? == WakeReason::WarmUp {
+                self.warm_up(pending.tick);
             }
         }
-        Ok(gate)
+        Ok(())
     }
 
     /// The tick to wait for.
@@ -56,32 +40,23 @@ impl GateNode {
     }
 
     /// Gates the tick that is due, if its request has arrived or is overdue. Returns whether it is done.
-    fn attempt(&mut self, account: &mut TickAccount) -> Result<bool, IpcError> {
+    pub(super) fn attempt(&mut self, account: &mut TickAccount) -> Result<bool, IpcError> {
         // Receiving counts as well.
         let before = allocations::count();
-        let tick = self.gate.tick();
-        self.receive_until_answered(tick)?;
-        let now = clock::now_ns();
-        let deadline = self.start.deadline.as_nanos() as u64;
-        let overdue =
-            self.received.newest.is_some_and(|(newest, stamp)| newest > tick || (newest == tick && now >= stamp + deadline));
-        let Some(command) = self.decide(overdue, WaitPolicy::Deadline) else { return Ok(false) };
-        self.publish(&command, now, before, account)?;
-        Ok(true)
-    }
-
-    /// Gates all open ticks on the spare gate thread, so that none of them delays later ones. Leaves an error to the
-    /// gate's own thread.
-    pub(super) fn spare_tick(&mut self, account: &mut TickAccount) {
-        while self.failed.is_none() && self.gate.tick() < self.start.ticks && !self.stopped() {
-            match self.attempt(account) {
-                Ok(true) => {
-                    self.start.shared.gate.spare_ticks.fetch_add(1, Ordering::Relaxed);
-                }
-                Ok(false) => return,
-                Err(error) => self.failed = Some(error),
+        let done = self.own_tick(|gate, lock| {
+            let tick = gate.gate.tick();
+            if tick >= gate.start.ticks {
+                return Ok(None);
             }
-        }
+            gate.receive_until_answered(tick)?;
+            let now = clock::now_ns();
+            let deadline = gate.start.deadline.as_nanos() as u64;
+            let overdue =
+                gate.received.newest.is_some_and(|(newest, stamp)| newest > tick || (newest == tick && now >= stamp + deadline));
+            let Some(command) = gate.decide(overdue, WaitPolicy::Deadline) else { return Ok(None) };
+            gate.publish(&command, (now, before), account, lock).map(Some)
+        })?;
+        Ok(done.is_some())
     }
 
     /// Handles a late request: calls the standby, or sends heartbeats.

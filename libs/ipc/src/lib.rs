@@ -17,7 +17,7 @@
 //! # }
 //! ```
 //!
-//! Besides this crate only `sync` (the hand-off cell) and `diagnostics` (which measures the machine) have `unsafe` code.
+//! Besides this crate only `diagnostics` (which measures the machine) has `unsafe` code.
 #![allow(unsafe_code)]
 
 pub mod allocations;
@@ -30,6 +30,7 @@ mod context;
 pub mod deadline_timer;
 pub mod doorbell;
 mod error;
+mod gate_page;
 mod heartbeat;
 pub mod inject;
 mod memory;
@@ -51,6 +52,7 @@ pub use context::{Context, Gaps, ProcessStart, TickTimes};
 pub use deadline_timer::DeadlineTimer;
 pub use doorbell::{Doorbell, Listener, Wakes, poll, wait};
 pub use error::IpcError;
+pub use gate_page::{GateLock, GatePage, Locked};
 pub use heartbeat::{Heartbeat, HeartbeatPage};
 pub use ports::{Input, Output};
 pub use recorder_page::{LogPosition, RecorderPage};

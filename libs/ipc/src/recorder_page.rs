@@ -229,7 +229,7 @@ mod tests {
         let open = || RecorderPage::open(folder.path().to_str().unwrap()).unwrap();
         let (recorder, supervisor) = (open(), open());
         assert_eq!(supervisor.flushed(), LogPosition::default());
-        let position = LogPosition { part: 1, bytes: 9, ticks: [4, 5, 4, -1, 3], timing_ns: [0, 7, 0, 0, 9, 0, 3], events: 2 };
+        let position = LogPosition { part: 1, bytes: 9, ticks: [4, 5, 4, -1, 3], timing_ns: [0, 7, 0, 0, 9, 0, 3, 4], events: 2 };
         recorder.set_event(0, 11);
         recorder.set_event(1, 12);
         for part in 1..4 {

@@ -34,7 +34,7 @@ pub struct RunFile {
     pub gate_core: Option<u32>,
     /// Whether the gate may busy-poll for requests, since plant and controller have other cores.
     pub gate_busy_polls: bool,
-    /// Core of the spare gate thread, if there is one.
+    /// Core of the spare gate; `None`: that of the threads without one.
     pub spare_core: Option<u32>,
     /// Pose of the tip at the start: position [m], roll, pitch, yaw [rad].
     pub start_pose: [[f64; 3]; 2],

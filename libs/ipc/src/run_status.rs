@@ -138,7 +138,7 @@ impl Presence {
 pub struct GateReport {
     /// Last tick with a published command; -1 before the first.
     pub tick: AtomicI64,
-    /// Ticks of the spare gate thread.
+    /// Ticks of the gate that was not the active one.
     pub spare_ticks: AtomicU64,
     /// Ticks whose command is not from a request of the same tick, after the first active one.
     pub missed_ticks: AtomicU64,
@@ -179,7 +179,7 @@ impl GateReport {
 /// Counts of the gate.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct GateCounts {
-    /// Ticks of the spare gate thread.
+    /// Ticks of the gate that was not the active one.
     pub spare: u64,
     /// Missed ticks.
     pub missed: u64,

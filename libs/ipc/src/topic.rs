@@ -80,7 +80,8 @@ pub const CREDIT: Topic<Credit> = Topic::new("credit", RECORDERS + 1, 1, Some(Do
 pub const COMMAND_SENT: DoorbellId = DoorbellId(5);
 /// callers -> supervisor: an [operator request](crate::service) waits.
 pub const OPERATOR_REQUEST: DoorbellId = DoorbellId(6);
-/// controller -> spare gate thread: no command follows the request. A doorbell without a message.
+/// controller and supervisor -> the gate that is not the active one: no command follows the request, or the active gate is
+/// lost. A doorbell without a message.
 pub const SPARE_GATE: DoorbellId = DoorbellId(7);
 /// supervisor -> processes: faults to inject.
 pub const INJECTION: Topic<Injection> = Topic::new("injection", 2, 0, None);

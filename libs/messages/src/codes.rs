@@ -105,6 +105,8 @@ wire_enum! {
         Recorder = 5, "recorder";
         /// Turns requests into commands.
         Gate = 6, "gate";
+        /// The second gate, which takes a tick that the first does not gate.
+        SpareGate = 7, "spare_gate";
     }
 }
 

@@ -5,33 +5,29 @@
 //! |---|---|---|
 //! | [`DoorbellWord`] | a notifier and its waiters, across processes | `ipc`'s doorbells |
 //! | [`DeadlineWord`] | a waiting thread and the helper thread that ends its wait | `ipc`'s deadline timer |
-//! | [`HandOffCell`] | the gate's thread and the spare gate thread | `gate/process` |
 //! | [`VersionedCell`], [`GenerationCell`] | the writer of heartbeats and their readers | `gate/process`'s shared status |
 //! | [`PendingId`] | the operator's server and the gate | `gate/process`'s change exchange |
 //!
 //! `tests/loom` holds the explorations; `just loom` runs them.
-#![allow(unsafe_code)] // `HandOffCell` keeps a box behind an atomic pointer.
 
 mod deadline_word;
 mod doorbell_word;
 mod generation_cell;
-mod hand_off_cell;
 mod pending_id;
 mod versioned_cell;
 
 pub use deadline_word::DeadlineWord;
 pub use doorbell_word::{DoorbellWord, WaiterGuard};
 pub use generation_cell::GenerationCell;
-pub use hand_off_cell::HandOffCell;
 pub use pending_id::PendingId;
 pub use versioned_cell::VersionedCell;
 
 /// Atomics: the standard library's, or loom's.
 mod atomic {
     #[cfg(loom)]
-    pub(crate) use loom::sync::atomic::{AtomicPtr, AtomicU32, AtomicU64, Ordering, fence};
+    pub(crate) use loom::sync::atomic::{AtomicU32, AtomicU64, Ordering, fence};
     #[cfg(not(loom))]
-    pub(crate) use std::sync::atomic::{AtomicPtr, AtomicU32, AtomicU64, Ordering, fence};
+    pub(crate) use std::sync::atomic::{AtomicU32, AtomicU64, Ordering, fence};
 }
 
 /// Hint in a loop that waits for another thread.

@@ -34,14 +34,14 @@ impl PlantPorts {
     /// Receives all pending commands.
     fn read(&mut self, context: &mut Context) -> Result<(), IpcError> {
         let commands = &mut self.commands;
-        context.drain(&mut self.command, |new| commands.insert(new))
+        context.drain(&mut self.command, |new| insert_first(commands, new))
     }
 
     /// Receives commands up to the one that answers `tick`.
     fn read_answer(&mut self, context: &mut Context, tick: i64) -> Result<(), IpcError> {
         let commands = &mut self.commands;
         context.take_until(&mut self.command, |new| {
-            commands.insert(new);
+            insert_first(commands, new);
             new.tick >= tick
         })
     }
@@ -62,6 +62,13 @@ impl PlantPorts {
         if let Some(command) = self.commands.before(tick) {
             plant.take(command);
         }
+    }
+}
+
+/// Inserts a command, unless one of its tick is there: of two gates the first counts.
+fn insert_first(commands: &mut TickBuffer<Command>, new: Command) {
+    if commands.at(new.tick).is_none() {
+        commands.insert(new);
     }
 }
 

@@ -29,8 +29,15 @@ pub(super) const GATE_TIMEOUT: Duration = Duration::from_millis(500);
 const CLEAN_UP_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Processes whose status is reported.
-const REPORTED_PROCESSES: [Process; 6] =
-    [Process::Plant, Process::Planner, Process::Controller, Process::Standby, Process::Gate, Process::Recorder];
+const REPORTED_PROCESSES: [Process; 7] = [
+    Process::Plant,
+    Process::Planner,
+    Process::Controller,
+    Process::Standby,
+    Process::Gate,
+    Process::SpareGate,
+    Process::Recorder,
+];
 
 /// Arguments of [`OperatorServer::start`].
 #[derive(Debug)]

@@ -74,7 +74,7 @@ impl Summary {
             timing.late_ticks, timing.missed_ticks, timing.brake_ticks, timing.steal_ms, timing.allocations
         )?;
         if timing.spare_gate_ticks > 0 {
-            writeln!(out, "  gate               {} ticks by the spare gate thread", timing.spare_gate_ticks)?;
+            writeln!(out, "  gate               {} ticks by the spare gate", timing.spare_gate_ticks)?;
         }
         writeln!(
             out,

@@ -9,7 +9,7 @@ use crate::{preflight, privileges, summary};
 use anyhow::Result;
 use hapfic_config::PERIOD_S;
 use hapfic_ipc::ProcessStart;
-use hapfic_ipc::realtime::{self, SchedGrants};
+use hapfic_ipc::realtime;
 use hapfic_messages::{Clock, Detector, EventKind, Phase, Process, RealtimeMode, Severity};
 use std::process::Stdio;
 use std::sync::atomic::Ordering;
@@ -57,9 +57,7 @@ impl Watch<'_> {
                 slot.restart.stage = hapfic_gate::restart_policy::RestartStage::Working;
             }
             self.inject()?;
-            if self.run.clock == Clock::Realtime
-                && SchedGrants(self.run.shared.heartbeats.read(Process::Gate).realtime).has(SchedGrants::FIFO)
-            {
+            if self.run.clock == Clock::Realtime && self.gates_are_realtime() {
                 // Restarts must not wait for other processes of the machine; without the privilege they do.
                 let _ = realtime::set_fifo(WATCH_PRIORITY);
             }
@@ -184,6 +182,10 @@ impl Watch<'_> {
         if completed {
             // A controller whose request the last tick did not need still sends it.
             let begun = Instant::now();
+            // The gate that is not the active one looks whether all ticks are done.
+            for doorbell in &self.doorbells {
+                doorbell.notify();
+            }
             let done = |s: &ProcessSlot| {
                 s.child.is_none()
                     || s.process == Process::Recorder

@@ -106,7 +106,7 @@ impl HandOverCache {
         match process {
             Process::Plant => self.states.hand_over(gated),
             Process::Planner => self.references.hand_over(gated),
-            Process::Gate => {
+            Process::Gate | Process::SpareGate => {
                 self.receive_operators()?;
                 let last = self.commands.hand_over(gated)?;
                 if let Some(sets) = &self.sets {

@@ -73,6 +73,7 @@ fn targets(target: FaultTarget) -> &'static [Process] {
         FaultTarget::Controllers => &[Process::Controller, Process::Standby],
         FaultTarget::Supervisor => &[Process::Supervisor],
         FaultTarget::Gate => &[Process::Gate],
+        FaultTarget::SpareGate => &[Process::SpareGate],
         FaultTarget::Recorder => &[Process::Recorder],
         FaultTarget::Machine => &[],
     }

@@ -26,7 +26,7 @@ use evidence::{Evidence, Suspicion};
 use handover_cache::HandOverCache;
 use hapfic_config::Settings;
 use hapfic_ipc::SharedStatus;
-use hapfic_ipc::{Bus, Doorbell, Output, topic};
+use hapfic_ipc::{Bus, Doorbell, GatePage, Output, topic};
 use hapfic_messages::{Clock, Credit, Detector, Event, EventKind, Process, Severity};
 use inject::Injections;
 use slot::ProcessSlot;
@@ -66,6 +66,8 @@ pub struct WatchStart<'a> {
     pub shared: Arc<SharedStatus>,
     /// Recorder of the run, and its process.
     pub recorder: (&'a Recorder<'a>, Child),
+    /// Page of the two gates.
+    pub gates: &'a GatePage,
     /// Latest messages of the run.
     pub latest: Arc<LatestMessages>,
     /// Flag that signals set to end the run.
@@ -89,6 +91,7 @@ struct RunContext<'a> {
     clock: Clock,
     shared: Arc<SharedStatus>,
     recorder: &'a Recorder<'a>,
+    gates: &'a GatePage,
     latest: Arc<LatestMessages>,
     stop: Arc<AtomicBool>,
     /// Prefix of the run's segments in shared memory.
@@ -159,6 +162,7 @@ impl<'a> Watch<'a> {
             shared,
 
             recorder: (recorder, recorder_process),
+            gates,
             latest,
             stop,
             prefix,
@@ -172,6 +176,7 @@ impl<'a> Watch<'a> {
             .into_iter()
             .chain([&topic::COMMAND.doorbell, &topic::CREDIT.doorbell])
             .flatten()
+            .chain([&topic::SPARE_GATE])
             .map(|index| bus.doorbell(*index))
             .collect();
         let settings = &request.settings;
@@ -197,6 +202,7 @@ impl<'a> Watch<'a> {
                 request,
                 shared,
                 recorder,
+                gates,
                 latest,
                 stop,
                 prefix,

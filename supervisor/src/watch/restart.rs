@@ -149,8 +149,13 @@ impl Watch<'_> {
 
     /// Returns the priority of helper processes: that of the main thread, if the gate has real-time privileges.
     fn helper_priority(&self) -> Option<u32> {
-        let granted = SchedGrants(self.run.shared.heartbeats.read(Process::Gate).realtime);
-        (self.run.clock == Clock::Realtime && granted.has(SchedGrants::FIFO)).then_some(WATCH_PRIORITY)
+        (self.run.clock == Clock::Realtime && self.gates_are_realtime()).then_some(WATCH_PRIORITY)
+    }
+
+    /// Whether a gate has real-time priority: then the others have, too.
+    pub(super) fn gates_are_realtime(&self) -> bool {
+        let granted = |gate| SchedGrants(self.run.shared.heartbeats.read(gate).realtime).has(SchedGrants::FIFO);
+        granted(Process::Gate) || granted(Process::SpareGate)
     }
 
     /// Forgets abandoned processes that have ended after all.
@@ -197,6 +202,7 @@ impl Watch<'_> {
         if process != Process::Recorder {
             self.run.shared.presence.missing.fetch_or(bit(process), Ordering::AcqRel);
         }
+        self.hand_over_gate(process);
         for doorbell in &self.doorbells {
             doorbell.notify();
         }
@@ -228,6 +234,19 @@ impl Watch<'_> {
         Ok(true)
     }
 
+    /// Makes the other gate the active one if the active one is lost, and the other is there.
+    fn hand_over_gate(&self, lost: Process) {
+        let other = match lost {
+            Process::Gate => Process::SpareGate,
+            Process::SpareGate => Process::Gate,
+            _ => return,
+        };
+        let present = self.run.shared.presence.present.load(Ordering::Acquire);
+        if self.run.gates.active() == lost && present & bit(other) != 0 {
+            self.run.gates.set_active(other);
+        }
+    }
+
     /// Advances the restart state of a slot and performs the resulting action.
     fn advance(&mut self, index: usize, signal: RestartSignal) -> Result<()> {
         let (policy, now) = (self.policy(), self.now_ms());
@@ -250,6 +269,7 @@ impl Watch<'_> {
     fn restart(&mut self, index: usize) -> Result<()> {
         let process = self.slots[index].process;
         let resume = self.cache.hand_over(process, &self.run.shared.gate.tick)?;
+        let prioritise = self.run.clock == Clock::Realtime && self.gates_are_realtime();
         let slot = &mut self.slots[index];
         slot.generation += 1;
         slot.started_observed_ns = self.evidence.observed_ns();
@@ -270,10 +290,7 @@ impl Watch<'_> {
                 return self.advance(index, RestartSignal::Lost);
             }
         };
-        if process != Process::Recorder
-            && self.run.clock == Clock::Realtime
-            && SchedGrants(self.run.shared.heartbeats.read(Process::Gate).realtime).has(SchedGrants::FIFO)
-        {
+        if process != Process::Recorder && prioritise {
             prioritise_joining(&child, self.run.cores.reserve);
         }
         slot.child = Some(child);
@@ -295,6 +312,14 @@ impl Watch<'_> {
         if generation > 0 {
             if let Err(e) = preflight::reserve_segments(&self.run.prefix) {
                 self.note(process, EventKind::Note, Detector::None, &format!("{e:#}"));
+            }
+            // The first gate has the core on which it may poll.
+            let other_gate_lost = process == Process::SpareGate && self.run.shared.presence.is_missing(Process::Gate);
+            if process == Process::Gate || other_gate_lost {
+                self.run.gates.set_active(process);
+                for doorbell in &self.doorbells {
+                    doorbell.notify();
+                }
             }
             self.swap_roles();
             let what = if process == Process::Recorder { "records" } else { "does ticks" };

@@ -108,7 +108,7 @@ impl ProcessSlot {
         let starting = self.restart.stage == RestartStage::Starting && self.generation > 0;
         let starting_ns = if starting { evidence.observed_ns() - self.started_observed_ns } else { 0 };
         let ticking = self.restart.stage == RestartStage::Working
-            && !matches!(self.process, Process::Plant | Process::Gate | Process::Recorder);
+            && !matches!(self.process, Process::Plant | Process::Gate | Process::SpareGate | Process::Recorder);
         let behind = if ticking { gated.saturating_sub(heartbeat.tick) } else { 0 };
         let behind_limit = limits.behind.unwrap_or(i64::MAX);
         if silence_ns <= limits.silence_ns / 2 && behind <= behind_limit / 2 && starting_ns <= limits.ready_ns / 2 {
