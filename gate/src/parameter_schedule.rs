@@ -51,25 +51,6 @@ impl ParameterSchedule {
         Self { operator: Operator { current: first, next: first }, next: settings.initial, start, waiting }
     }
 
-    /// Schedule of a gate that continues behind another one, which published `operator` last, made from `next`. `placed` are
-    /// changes of the operator with their ticks, in any order; those in force or announced are left out.
-    #[must_use]
-    pub fn resume(
-        settings: &Settings,
-        start: TipPose,
-        operator: Operator,
-        next: ParameterSettings,
-        placed: impl Iterator<Item = OperatorChange>,
-    ) -> Self {
-        let after = operator.next.effective_tick;
-        let mut waiting = VecDeque::with_capacity(settings.operator.len() + CAPACITY);
-        let all = settings.operator.iter().copied().chain(placed);
-        // Version 1 is no change: a change may take effect at tick 0.
-        waiting.extend(all.filter(|change| change.at_tick > after || (operator.next.version == 1 && change.at_tick == after)));
-        waiting.make_contiguous().sort_by_key(|change| change.at_tick);
-        Self { operator, next, start, waiting }
-    }
-
     /// Continues behind the sets that another gate has published last, made from `next`. No call waits or allocates.
     pub fn follow(&mut self, operator: &Operator, next: ParameterSettings) {
         if operator.next.version <= self.operator.next.version {
@@ -242,11 +223,11 @@ mod tests {
     }
 
     #[test]
-    fn resume_at_any_tick_continues_as_the_other_gate() {
+    fn follow_at_any_tick_continues_as_the_other_gate() {
         let script = [(3, 2.0), (20, 2.0), (25, 3.0), (60, 5.0)];
         for stop in 0..80 {
             let mut whole = scripted(&script);
-            let (mut next, mut placed) = (whole.next, Vec::new());
+            let (mut next, mut placed): (_, Vec<OperatorChange>) = (whole.next, Vec::new());
             let mut resumed: Option<ParameterSchedule> = None;
             for now in -1..100 {
                 if [10, 12, 40].contains(&now) {
@@ -264,11 +245,12 @@ mod tests {
                 }
                 next = whole.next;
                 if now == stop {
-                    let mut settings = Settings::load("floor", &[]).unwrap();
-                    settings.operator = script.iter().map(|(at_tick, f)| force(*at_tick, *f)).collect();
-                    let operator = *whole.operator();
-                    let all = placed.clone().into_iter().rev();
-                    resumed = Some(ParameterSchedule::resume(&settings, whole.start, operator, next, all));
+                    let mut other = scripted(&script);
+                    other.follow(whole.operator(), next);
+                    placed.iter().rev().for_each(|change| other.take_placed(change));
+                    // Again, as from a gate that has placed them itself.
+                    placed.iter().for_each(|change| other.take_placed(change));
+                    resumed = Some(other);
                 }
             }
             assert_eq!(resumed.unwrap().next, next);

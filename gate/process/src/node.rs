@@ -53,8 +53,8 @@ pub struct GateStart {
     pub shared: SharedStatus,
     /// Number of the start.
     pub generation: u32,
-    /// Last command of the gate before, to continue from.
-    pub last: Option<Command>,
+    /// Tick of the last command before this gate, from which it continues.
+    pub resume: Option<i64>,
     /// Flag of the signals that end the process.
     pub terminated: Arc<AtomicBool>,
 }
@@ -76,6 +76,8 @@ pub struct GateNode {
     pub(super) heartbeat_ns: u64,
     /// Arrival predictor, if busy-poll is enabled.
     pub(super) predictor: Option<ArrivalPredictor>,
+    /// Whether parameter sets of a gate have arrived.
+    pub(super) has_sets: bool,
     /// Whether the other gate works, and this one receives now and then.
     pub(super) follows: bool,
     /// Last tick for which the gate called the standby.
@@ -86,22 +88,19 @@ pub struct GateNode {
 
 impl GateNode {
     pub(super) fn open(start: GateStart, bus: &Bus) -> Result<Self, IpcError> {
-        let gate = match start.last {
-            Some(last) => Gate::resume(start.limits, start.torque.clone(), last),
-            None => Gate::new(start.limits, start.torque.clone()),
-        };
         Ok(Self {
             ports: GatePorts::open(bus, start.clock)?,
-            received: start.last.map_or_else(Received::default, |last| Received::behind(&last)),
+            received: Received::default(),
             rejections: Rejections::default(),
-            reported: start.last.map_or_else(Reported::default, |last| Reported::behind(&last)),
+            reported: Reported::default(),
             waiting_ns: clock::now_ns(),
             waited_ns: 0,
-            was_active: start.last.is_some_and(|last| last.gate.opened != 0),
-            gate,
+            was_active: false,
+            gate: Gate::new(start.limits, start.torque.clone()),
             heartbeat_ns: 0,
             predictor: None,
-            follows: false,
+            has_sets: false,
+            follows: start.gates.active() != start.own,
             called: -1,
             granted: SchedGrants::default(),
             faults: 0,

@@ -18,6 +18,9 @@ use std::time::Duration;
 
 /// Longest wait of a gate that is not active.
 const STAND_BY_TIMEOUT: Duration = Duration::from_millis(20);
+/// Time for which a successor waits for the last command before it [ns], and interval at which it looks.
+const RESUME_TIMEOUT_NS: u64 = 2_000_000_000;
+const RESUME_INTERVAL: Duration = Duration::from_micros(500);
 
 impl GateNode {
     /// Whether this gate gates at present.
@@ -69,11 +72,38 @@ impl GateNode {
                 && let Some(next) = parameter_settings::settings(&operator.next)
             {
                 self.start.schedule.follow(&operator, next);
+                self.has_sets = true;
             }
         }
         while let Some(change) = self.start.change_server.next_placed() {
             self.start.schedule.take_placed(&change);
         }
+        Ok(())
+    }
+
+    /// Continues behind the last command before this gate, which the supervisor has sent again.
+    pub(crate) fn resume(&mut self) -> Result<(), IpcError> {
+        let Some(tick) = self.start.resume else { return Ok(()) };
+        self.follows = true;
+        // The gate before has reported what it has seen.
+        self.reported.slipped = u64::MAX;
+        let begun = clock::now_ns();
+        loop {
+            self.keep_up()?;
+            if self.gate.last().tick >= tick && self.has_sets {
+                break;
+            }
+            if clock::now_ns() - begun > RESUME_TIMEOUT_NS {
+                let cause = std::io::Error::other(format!("command {tick} or its parameters have not arrived within 2 s"));
+                return Err(IpcError::System { action: "continue behind the gate before", cause });
+            }
+            std::thread::sleep(RESUME_INTERVAL);
+        }
+        for change in self.start.change_server.all_placed() {
+            self.start.schedule.take_placed(&change);
+        }
+        self.received.resume(self.gate.last().tick);
+        self.follows = !self.is_active();
         Ok(())
     }
 

@@ -1,23 +1,17 @@
-//! The process of the gate: joins a run, and begins, or continues behind the last command of a gate that was lost.
+//! The process of a gate: joins a run, and begins, or continues behind the last command of a gate that was lost.
 
-use crate::change_exchange::{ChangeThread, placed};
+use crate::change_exchange::ChangeThread;
 use crate::node::{GateNode, GateStart};
 use hapfic_config::Settings;
 use hapfic_controller::parameters::TipPose;
-use hapfic_gate::{GateLimits, ParameterSchedule, TorqueCheck, parameter_settings};
+use hapfic_gate::{GateLimits, ParameterSchedule, TorqueCheck};
 use hapfic_ipc::realtime::{self, Prefault, SchedRequest};
-use hapfic_ipc::{
-    Bus, ChangePage, Domain, Ending, GatePage, IpcError, ProcessStart, RunFile, SharedStatus, Wait, clock, tie_to_supervisor,
-    topic,
-};
-use hapfic_messages::{Check, Clock, Command, Operator, Process, RealtimeMode};
+use hapfic_ipc::{Bus, ChangePage, Domain, Ending, GatePage, IpcError, ProcessStart, RunFile, SharedStatus, tie_to_supervisor};
+use hapfic_messages::{Clock, Process, RealtimeMode};
 use hapfic_robot::Chain;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
-
-/// Time for which a successor waits for the last command of the gate before [ns]. The supervisor has sent it again.
-const RESUME_TIMEOUT_NS: u64 = 2_000_000_000;
 
 /// Size of the file table: the ports to all processes, and to their successors.
 const FD_TABLE_SIZE: u64 = 512;
@@ -31,14 +25,6 @@ pub enum GateError {
     /// The robot cannot be read.
     #[error(transparent)]
     Robot(#[from] hapfic_robot::RobotError),
-    /// A successor has not got what it continues from.
-    #[error("the gate before has published {what} of tick {tick}, which has not arrived within 2 s")]
-    NothingToResume {
-        /// What has not arrived.
-        what: &'static str,
-        /// Tick of the last command.
-        tick: i64,
-    },
 }
 
 /// Runs the gate of a run.
@@ -67,16 +53,6 @@ pub fn run(run: &RunFile, settings: &Settings, own: Process, start: ProcessStart
     let bus = Bus::open(&domain, own.name())?;
     let page = Arc::new(ChangePage::open(&run.root)?);
     let [position, rpy] = run.start_pose;
-    let pose = TipPose { position, rpy };
-    let (last, schedule) = match start.resume {
-        None => (None, ParameterSchedule::new(settings, pose)),
-        Some(tick) => {
-            let (last, operator) = last_of_predecessor(&bus, tick)?;
-            let next = parameter_settings::settings(&operator.next).unwrap_or(settings.initial);
-            let placed = placed(&page);
-            (Some(last), ParameterSchedule::resume(settings, pose, operator, next, placed.into_iter()))
-        }
-    };
     let (_changes, change_server) = ChangeThread::start(page)?;
     let priority = settings.realtime.priority_gate;
     // The spare gate shares the core of the controller, which notifies it, and sleeps there.
@@ -89,7 +65,7 @@ pub fn run(run: &RunFile, settings: &Settings, own: Process, start: ProcessStart
             clock: run.clock,
             limits: GateLimits::new(settings, &chain),
             torque: TorqueCheck::new(chain, settings.world.gravity_m_per_s2),
-            schedule,
+            schedule: ParameterSchedule::new(settings, TipPose { position, rpy }),
             ticks: settings.duration_ticks as i64,
             deadline: Duration::from_micros(settings.supervisor.deadline_us.into()),
             sched: realtime.then(|| SchedRequest::new(priority, core)),
@@ -100,36 +76,10 @@ pub fn run(run: &RunFile, settings: &Settings, own: Process, start: ProcessStart
             change_server,
             shared: SharedStatus::open(&run.root)?,
             generation: start.generation,
-            last,
+            resume: start.resume,
             terminated,
         },
         &bus,
     )?;
     Ok(())
-}
-
-/// Last command and parameter sets of the gate before, which the supervisor has sent again.
-fn last_of_predecessor(bus: &Bus, tick: i64) -> Result<(Command, Operator), GateError> {
-    let mut commands = bus.input(&topic::COMMAND, Wait::No)?;
-    let mut operators = bus.input(&topic::OPERATOR, Wait::No)?;
-    let (mut last, mut sets): (Option<Command>, Option<Operator>) = (None, None);
-    let begun = clock::now_ns();
-    loop {
-        while let Some(command) = commands.next()? {
-            if command.tick == tick && command.check().is_ok() {
-                last = Some(command);
-            }
-        }
-        while let Some(operator) = operators.next()? {
-            if operator.check().is_ok() && sets.is_none_or(|sets| operator.next.version >= sets.next.version) {
-                sets = Some(operator);
-            }
-        }
-        match (last, sets) {
-            (Some(last), Some(sets)) => return Ok((last, sets)),
-            _ if clock::now_ns() - begun < RESUME_TIMEOUT_NS => std::thread::sleep(Duration::from_millis(1)),
-            (None, _) => return Err(GateError::NothingToResume { what: "the command", tick }),
-            _ => return Err(GateError::NothingToResume { what: "the parameters", tick }),
-        }
-    }
 }

@@ -1,7 +1,7 @@
 //! Messages that the gate has received, and defects of those it has rejected.
 
 use hapfic_gate::protocol::ControllerSlot;
-use hapfic_messages::{Command, Request, State, TickBuffer, ValidationError};
+use hapfic_messages::{Request, State, TickBuffer, ValidationError};
 
 /// Controllers: the primary and its standby.
 pub(super) const CONTROLLERS: usize = ControllerSlot::BOTH.len();
@@ -22,9 +22,10 @@ pub(super) struct Received {
 }
 
 impl Received {
-    /// Nothing received yet behind the last command of another gate: the next state may come at any time.
-    pub(super) fn behind(last: &Command) -> Self {
-        Self { newest: Some((last.tick, 1)), resumed: Some(last.tick), ..Self::default() }
+    /// Begins behind the last command of another gate: the next state may come at any time.
+    pub(super) fn resume(&mut self, last: i64) {
+        self.resumed = Some(last);
+        self.newest.get_or_insert((last, 1));
     }
 }
 

@@ -19,14 +19,6 @@ pub(super) struct Reported {
 }
 
 impl Reported {
-    /// What another gate has reported up to its last command.
-    pub(super) fn behind(last: &Command) -> Self {
-        let missed = last.gate.missed.into();
-        Self { missed, compared: (last.tick, false), slipped: u64::MAX, limited: last.limited, ..Self::default() }
-    }
-}
-
-impl Reported {
     /// Takes over what the other gate has reported up to its last command.
     pub(super) fn follow(&mut self, last: &Command) {
         (self.missed, self.limited, self.promoted) = (last.gate.missed.into(), last.limited, None);

@@ -43,6 +43,7 @@ impl GateNode {
                 self.predictor = ArrivalPredictor::new(self.start.busy_poll_lead_us);
             }
         }
+        self.resume()?;
         self.heartbeat(Phase::Ready)?;
         let mut last_heartbeat = clock::now_ns();
         while !self.start.shared.orders.start.load(Ordering::Acquire) {
@@ -61,7 +62,7 @@ impl GateNode {
             self.start.shared.gate.announced.store(self.start.schedule.operator().next.version, Ordering::Relaxed);
         }
         let mut announced = None;
-        if self.start.last.is_none() && self.is_active() {
+        if self.start.resume.is_none() && self.is_active() {
             announced = self.announce(-1)?;
             self.ports.command.send(self.gate.last())?;
         }

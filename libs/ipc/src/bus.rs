@@ -22,7 +22,7 @@ type Service = ipc::Service;
 
 /// Most nodes on a topic at a time.
 const MAX_NODES: usize = 32;
-const MAX_SUBSCRIBERS: usize = 12;
+const MAX_SUBSCRIBERS: usize = 14;
 
 /// Namespace of a run: no other run on the machine sees anything in it.
 #[derive(Clone, Debug)]
