@@ -2,6 +2,7 @@
 //!
 //! In lockstep a fault may change nothing. In realtime the tests assert logic and counts, never a time.
 
+mod gates;
 mod lockstep;
 mod machine;
 mod realtime;

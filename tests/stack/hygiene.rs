@@ -115,6 +115,7 @@ fn expected(gate_busy_polls: bool) -> Vec<(Thread, [(SystemCall, f64); 3])> {
         (Thread::Primary, calls(2.0, 1.0, 1.0)),
         (Thread::Standby, calls(1.0, 1.0, 0.0)),
         (Thread::Named("hapfic-planner"), calls(1.0, 1.0, 0.0)),
+        (Thread::Named("hapfic-gate-2"), calls(0.0, 1.0, 0.0)),
         (Thread::Named("hapfic-plant-dl"), calls(0.0, 0.0, 1.0)),
     ];
     expected.extend(if gate_busy_polls {
@@ -203,7 +204,7 @@ fn realtime_threads_tick_only_wakes_and_waits() {
     let _lock = realtime_lock();
     let stack = StackSandbox::new();
     let mut run = running::start(&stack, "steady", "realtime");
-    let children = run.children(&["plant", "controller", "standby", "planner", "gate"]);
+    let children = run.children(&["plant", "controller", "standby", "planner", "gate", "spare_gate"]);
     // By then all processes are connected, and their caches are warm.
     let _ = running::status_at(&stack, 500);
     let pids = children.iter().map(|(_, pid)| *pid).chain([run.pid()]);

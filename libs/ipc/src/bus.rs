@@ -22,7 +22,6 @@ type Service = ipc::Service;
 
 /// Most nodes on a topic at a time.
 const MAX_NODES: usize = 32;
-const MAX_SUBSCRIBERS: usize = 14;
 
 /// Namespace of a run: no other run on the machine sees anything in it.
 #[derive(Clone, Debug)]
@@ -131,7 +130,7 @@ impl Bus {
             .service_builder(&service_name(topic.name)?)
             .publish_subscribe::<Wire<T>>()
             .max_publishers(topic.publishers)
-            .max_subscribers(MAX_SUBSCRIBERS)
+            .max_subscribers(topic.subscribers)
             .max_nodes(MAX_NODES)
             .subscriber_max_buffer_size(topic.depth)
             .subscriber_max_borrowed_samples(2)

@@ -29,6 +29,8 @@ pub struct Topic<T> {
     /// Most publishers at a time. More than needed, so that successors can join before the clean-up of their
     /// predecessors.
     pub publishers: usize,
+    /// Most subscribers at a time, as above; each costs memory in the segment of every publisher.
+    pub subscribers: usize,
     /// Samples kept for late joiners.
     pub history: usize,
     /// Samples that an input of the topic keeps at most.
@@ -40,11 +42,15 @@ pub struct Topic<T> {
 
 impl<T> Topic<T> {
     const fn new(name: &'static str, publishers: usize, history: usize, doorbell: Option<DoorbellId>) -> Self {
-        Self { name, publishers, history, depth: RECORDER_DEPTH, doorbell, kind: PhantomData }
+        Self { name, publishers, subscribers: 14, history, depth: RECORDER_DEPTH, doorbell, kind: PhantomData }
+    }
+
+    const fn with_subscribers(self, subscribers: usize) -> Self {
+        Self { subscribers, ..self }
     }
 
     const fn view(name: &'static str, history: usize) -> Self {
-        Self { name, publishers: RECORDERS, history, depth: VIEW_DEPTH, doorbell: None, kind: PhantomData }
+        Self { name, publishers: RECORDERS, subscribers: 12, history, depth: VIEW_DEPTH, doorbell: None, kind: PhantomData }
     }
 }
 
@@ -58,19 +64,19 @@ pub const COMMAND_DOORBELL: DoorbellId = DoorbellId(3);
 /// plant -> all. The supervisor republishes the last ones when the plant restarts.
 pub const STATE: Topic<State> = Topic::new("state", 7, HISTORY_DEPTH, Some(STATE_DOORBELL));
 /// planner -> controllers. The supervisor republishes the last ones when the planner restarts.
-pub const REFERENCE: Topic<Reference> = Topic::new("reference", 7, HISTORY_DEPTH, Some(DoorbellId(1)));
+pub const REFERENCE: Topic<Reference> = Topic::new("reference", 7, HISTORY_DEPTH, Some(DoorbellId(1))).with_subscribers(10);
 /// controllers -> gate.
-pub const REQUEST: Topic<Request> = Topic::new("request", 6, 1, Some(REQUEST_DOORBELL));
+pub const REQUEST: Topic<Request> = Topic::new("request", 6, 1, Some(REQUEST_DOORBELL)).with_subscribers(10);
 /// gate -> plant, and controllers, as their memory. The supervisor republishes the last ones when the gate restarts.
 pub const COMMAND: Topic<Command> = Topic::new("command", 7, HISTORY_DEPTH, Some(COMMAND_DOORBELL));
 /// gate -> all: parameters in force and to come.
 pub const OPERATOR: Topic<Operator> = Topic { depth: OPERATOR_DEPTH, ..Topic::new("operator", 7, 1, None) };
 /// all -> recorder.
-pub const EVENT: Topic<Event> = Topic::new("event", 8, 0, None);
+pub const EVENT: Topic<Event> = Topic::new("event", 12, 0, None).with_subscribers(6);
 /// all -> recorder, watchdog.
-pub const TIMING: Topic<Timing> = Topic::new("timing", 12, 0, None);
+pub const TIMING: Topic<Timing> = Topic::new("timing", 14, 0, None).with_subscribers(6);
 /// recorder -> plant, in lockstep; the supervisor, once a run goes on without its recorder.
-pub const CREDIT: Topic<Credit> = Topic::new("credit", RECORDERS + 1, 1, Some(DoorbellId(4)));
+pub const CREDIT: Topic<Credit> = Topic::new("credit", RECORDERS + 1, 1, Some(DoorbellId(4))).with_subscribers(6);
 /// gate -> planner and standby controller, in realtime: a state is answered, or its answer is late. A doorbell without
 /// a message.
 ///
