@@ -6,12 +6,12 @@ use hapfic_ipc::IpcError;
 use hapfic_messages::{Check, Detector, EventKind, MAX_JOINTS, Process, Request};
 
 impl GateNode {
-    /// Does the idle-time work: loans, new connections, postponed reads, the other gate's work, changes of the operator.
+    /// Does the idle-time work: loans, new connections, postponed reads, changes of the operator.
     pub(super) fn idle_work(&mut self) -> Result<(), IpcError> {
         self.ports.preloan();
         self.receive()?;
-        self.catch_up()?;
         self.compare()?;
+        self.take_placed();
         self.take_change();
         Ok(())
     }

@@ -53,8 +53,6 @@ pub struct GateStart {
     pub shared: SharedStatus,
     /// Number of the start.
     pub generation: u32,
-    /// Tick of the last command before this gate, from which it continues.
-    pub resume: Option<i64>,
     /// Flag of the signals that end the process.
     pub terminated: Arc<AtomicBool>,
 }
@@ -76,8 +74,6 @@ pub struct GateNode {
     pub(super) heartbeat_ns: u64,
     /// Arrival predictor, if busy-poll is enabled.
     pub(super) predictor: Option<ArrivalPredictor>,
-    /// Whether parameter sets of a gate have arrived.
-    pub(super) has_sets: bool,
     /// Whether the other gate works, and this one receives now and then.
     pub(super) follows: bool,
     /// Last tick for which the gate called the standby.
@@ -99,7 +95,6 @@ impl GateNode {
             gate: Gate::new(start.limits, start.torque.clone()),
             heartbeat_ns: 0,
             predictor: None,
-            has_sets: false,
             follows: start.gates.active() != start.own,
             called: -1,
             granted: SchedGrants::default(),
@@ -175,6 +170,7 @@ impl GateNode {
         let severity_before = self.start.shared.gate.severity.load(Ordering::Relaxed);
         let announced = self.announce(tick)?;
         let stamp = if self.start.clock == Clock::Realtime { clock::now_ns() } else { 0 };
+        lock.write(command, self.start.schedule.operator());
         let published = self.ports.command.send(&Command { stamp_ns: stamp, ..*command })?;
         self.start.gates.set_published(tick);
         drop(lock);

@@ -18,9 +18,8 @@ use std::time::Duration;
 
 /// Longest wait of a gate that is not active.
 const STAND_BY_TIMEOUT: Duration = Duration::from_millis(20);
-/// Time for which a successor waits for the last command before it [ns], and interval at which it looks.
-const RESUME_TIMEOUT_NS: u64 = 2_000_000_000;
-const RESUME_INTERVAL: Duration = Duration::from_micros(500);
+/// Interval at which a gate that takes over looks for the lock.
+const RETRY_INTERVAL: Duration = Duration::from_micros(50);
 
 impl GateNode {
     /// Whether this gate gates at present.
@@ -28,8 +27,7 @@ impl GateNode {
         self.start.gates.active() == self.start.own
     }
 
-    /// Calls `work` with the tick that is due, as its owner; `None` if another gate owns it, or if what that has published
-    /// has not arrived yet.
+    /// Calls `work` with the tick that is due, as its owner; `None` if another gate owns it.
     pub(crate) fn own_tick<T>(
         &mut self,
         work: impl FnOnce(&mut Self, GateLock<'_>) -> Result<Option<T>, IpcError>,
@@ -40,12 +38,7 @@ impl GateNode {
             Locked::Inherited(lock) => (lock, true),
             Locked::Busy => return Ok(None),
         };
-        if inherited || gates.published() > self.gate.last().tick {
-            self.catch_up()?;
-            if gates.published() > self.gate.last().tick {
-                return Ok(None);
-            }
-        }
+        self.catch_up(&lock, inherited)?;
         if inherited {
             // The other gate is dead: no need to wait for the supervisor.
             gates.set_active(self.start.own);
@@ -53,57 +46,76 @@ impl GateNode {
         work(self, lock)
     }
 
-    /// Takes in what the other gate has published.
-    pub(crate) fn catch_up(&mut self) -> Result<(), IpcError> {
-        let mut newest: Option<Command> = None;
-        while let Some(command) = self.ports.command_in.next()? {
-            if command.tick > newest.map_or(self.gate.last().tick, |newest| newest.tick) && command.check().is_ok() {
-                newest = Some(command);
-            }
+    /// Takes in the other gate's last command, and in doubt publishes it: its owner may have died before.
+    pub(crate) fn catch_up(&mut self, lock: &GateLock<'_>, inherited: bool) -> Result<(), IpcError> {
+        let Some((command, sets)) = lock.read_after(self.gate.last().tick) else { return Ok(()) };
+        // Written by this program under the lock; a damaged page must not become a torque.
+        if let Err(defect) = command.check().and_then(|()| sets.check()) {
+            let cause = std::io::Error::other(format!("the last command of the other gate: {defect}"));
+            return Err(IpcError::System { action: "continue behind the other gate", cause });
         }
-        if let Some(command) = newest {
-            self.gate.follow(command);
-            self.was_active |= command.gate.opened != 0;
-            self.waited_ns = 0;
-            self.reported.follow(&command);
+        self.gate.follow(command);
+        self.was_active |= command.gate.opened != 0;
+        self.waited_ns = 0;
+        self.reported.follow(&command);
+        if let Some(next) = parameter_settings::settings(&sets.next) {
+            self.start.schedule.follow(&sets, next);
         }
-        while let Some(operator) = self.ports.operator_in.next()? {
-            if operator.check().is_ok()
-                && let Some(next) = parameter_settings::settings(&operator.next)
-            {
-                self.start.schedule.follow(&operator, next);
-                self.has_sets = true;
-            }
-        }
-        while let Some(change) = self.start.change_server.next_placed() {
-            self.start.schedule.take_placed(&change);
+        self.take_placed();
+        if inherited || self.start.gates.published() < command.tick {
+            self.publish_again(&command)?;
         }
         Ok(())
     }
 
-    /// Continues behind the last command before this gate, which the supervisor has sent again.
-    pub(crate) fn resume(&mut self) -> Result<(), IpcError> {
-        let Some(tick) = self.start.resume else { return Ok(()) };
-        self.follows = true;
-        // The gate before has reported what it has seen.
-        self.reported.slipped = u64::MAX;
-        let begun = clock::now_ns();
-        loop {
-            self.keep_up()?;
-            if self.gate.last().tick >= tick && self.has_sets {
-                break;
-            }
-            if clock::now_ns() - begun > RESUME_TIMEOUT_NS {
-                let cause = std::io::Error::other(format!("command {tick} or its parameters have not arrived within 2 s"));
-                return Err(IpcError::System { action: "continue behind the gate before", cause });
-            }
-            std::thread::sleep(RESUME_INTERVAL);
+    /// Publishes the last command and sets of another gate: for those that they have not reached, and for late joiners, who
+    /// have no history of a dead gate.
+    fn publish_again(&mut self, command: &Command) -> Result<(), IpcError> {
+        let stamp_ns = if self.start.clock == Clock::Realtime { clock::now_ns() } else { 0 };
+        self.ports.operator.send(self.start.schedule.operator())?;
+        self.ports.command.send(&Command { stamp_ns, ..*command })?;
+        self.start.gates.set_published(command.tick);
+        self.ports.preloan();
+        self.ports.command_sent.notify();
+        Ok(())
+    }
+
+    /// Takes the changes that the other gate has placed.
+    pub(crate) fn take_placed(&mut self) {
+        while let Some(change) = self.start.change_server.next_placed() {
+            self.start.schedule.take_placed(&change);
         }
+    }
+
+    /// Continues behind the gate before, whose last command is in the page, with all changes that it has placed.
+    pub(crate) fn resume(&mut self) {
+        // It has reported what it has seen.
+        self.reported.slipped = u64::MAX;
         for change in self.start.change_server.all_placed() {
             self.start.schedule.take_placed(&change);
         }
+        self.follows = true;
+    }
+
+    /// Becomes the active gate: takes in the last command, publishes it again, and receives what it answers.
+    pub(crate) fn take_over(&mut self) -> Result<(), IpcError> {
+        let gates = Arc::clone(&self.start.gates);
+        // The other gate is dead, or ends its tick.
+        let lock = loop {
+            match gates.try_lock() {
+                Locked::Own(lock) | Locked::Inherited(lock) => break lock,
+                Locked::Busy if self.stopped() || !self.is_active() => return Ok(()),
+                Locked::Busy => std::thread::sleep(RETRY_INTERVAL),
+            }
+        };
+        self.catch_up(&lock, true)?;
+        drop(lock);
+        if !gates.has_command() {
+            self.begin()?;
+        }
+        self.receive()?;
         self.received.resume(self.gate.last().tick);
-        self.follows = !self.is_active();
+        self.follows = false;
         Ok(())
     }
 
@@ -114,23 +126,17 @@ impl GateNode {
         self.follows = true;
         wait(&[&self.ports.spare], timeout)?;
         if realtime {
-            while self.gate.tick() < self.start.ticks && !self.stopped() && self.attempt(account)? {
+            while !self.stopped() && self.attempt(account)? {
                 if !self.is_active() {
                     self.start.shared.gate.spare_ticks.fetch_add(1, Ordering::Relaxed);
                 }
             }
         }
         self.ports.preloan();
-        self.keep_up()?;
+        self.receive()?;
+        self.take_placed();
         self.start.change_server.discard();
-        self.follows = !self.is_active();
         self.heartbeat_while_standing_by()
-    }
-
-    /// Takes in what the other gate has published, and what it works on.
-    pub(crate) fn keep_up(&mut self) -> Result<(), IpcError> {
-        self.catch_up()?;
-        self.receive()
     }
 
     /// Time until half of the deadline of the next state.
@@ -139,7 +145,7 @@ impl GateNode {
         let now = clock::now_ns();
         let half = self.start.deadline.as_nanos() as u64 / 2;
         let mut look = stamp + half;
-        if self.gate.last().tick >= newest || look <= now {
+        if self.start.gates.published() >= newest || look <= now {
             // That state is answered, or was looked at: the next one.
             let periods = now.saturating_sub(look) / PERIOD_NS + 1;
             look += periods * PERIOD_NS;

@@ -8,9 +8,6 @@ pub(super) struct GatePorts {
     pub(super) state: Input<State>,
     pub(super) request: Input<Request>,
     pub(super) command: Output<Command>,
-    /// Commands and parameter sets of the other gate, and its own again.
-    pub(super) command_in: Input<Command>,
-    pub(super) operator_in: Input<Operator>,
     pub(super) operator: Output<Operator>,
     pub(super) event: Output<Event>,
     pub(super) timing: Output<Timing>,
@@ -28,8 +25,6 @@ impl GatePorts {
             state: bus.input(&topic::STATE, Wait::No)?,
             request: bus.input(&topic::REQUEST, wait)?,
             command: bus.output(&topic::COMMAND)?,
-            command_in: bus.input(&topic::COMMAND, Wait::No)?,
-            operator_in: bus.input(&topic::OPERATOR, Wait::No)?,
             operator: bus.output(&topic::OPERATOR)?,
             event: bus.output(&topic::EVENT)?,
             timing: bus.output(&topic::TIMING)?,
@@ -47,8 +42,6 @@ impl GatePorts {
         self.timing.preloan();
         self.request.update_connections();
         self.state.update_connections();
-        self.command_in.update_connections();
-        self.operator_in.update_connections();
     }
 
     /// Number of failed connections.

@@ -76,7 +76,6 @@ pub fn run(run: &RunFile, settings: &Settings, own: Process, start: ProcessStart
             change_server,
             shared: SharedStatus::open(&run.root)?,
             generation: start.generation,
-            resume: start.resume,
             terminated,
         },
         &bus,

@@ -75,7 +75,7 @@ impl GateNode {
                 return;
             }
         };
-        let due = self.gate.tick();
+        let due = if self.follows { self.start.gates.published() + 1 } else { self.gate.tick() };
         let newest = self.received.requests[slot].newest().map_or(i64::MIN, |r| r.tick);
         let again = request.tick < due && request.tick <= newest;
         let far = again || request.tick.abs_diff(due) > NEAR as u64;

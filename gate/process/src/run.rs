@@ -43,7 +43,9 @@ impl GateNode {
                 self.predictor = ArrivalPredictor::new(self.start.busy_poll_lead_us);
             }
         }
-        self.resume()?;
+        if self.start.generation > 0 {
+            self.resume();
+        }
         self.heartbeat(Phase::Ready)?;
         let mut last_heartbeat = clock::now_ns();
         while !self.start.shared.orders.start.load(Ordering::Acquire) {
@@ -57,17 +59,8 @@ impl GateNode {
             wait(&[], FLAG_POLL_INTERVAL)?;
         }
         let mut account = TickAccount::new(FAULTS_EVERY);
-        if self.is_active() {
-            self.ports.operator.send(self.start.schedule.operator())?;
-            self.start.shared.gate.announced.store(self.start.schedule.operator().next.version, Ordering::Relaxed);
-        }
-        let mut announced = None;
-        if self.start.resume.is_none() && self.is_active() {
-            announced = self.announce(-1)?;
-            self.ports.command.send(self.gate.last())?;
-        }
-        if let Some((version, from)) = announced {
-            self.report_parameters(version, from)?;
+        if self.is_active() && !self.follows {
+            self.begin()?;
         }
         self.idle_work()?;
         match self.start.clock {
@@ -83,29 +76,42 @@ impl GateNode {
         Ok(())
     }
 
+    /// Publishes the first parameters and the command before the first tick.
+    pub(super) fn begin(&mut self) -> Result<(), IpcError> {
+        self.ports.operator.send(self.start.schedule.operator())?;
+        self.start.shared.gate.announced.store(self.start.schedule.operator().next.version, Ordering::Relaxed);
+        let announced = self.announce(-1)?;
+        self.ports.command.send(self.gate.last())?;
+        if let Some((version, from)) = announced {
+            self.report_parameters(version, from)?;
+        }
+        Ok(())
+    }
+
     /// Gates every tick of the run in lockstep, or stands by while the other gate does.
     fn lockstep(&mut self, account: &mut TickAccount) -> Result<(), IpcError> {
-        let mut was_active = self.is_active();
-        while self.gate.tick() < self.start.ticks && !self.stopped() {
+        while self.due() && !self.stopped() {
             if !self.is_active() {
-                was_active = false;
+                self.follows = true;
                 self.stand_by(account)?;
                 continue;
             }
-            if !was_active {
-                was_active = true;
-                // The clock stands: what the other gate has left is here, and every change that it has placed.
-                self.follows = true;
-                self.keep_up()?;
-                self.follows = false;
+            if self.follows {
+                // Nothing is in a hurry: every change that the other gate has placed.
                 for change in self.start.change_server.all_placed() {
                     self.start.schedule.take_placed(&change);
                 }
+                self.take_over()?;
                 self.waiting_ns = clock::now_ns();
             }
             self.lockstep_tick(account)?;
         }
         Ok(())
+    }
+
+    /// Whether a tick of the run is still due, for whichever gate.
+    pub(super) fn due(&self) -> bool {
+        self.gate.last().tick.max(self.start.gates.published()) + 1 < self.start.ticks
     }
 
     /// Gates a tick in lockstep: waits for a request of every present controller, and without limit for at least one.

@@ -11,10 +11,14 @@ impl GateNode {
     /// Gates every tick of the run, or stands by while the other gate does. Waits in between for a request until the
     /// deadline, which counts from the state's publication.
     pub(super) fn realtime(&mut self, arrival_wait: &mut ArrivalWait, account: &mut TickAccount) -> Result<(), IpcError> {
-        while self.gate.tick() < self.start.ticks && !self.stopped() {
+        while self.due() && !self.stopped() {
             if !self.is_active() {
+                self.follows = true;
                 self.stand_by(account)?;
                 continue;
+            }
+            if self.follows {
+                self.take_over()?;
             }
             if self.attempt(account)? {
                 continue;

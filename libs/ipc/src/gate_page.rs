@@ -1,15 +1,20 @@
-//! Page of the two gates in the run's folder: which of them gates at present, and the lock under which a tick is gated.
+//! Page of the two gates in the run's folder: which of them gates at present, the lock under which a tick is gated, and the
+//! last command and parameter sets.
 //!
 //! Each tick has one owner: whoever holds the lock. It is a robust mutex shared between processes, so the kernel releases it
 //! when its owner dies, and the next owner learns that from the call. A gate holds it from its look at the inputs to the
 //! publication of the command, never while it waits.
+//!
+//! The owner writes the command here before it publishes it. The next owner begins with it, whether it has reached every
+//! process, some, or none: so there is never a second command of a tick. The page outlives both gates.
 
 use crate::error::IpcError;
 use crate::shared_page::{PageContent, SharedPage};
 use core::cell::UnsafeCell;
 use core::mem::MaybeUninit;
 use core::sync::atomic::{AtomicU32, AtomicU64, Ordering};
-use hapfic_messages::Process;
+use hapfic_messages::{Command, Message, Operator, Process};
+use zerocopy::IntoBytes;
 
 /// Name of the page in the run's folder.
 const FILE: &str = "gates";
@@ -20,12 +25,49 @@ struct Content {
     lock: UnsafeCell<libc::pthread_mutex_t>,
     /// 0: the gate, 1: the spare gate.
     active: AtomicU32,
+    /// Last command: 1 + its entry + 2 x its tick, of which the first is 0; 0: none.
+    newest: AtomicU64,
     /// Last published tick plus one.
     published: AtomicU64,
+    entries: [Entry; 2],
+}
+
+/// A command, and the parameter sets published last with it.
+#[derive(Debug)]
+#[repr(C)]
+struct Entry {
+    command: Words<{ size_of::<Command>() / 8 }>,
+    /// Version announced last in `sets`, plus one; equal versions have equal sets.
+    version: AtomicU64,
+    sets: Words<{ size_of::<Operator>() / 8 }>,
+}
+
+/// A message word by word: its size is a multiple of eight bytes.
+#[derive(Debug)]
+#[repr(C)]
+struct Words<const N: usize>([AtomicU64; N]);
+
+impl<const N: usize> Words<N> {
+    fn write<T: Message>(&self, message: &T) {
+        const { assert!(size_of::<T>() == 8 * N) };
+        for (word, bytes) in self.0.iter().zip(message.as_bytes().chunks_exact(8)) {
+            let mut padded = [0; 8];
+            padded.copy_from_slice(bytes);
+            word.store(u64::from_ne_bytes(padded), Ordering::Relaxed);
+        }
+    }
+
+    fn read<T: Message>(&self) -> T {
+        const { assert!(size_of::<T>() == 8 * N) };
+        let words: [u64; N] = core::array::from_fn(|i| self.0[i].load(Ordering::Relaxed));
+        // The sizes are equal.
+        T::read_from_bytes(words.as_bytes()).unwrap_or_else(|_| T::new_zeroed())
+    }
 }
 
 // SAFETY: the lock is touched by the C library alone, which makes it usable from several threads and processes. It is
-// initialised by `create`, before any other process opens the page. The rest are atomics.
+// initialised by `create`, before any other process opens the page. The rest are atomics; those of an entry are written and
+// read under the lock.
 unsafe impl Sync for Content {}
 // SAFETY: as above; it is never moved.
 unsafe impl Send for Content {}
@@ -50,6 +92,31 @@ pub enum Locked<'a> {
 /// Ownership of the tick; ends when dropped.
 #[derive(Debug)]
 pub struct GateLock<'a>(&'a GatePage);
+
+impl GateLock<'_> {
+    /// Writes the command that the owner is about to publish, with the parameter sets published last. A gate that dies in
+    /// between leaves the command before it.
+    pub fn write(&self, command: &Command, sets: &Operator) {
+        let next = self.0.newest().map_or(0, |(entry, _)| 1 - entry);
+        let entry = &self.0.0.entries[next];
+        entry.command.write(command);
+        let version = sets.next.version + 1;
+        if entry.version.load(Ordering::Relaxed) != version {
+            entry.version.store(0, Ordering::Relaxed);
+            entry.sets.write(sets);
+            entry.version.store(version, Ordering::Relaxed);
+        }
+        self.0.0.newest.store(1 + next as u64 + 2 * command.tick as u64, Ordering::Release);
+    }
+
+    /// Last command and sets, if its tick is after `tick`.
+    #[must_use]
+    pub fn read_after(&self, tick: i64) -> Option<(Command, Operator)> {
+        let (entry, _) = self.0.newest().filter(|(_, newest)| *newest > tick)?;
+        let entry = &self.0.0.entries[entry];
+        Some((entry.command.read(), entry.sets.read()))
+    }
+}
 
 impl Drop for GateLock<'_> {
     fn drop(&mut self) {
@@ -127,6 +194,18 @@ impl GatePage {
         self.0.published.store((tick + 1) as u64, Ordering::Release);
     }
 
+    /// Whether a command was ever written.
+    #[must_use]
+    pub fn has_command(&self) -> bool {
+        self.newest().is_some()
+    }
+
+    /// Entry and tick of the last command; `None` before the first.
+    fn newest(&self) -> Option<(usize, i64)> {
+        let word = self.0.newest.load(Ordering::Acquire).checked_sub(1)?;
+        Some(((word % 2) as usize, (word / 2) as i64))
+    }
+
     /// Last published tick; -1 before the first.
     #[must_use]
     pub fn published(&self) -> i64 {
@@ -157,6 +236,20 @@ mod tests {
         std::thread::spawn(move || std::mem::forget(dying.try_lock())).join().unwrap();
         assert!(matches!(page.try_lock(), Locked::Inherited(_)));
         assert!(matches!(page.try_lock(), Locked::Own(_)), "once");
+        let Locked::Own(lock) = page.try_lock() else { panic!("no other owner is left") };
+        assert!(lock.read_after(-1).is_none() && !page.has_command());
+        for tick in 0..5 {
+            let command = Command { tick, torque: [1.0 / 3.0; hapfic_messages::MAX_JOINTS], ..Command::default() };
+            let mut sets = Operator::default();
+            sets.next.version = tick as u64;
+            lock.write(&command, &sets);
+            assert_eq!(lock.read_after(tick - 1), Some((command, sets)));
+            assert!(lock.read_after(tick).is_none());
+        }
+        drop(lock);
+        let Locked::Own(theirs) = other.try_lock() else { panic!("the lock is free") };
+        assert_eq!(theirs.read_after(-1).map(|(command, _)| command.tick), Some(4));
+        drop(theirs);
         page.set_active(Process::SpareGate);
         page.set_published(7);
         assert_eq!((other.active(), other.published()), (Process::SpareGate, 7));

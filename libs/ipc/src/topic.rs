@@ -67,10 +67,10 @@ pub const STATE: Topic<State> = Topic::new("state", 7, HISTORY_DEPTH, Some(STATE
 pub const REFERENCE: Topic<Reference> = Topic::new("reference", 7, HISTORY_DEPTH, Some(DoorbellId(1))).with_subscribers(10);
 /// controllers -> gate.
 pub const REQUEST: Topic<Request> = Topic::new("request", 6, 1, Some(REQUEST_DOORBELL)).with_subscribers(10);
-/// gate -> plant, and controllers, as their memory. The supervisor republishes the last ones when the gate restarts.
-pub const COMMAND: Topic<Command> = Topic::new("command", 7, HISTORY_DEPTH, Some(COMMAND_DOORBELL));
+/// gates -> plant, and controllers, as their memory. A gate that takes over publishes the last one again.
+pub const COMMAND: Topic<Command> = Topic::new("command", 7, HISTORY_DEPTH, Some(COMMAND_DOORBELL)).with_subscribers(10);
 /// gate -> all: parameters in force and to come.
-pub const OPERATOR: Topic<Operator> = Topic { depth: OPERATOR_DEPTH, ..Topic::new("operator", 7, 1, None) };
+pub const OPERATOR: Topic<Operator> = Topic { depth: OPERATOR_DEPTH, ..Topic::new("operator", 7, 1, None).with_subscribers(12) };
 /// all -> recorder.
 pub const EVENT: Topic<Event> = Topic::new("event", 12, 0, None).with_subscribers(6);
 /// all -> recorder, watchdog.

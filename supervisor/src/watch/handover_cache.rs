@@ -1,4 +1,4 @@
-//! The hand-over cache: the last states, references, commands and parameter sets, for the successor of a lost process.
+//! The hand-over cache: the last states and references, for the successor of a lost process.
 //!
 //! The history of a publisher ends with its process. So the supervisor subscribes too, and republishes the last
 //! messages of a lost process. The successor continues from there; later subscribers find them in the history.
@@ -6,7 +6,7 @@
 use anyhow::Result;
 use hapfic_ipc::topic::{self, Topic};
 use hapfic_ipc::{Bus, Input, IpcError, Output, Wait};
-use hapfic_messages::{Check, Command, Message, Operator, Process, Reference, State, TickBuffer, Ticked};
+use hapfic_messages::{Check, Message, Operator, Process, Reference, State, TickBuffer, Ticked};
 use std::sync::atomic::{AtomicI64, Ordering};
 
 /// Ticks that a message may be ahead of the last command: the planner is one tick ahead, its state another.
@@ -71,12 +71,11 @@ fn newest_without_gap(ticks: impl Iterator<Item = i64>, done: i64) -> Option<i64
     newest
 }
 
-/// Cache of the last states, references, commands and parameter sets.
+/// Cache of the last states and references, and the parameter sets published last.
 pub struct HandOverCache {
     states: CachedTopic<State>,
     references: CachedTopic<Reference>,
-    commands: CachedTopic<Command>,
-    operators: (Input<Operator>, Output<Operator>),
+    operators: Input<Operator>,
     /// Parameter sets published last.
     sets: Option<Operator>,
 }
@@ -90,8 +89,7 @@ impl HandOverCache {
         Ok(Self {
             states: CachedTopic::open(bus, &topic::STATE)?,
             references: CachedTopic::open(bus, &topic::REFERENCE)?,
-            commands: CachedTopic::open(bus, &topic::COMMAND)?,
-            operators: (bus.input(&topic::OPERATOR, Wait::No)?, bus.output(&topic::OPERATOR)?),
+            operators: bus.input(&topic::OPERATOR, Wait::No)?,
             sets: None,
         })
     }
@@ -106,15 +104,6 @@ impl HandOverCache {
         match process {
             Process::Plant => self.states.hand_over(gated),
             Process::Planner => self.references.hand_over(gated),
-            Process::Gate | Process::SpareGate => {
-                self.receive_operators()?;
-                let last = self.commands.hand_over(gated)?;
-                if let Some(sets) = &self.sets {
-                    self.operators.1.send(sets)?;
-                    self.operators.1.preloan();
-                }
-                Ok(last)
-            }
             _ => Ok(None),
         }
     }
@@ -128,12 +117,11 @@ impl HandOverCache {
     pub fn receive(&mut self, gated: &AtomicI64) -> Result<(), IpcError> {
         self.states.receive(gated)?;
         self.references.receive(gated)?;
-        self.commands.receive(gated)?;
         self.receive_operators()
     }
 
     fn receive_operators(&mut self) -> Result<(), IpcError> {
-        while let Some(sets) = self.operators.0.next()? {
+        while let Some(sets) = self.operators.next()? {
             if sets.check().is_ok() && self.sets.is_none_or(|last| sets.next.version >= last.next.version) {
                 self.sets = Some(sets);
             }
@@ -156,8 +144,6 @@ impl HandOverCache {
     pub fn preloan(&mut self) {
         self.states.output.preloan();
         self.references.output.preloan();
-        self.commands.output.preloan();
-        self.operators.1.preloan();
     }
 }
 
