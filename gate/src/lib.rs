@@ -8,6 +8,7 @@
 pub mod conditioning;
 pub mod gate;
 mod limits;
+pub mod pair;
 pub mod parameter_schedule;
 pub mod parameter_settings;
 pub mod protocol;

@@ -9,6 +9,7 @@
 
 use crate::node::GateNode;
 use crate::tick_account::TickAccount;
+use hapfic_gate::pair::{CatchUp, OwnerView};
 use hapfic_gate::parameter_settings;
 use hapfic_ipc::{GateLock, IpcError, Locked, clock, wait};
 use hapfic_messages::{Check, Clock, Command, PERIOD_NS, Phase};
@@ -18,6 +19,8 @@ use std::time::Duration;
 
 /// Longest wait of a gate that is not active.
 const STAND_BY_TIMEOUT: Duration = Duration::from_millis(20);
+/// Commands that a gate that takes over publishes again, at most.
+const HISTORY: usize = 4;
 /// Interval at which a gate that takes over looks for the lock.
 const RETRY_INTERVAL: Duration = Duration::from_micros(50);
 
@@ -48,10 +51,20 @@ impl GateNode {
 
     /// Takes in the other gate's last command, and in doubt publishes it: its owner may have died before.
     pub(crate) fn catch_up(&mut self, lock: &GateLock<'_>, inherited: bool) -> Result<(), IpcError> {
-        let Some((command, sets)) = lock.read_after(self.gate.last().tick) else { return Ok(()) };
+        let gates = Arc::clone(&self.start.gates);
+        let view = OwnerView { own: self.gate.last().tick, written: gates.written(), published: gates.published(), inherited };
+        let CatchUp { follow, publish } = view.catch_up();
+        if !follow {
+            return Ok(());
+        }
+        let (mut last, sets) = ([None; HISTORY], lock.read().1);
+        for (place, command) in last.iter_mut().zip(lock.read().0) {
+            *place = Some(command);
+        }
+        let (Some(command), Some(sets)) = (last.iter().flatten().next_back().copied(), sets) else { return Ok(()) };
         // Written by this program under the lock; a damaged page must not become a torque.
-        if let Err(defect) = command.check().and_then(|()| sets.check()) {
-            let cause = std::io::Error::other(format!("the last command of the other gate: {defect}"));
+        if let Err(defect) = last.iter().flatten().try_for_each(Check::check).and_then(|()| sets.check()) {
+            let cause = std::io::Error::other(format!("the last commands of the other gate: {defect}"));
             return Err(IpcError::System { action: "continue behind the other gate", cause });
         }
         self.gate.follow(command);
@@ -62,20 +75,22 @@ impl GateNode {
             self.start.schedule.follow(&sets, next);
         }
         self.take_placed();
-        if inherited || self.start.gates.published() < command.tick {
-            self.publish_again(&command)?;
+        if publish {
+            self.publish_again(last.iter().flatten())?;
         }
         Ok(())
     }
 
-    /// Publishes the last command and sets of another gate: for those that they have not reached, and for late joiners, who
-    /// have no history of a dead gate.
-    fn publish_again(&mut self, command: &Command) -> Result<(), IpcError> {
-        let stamp_ns = if self.start.clock == Clock::Realtime { clock::now_ns() } else { 0 };
+    /// Publishes the last commands and sets of another gate: for those that they have not reached, and for late joiners, for
+    /// whom a dead gate has no history.
+    fn publish_again<'a>(&mut self, commands: impl Iterator<Item = &'a Command>) -> Result<(), IpcError> {
         self.ports.operator.send(self.start.schedule.operator())?;
-        self.ports.command.send(&Command { stamp_ns, ..*command })?;
-        self.start.gates.set_published(command.tick);
-        self.ports.preloan();
+        for command in commands {
+            let stamp_ns = if self.start.clock == Clock::Realtime { clock::now_ns() } else { 0 };
+            self.ports.command.send(&Command { stamp_ns, ..*command })?;
+            self.ports.preloan();
+            self.start.gates.set_published(command.tick.max(self.start.gates.published()));
+        }
         self.ports.command_sent.notify();
         Ok(())
     }
@@ -110,7 +125,7 @@ impl GateNode {
         };
         self.catch_up(&lock, true)?;
         drop(lock);
-        if !gates.has_command() {
+        if gates.written() < 0 {
             self.begin()?;
         }
         self.receive()?;

@@ -7,6 +7,7 @@
 
 mod mutants;
 mod mutation;
+mod pair;
 mod recovery;
 mod rules;
 mod slot;

@@ -10,6 +10,7 @@
 
 use crate::error::IpcError;
 use crate::shared_page::{PageContent, SharedPage};
+use crate::topic;
 use core::cell::UnsafeCell;
 use core::mem::MaybeUninit;
 use core::sync::atomic::{AtomicU32, AtomicU64, Ordering};
@@ -18,6 +19,8 @@ use zerocopy::IntoBytes;
 
 /// Name of the page in the run's folder.
 const FILE: &str = "gates";
+/// Last commands in the page: as many as a late joiner needs.
+const HISTORY: usize = topic::HISTORY_DEPTH;
 
 #[derive(Debug)]
 #[repr(C)]
@@ -25,21 +28,15 @@ struct Content {
     lock: UnsafeCell<libc::pthread_mutex_t>,
     /// 0: the gate, 1: the spare gate.
     active: AtomicU32,
-    /// Last command: 1 + its entry + 2 x its tick, of which the first is 0; 0: none.
-    newest: AtomicU64,
+    /// Tick of the last command that was written, plus one.
+    written: AtomicU64,
     /// Last published tick plus one.
     published: AtomicU64,
-    entries: [Entry; 2],
-}
-
-/// A command, and the parameter sets published last with it.
-#[derive(Debug)]
-#[repr(C)]
-struct Entry {
-    command: Words<{ size_of::<Command>() / 8 }>,
-    /// Version announced last in `sets`, plus one; equal versions have equal sets.
+    /// Commands by their tick modulo their number. The oldest is overwritten, which is none of the last [`HISTORY`].
+    commands: [Words<{ size_of::<Command>() / 8 }>; HISTORY + 1],
+    /// Version announced in the last sets, plus one, and the sets by their version modulo two.
     version: AtomicU64,
-    sets: Words<{ size_of::<Operator>() / 8 }>,
+    sets: [Words<{ size_of::<Operator>() / 8 }>; 2],
 }
 
 /// A message word by word: its size is a multiple of eight bytes.
@@ -78,6 +75,11 @@ unsafe impl PageContent for Content {}
 #[derive(Debug)]
 pub struct GatePage(SharedPage<Content>);
 
+/// Place of a tick's command.
+fn index(tick: i64) -> usize {
+    tick.rem_euclid(HISTORY as i64 + 1) as usize
+}
+
 /// Result of an attempt to lock.
 #[derive(Debug)]
 pub enum Locked<'a> {
@@ -97,24 +99,27 @@ impl GateLock<'_> {
     /// Writes the command that the owner is about to publish, with the parameter sets published last. A gate that dies in
     /// between leaves the command before it.
     pub fn write(&self, command: &Command, sets: &Operator) {
-        let next = self.0.newest().map_or(0, |(entry, _)| 1 - entry);
-        let entry = &self.0.0.entries[next];
-        entry.command.write(command);
+        let page = &self.0.0;
         let version = sets.next.version + 1;
-        if entry.version.load(Ordering::Relaxed) != version {
-            entry.version.store(0, Ordering::Relaxed);
-            entry.sets.write(sets);
-            entry.version.store(version, Ordering::Relaxed);
+        if page.version.load(Ordering::Relaxed) != version {
+            page.sets[version as usize % 2].write(sets);
+            page.version.store(version, Ordering::Release);
         }
-        self.0.0.newest.store(1 + next as u64 + 2 * command.tick as u64, Ordering::Release);
+        page.commands[index(command.tick)].write(command);
+        page.written.store((command.tick + 1) as u64, Ordering::Release);
     }
 
-    /// Last command and sets, if its tick is after `tick`.
-    #[must_use]
-    pub fn read_after(&self, tick: i64) -> Option<(Command, Operator)> {
-        let (entry, _) = self.0.newest().filter(|(_, newest)| *newest > tick)?;
-        let entry = &self.0.0.entries[entry];
-        Some((entry.command.read(), entry.sets.read()))
+    /// Last commands, the oldest first, and the sets published last; none before the first.
+    pub fn read(&self) -> (impl Iterator<Item = Command> + use<'_>, Option<Operator>) {
+        let page = &self.0.0;
+        let written = self.0.written();
+        let first = (written + 1 - HISTORY as i64).max(0);
+        let commands = (first..=written).map(|tick| page.commands[index(tick)].read::<Command>());
+        let sets = page.version.load(Ordering::Acquire).checked_sub(1).map(|_| {
+            let version = page.version.load(Ordering::Relaxed);
+            page.sets[version as usize % 2].read()
+        });
+        (commands, sets)
     }
 }
 
@@ -194,16 +199,10 @@ impl GatePage {
         self.0.published.store((tick + 1) as u64, Ordering::Release);
     }
 
-    /// Whether a command was ever written.
+    /// Tick of the last command that was written; -1 before the first.
     #[must_use]
-    pub fn has_command(&self) -> bool {
-        self.newest().is_some()
-    }
-
-    /// Entry and tick of the last command; `None` before the first.
-    fn newest(&self) -> Option<(usize, i64)> {
-        let word = self.0.newest.load(Ordering::Acquire).checked_sub(1)?;
-        Some(((word % 2) as usize, (word / 2) as i64))
+    pub fn written(&self) -> i64 {
+        self.0.written.load(Ordering::Acquire) as i64 - 1
     }
 
     /// Last published tick; -1 before the first.
@@ -237,18 +236,23 @@ mod tests {
         assert!(matches!(page.try_lock(), Locked::Inherited(_)));
         assert!(matches!(page.try_lock(), Locked::Own(_)), "once");
         let Locked::Own(lock) = page.try_lock() else { panic!("no other owner is left") };
-        assert!(lock.read_after(-1).is_none() && !page.has_command());
-        for tick in 0..5 {
+        assert!(lock.read().0.next().is_none() && lock.read().1.is_none() && page.written() == -1);
+        let made = |tick: i64| {
             let command = Command { tick, torque: [1.0 / 3.0; hapfic_messages::MAX_JOINTS], ..Command::default() };
             let mut sets = Operator::default();
-            sets.next.version = tick as u64;
+            sets.next.version = tick as u64 / 2;
+            (command, sets)
+        };
+        for tick in 0..12 {
+            let (command, sets) = made(tick);
             lock.write(&command, &sets);
-            assert_eq!(lock.read_after(tick - 1), Some((command, sets)));
-            assert!(lock.read_after(tick).is_none());
+            let (commands, last) = lock.read();
+            let expected: Vec<_> = ((tick - 3).max(0)..=tick).map(|tick| made(tick).0).collect();
+            assert_eq!((commands.collect::<Vec<_>>(), last, page.written()), (expected, Some(sets), tick));
         }
         drop(lock);
         let Locked::Own(theirs) = other.try_lock() else { panic!("the lock is free") };
-        assert_eq!(theirs.read_after(-1).map(|(command, _)| command.tick), Some(4));
+        assert_eq!(theirs.read().0.map(|command| command.tick).collect::<Vec<_>>(), [8, 9, 10, 11]);
         drop(theirs);
         page.set_active(Process::SpareGate);
         page.set_published(7);

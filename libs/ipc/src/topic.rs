@@ -8,7 +8,7 @@ use hapfic_messages::{Command, Credit, Event, Injection, Operator, Reference, Re
 ///
 /// Without restarts a single sample would do. A restarted planner works from the last state of its predecessor, which
 /// may be one or two ticks behind the newest.
-const HISTORY_DEPTH: usize = 4;
+pub(crate) const HISTORY_DEPTH: usize = 4;
 /// Samples that a recorder's input keeps: longest absence of the recorder [ticks].
 pub const RECORDER_DEPTH: usize = 448;
 
@@ -62,13 +62,13 @@ pub const REQUEST_DOORBELL: DoorbellId = DoorbellId(2);
 pub const COMMAND_DOORBELL: DoorbellId = DoorbellId(3);
 
 /// plant -> all. The supervisor republishes the last ones when the plant restarts.
-pub const STATE: Topic<State> = Topic::new("state", 7, HISTORY_DEPTH, Some(STATE_DOORBELL));
+pub const STATE: Topic<State> = Topic::new("state", 7, HISTORY_DEPTH, Some(STATE_DOORBELL)).with_subscribers(16);
 /// planner -> controllers. The supervisor republishes the last ones when the planner restarts.
 pub const REFERENCE: Topic<Reference> = Topic::new("reference", 7, HISTORY_DEPTH, Some(DoorbellId(1))).with_subscribers(10);
 /// controllers -> gate.
 pub const REQUEST: Topic<Request> = Topic::new("request", 6, 1, Some(REQUEST_DOORBELL)).with_subscribers(10);
 /// gates -> plant, and controllers, as their memory. A gate that takes over publishes the last one again.
-pub const COMMAND: Topic<Command> = Topic::new("command", 7, HISTORY_DEPTH, Some(COMMAND_DOORBELL)).with_subscribers(10);
+pub const COMMAND: Topic<Command> = Topic::new("command", 7, HISTORY_DEPTH, Some(COMMAND_DOORBELL)).with_subscribers(13);
 /// gate -> all: parameters in force and to come.
 pub const OPERATOR: Topic<Operator> = Topic { depth: OPERATOR_DEPTH, ..Topic::new("operator", 7, 1, None).with_subscribers(12) };
 /// all -> recorder.

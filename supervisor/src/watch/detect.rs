@@ -86,7 +86,7 @@ impl Watch<'_> {
             // A process waits for a message that another has not sent. The clock waits, so all may restart.
             let what =
                 format!("is restarted with the others: no tick was done for {} ms; messages rejected: {rejected}", limit_ms);
-            for process in [Process::Gate, Process::SpareGate, Process::Planner, Process::Controller, Process::Standby] {
+            for process in [Process::Planner, Process::Controller, Process::Standby] {
                 if !self.on_lost(process, Detector::Tick, &what)? {
                     return Ok(true);
                 }
