@@ -214,9 +214,15 @@ fn lockstep(
     let mut last_published = resumed;
     for tick in last_published.map_or(0, |state| state.tick)..ticks {
         while credit < tick {
-            if let Some(new) = ports.credit.newest()? {
+            let before = credit;
+            // Of several recorders, one after the other, the largest counts: the newest message may be an old one's.
+            while let Some(new) = ports.credit.next()? {
                 credit = credit.max(new.tick);
-            } else if !context.wait(&[&ports.credit], tick)? {
+            }
+            if credit > before {
+                continue;
+            }
+            if !context.wait(&[&ports.credit], tick)? {
                 return Ok(());
             } else {
                 ports.state.preloan();
