@@ -227,7 +227,7 @@ enum InputStatus {
 /// Receives messages that precede their state: command(k) at the end of tick k, parameters some ticks ahead.
 fn read_ahead(context: &mut Context, ports: &mut ControllerPorts, buffers: &mut InputBuffers) -> Result<(), IpcError> {
     context.drain(&mut ports.command, |new| buffers.commands.insert(new))?;
-    context.drain(&mut ports.operator, |new| buffers.operator = Some(new))
+    context.drain(&mut ports.operator, |new| take_newer(&mut buffers.operator, new))
 }
 
 /// Receives references up to that of a tick, and counts outdated ones as rejected.
@@ -276,5 +276,12 @@ fn receive_inputs(
         if !context.wait(&[&ports.reference, &ports.command], tick)? {
             return Ok(InputStatus::End);
         }
+    }
+}
+
+/// Takes parameter sets, unless newer ones are there: the history of a gate that was active before may come last.
+fn take_newer(sets: &mut Option<Operator>, new: Operator) {
+    if sets.is_none_or(|sets| new.next.version >= sets.next.version) {
+        *sets = Some(new);
     }
 }

@@ -121,7 +121,7 @@ fn receive_inputs(
 ) -> Result<bool, IpcError> {
     loop {
         context.drain(&mut ports.command, |new| commands.insert(new))?;
-        context.drain(&mut ports.operator, |new| *operator = Some(new))?;
+        context.drain(&mut ports.operator, |new| take_newer(operator, new))?;
         if context.clock == Clock::Realtime || (commands.at(tick).is_some() && operator.is_some()) {
             return Ok(true);
         }
@@ -129,5 +129,12 @@ fn receive_inputs(
         if !context.wait(&[&ports.command], tick)? {
             return Ok(false);
         }
+    }
+}
+
+/// Takes parameter sets, unless newer ones are there: the history of a gate that was active before may come last.
+fn take_newer(sets: &mut Option<Operator>, new: Operator) {
+    if sets.is_none_or(|sets| new.next.version >= sets.next.version) {
+        *sets = Some(new);
     }
 }
