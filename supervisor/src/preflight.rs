@@ -9,8 +9,8 @@ use std::path::Path;
 
 /// Folder of POSIX shared memory.
 const SHM: &str = "/dev/shm";
-/// Shared memory of a run, with room for a restart [bytes]: the segments of all processes have 77 MB, all reserved.
-const SHM_BYTES: u64 = 88 << 20;
+/// Shared memory of a run, with room for a restart [bytes]: the segments of all processes have 66 MB, all reserved.
+const SHM_BYTES: u64 = 72 << 20;
 /// Open files of a supervisor with all processes connected, and room for restarts.
 const OPEN_FILES: u64 = 512;
 /// Size of a log per simulated second [bytes]: twice that of the scenario `floor`.

@@ -1,6 +1,6 @@
 //! The pair of gates: one gates, the other keeps up and takes a tick that the first does not gate.
 //!
-//! Each tick has one owner, whoever holds the lock of [`hapfic_ipc::GatePage`]. The state of the gate rides in the command,
+//! Each tick has one owner, the holder of the lock of [`hapfic_ipc::GatePage`]. The state of the gate rides in the command,
 //! so the next owner continues from the last command, whichever gate has published it, and computes the same bits. A gate
 //! that dies with the lock leaves it to the next owner, which first takes in what the dead one has published.
 //!

@@ -1,7 +1,7 @@
 //! Page of the two gates in the run's folder: which of them gates at present, the lock under which a tick is gated, and the
 //! last command and parameter sets.
 //!
-//! Each tick has one owner: whoever holds the lock. It is a robust mutex shared between processes, so the kernel releases it
+//! Each tick has one owner: the holder of the lock. It is a robust mutex shared between processes, so the kernel releases it
 //! when its owner dies, and the next owner learns that from the call. A gate holds it from its look at the inputs to the
 //! publication of the command, never while it waits.
 //!

@@ -22,12 +22,13 @@ pub enum Remainder {
     Removed,
 }
 
-/// Ends the part of a killed writer as [`close_part`]; parts that it has begun behind its last flush are removed with
-/// [`Remainder::Removed`], else ended, too. `log` is the path of the first part, `part` the number of the part at the last
+/// Ends the part of a killed writer: cuts it off behind its last whole record, and marks its end. The part has no index
+/// then; readers go through it from the start, as they do while a log is written. Parts that the writer has begun behind its
+/// last flush are removed with [`Remainder::Removed`], else ended, too. `log` is the path of the first part, `part` the number of the part at the last
 /// flush, `flushed` its size then.
 ///
 /// # Errors
-/// As [`close_part`].
+/// If the file cannot be read or written.
 pub fn close_last_part(log: &Path, part: u32, flushed: u64, remainder: Remainder) -> io::Result<()> {
     for (number, path) in numbered(log).into_iter().filter(|(number, _)| *number > part.max(1)) {
         match remainder {
