@@ -83,6 +83,8 @@ impl ParameterSchedule {
             return None;
         }
         let change = self.waiting.pop_front()?;
+        // Never in the past: another gate's change may be known late.
+        let change = OperatorChange { at_tick: change.at_tick.max(tick + 1), ..change };
         let current = *self.operator.at(tick + 1);
         self.next = self.next.with(&change);
         let next = parameters::parameters(&self.next, current.version + 1, change.at_tick, &self.start);

@@ -10,7 +10,7 @@ use std::io::Write;
 
 /// Processes that publish timing each tick.
 pub const TIMED_PROCESSES: [Process; 5] =
-    [Process::Plant, Process::Planner, Process::Controller, Process::Standby, Process::Supervisor];
+    [Process::Plant, Process::Planner, Process::Controller, Process::Standby, Process::Gate];
 /// Messages of a tick: state, reference, two requests, command, and five of timing.
 pub const MESSAGES: usize = 5 + TIMED_PROCESSES.len();
 

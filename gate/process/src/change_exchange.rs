@@ -96,8 +96,15 @@ impl ChangeClient {
     /// Requests a change and waits for the reply.
     ///
     /// Returns `None` if the gate does not take the request within `timeout`; the request is then withdrawn. Also
-    /// returns `None` if the gate takes it and does not reply within twice that time.
-    pub fn ask(&mut self, made_on: Option<u64>, change: &OperatorChange, timeout: Duration) -> Option<ChangeReply> {
+    /// returns `None` if the gate takes it and does not reply within twice that time. If it has placed the change and was
+    /// lost before the reply, `known` stands for the set before it.
+    pub fn ask(
+        &mut self,
+        made_on: Option<u64>,
+        change: &OperatorChange,
+        known: &ParameterSettings,
+        timeout: Duration,
+    ) -> Option<ChangeReply> {
         let text = serde_json::to_string(&RequestText { made_on, change: *change }).ok()?;
         let id = self.page.open_request(&text);
         let begun = Instant::now();
@@ -110,7 +117,16 @@ impl ChangeClient {
             }
             // The gate took it, and ended before the reply.
             if begun.elapsed() > 2 * timeout {
-                return None;
+                let placed = self.page.decision(id).filter(|decision| decision.code == ChangeOutcome::Placed as u32)?;
+                let Decision { effective_tick, version, taken_tick, .. } = placed;
+                return Some(ChangeReply {
+                    id,
+                    outcome: ChangeOutcome::Placed,
+                    version,
+                    effective_tick,
+                    taken_tick,
+                    before: *known,
+                });
             }
             std::thread::sleep(POLL_INTERVAL);
         }
@@ -124,6 +140,8 @@ pub struct ChangeServer {
     replies: Producer<ChangeReply>,
     /// Changes that the other gate has placed.
     placed: Consumer<OperatorChange>,
+    /// Newest request that was left to the other gate.
+    left: Option<ChangeRequest>,
     page: Arc<ChangePage>,
 }
 
@@ -139,24 +157,30 @@ impl ChangeServer {
         placed(&self.page)
     }
 
-    /// Leaves the pending requests to the other gate.
-    pub fn discard(&mut self) {
-        while self.requests.pop().is_ok() {}
+    /// Leaves the pending request to the other gate, unless that ends before it takes it.
+    pub fn leave(&mut self) {
+        // Only the newest can be pending.
+        while let Ok(request) = self.requests.pop() {
+            self.left = Some(request);
+        }
+    }
+
+    /// Whether a request may be pending.
+    #[must_use]
+    pub fn has_request(&self) -> bool {
+        self.left.is_some() || !self.requests.is_empty()
     }
 
     /// Takes the pending request, if any. The caller replies immediately.
     pub fn take(&mut self) -> Option<ChangeRequest> {
-        while let Ok(request) = self.requests.pop() {
-            if self.page.take(request.id) {
-                return Some(request);
-            }
-        }
-        None
+        self.leave();
+        self.left.take().filter(|request| self.page.take(request.id))
     }
 
     /// Sends a reply.
     pub fn reply(&mut self, reply: ChangeReply) {
-        self.page.decide(reply.id, Decision { code: reply.outcome as u32, effective_tick: reply.effective_tick });
+        let ChangeReply { id, outcome, version, effective_tick, taken_tick, .. } = reply;
+        self.page.decide(id, Decision { code: outcome as u32, effective_tick, version, taken_tick });
         // A full queue: the supervisor has stopped waiting for these replies.
         let _ = self.replies.push(reply);
     }
@@ -183,7 +207,7 @@ pub struct ChangeThread {
 }
 
 impl ChangeThread {
-    /// Starts the thread. Requests that are in the page already are left to the gate before.
+    /// Starts the thread. Requests that are in the page already are left to the gate before; what it places is taken.
     ///
     /// # Errors
     /// [`IpcError::System`] if the thread cannot be started.
@@ -191,11 +215,11 @@ impl ChangeThread {
         let (mut request, requests) = RingBuffer::new(DEPTH);
         let (reply, mut replies) = RingBuffer::<ChangeReply>::new(DEPTH);
         let (mut place, placed) = RingBuffer::<OperatorChange>::new(CHANGES as usize);
-        let server = ChangeServer { requests, replies: reply, placed, page: Arc::clone(&page) };
+        let server = ChangeServer { requests, replies: reply, placed, left: None, page: Arc::clone(&page) };
         let end = Arc::new(AtomicBool::new(false));
         let ended = Arc::clone(&end);
         let mut seen = page.newest();
-        let mut undecided: Vec<u64> = Vec::new();
+        let mut undecided: Vec<u64> = page.ids().collect();
         let serve = move || {
             while !ended.load(Ordering::Acquire) {
                 // Only the newest can be pending.
@@ -284,7 +308,7 @@ mod tests {
     fn ask_timed_out_request_withdrawn() {
         let (mut client, mut server, _thread) = exchange();
         for _ in 0..DEPTH + 3 {
-            assert!(client.ask(None, &OperatorChange::default(), SHORT).is_none());
+            assert!(client.ask(None, &OperatorChange::default(), &before(), SHORT).is_none());
         }
         thread::sleep(SHORT);
         assert!(server.take().is_none(), "a withdrawn change never applies");
@@ -294,7 +318,7 @@ mod tests {
             server.reply(reply_to(&request, ChangeOutcome::Placed, 3));
             server
         });
-        assert_eq!(client.ask(None, &OperatorChange::default(), LONG).map(|reply| reply.version), Some(3));
+        assert_eq!(client.ask(None, &OperatorChange::default(), &before(), LONG).map(|reply| reply.version), Some(3));
         drop(gate.join().unwrap());
     }
 
@@ -312,7 +336,7 @@ mod tests {
             assert_eq!((request.change, request.made_on), (change, Some(4)));
             server.reply(reply_to(&request, ChangeOutcome::Stale, 9));
         });
-        let reply = client.ask(Some(4), &change, LONG).unwrap();
+        let reply = client.ask(Some(4), &change, &before(), LONG).unwrap();
         assert_eq!((reply.outcome, reply.version, reply.before), (ChangeOutcome::Stale, 9, before()));
         gate.join().unwrap();
     }
@@ -328,7 +352,7 @@ mod tests {
             }
         });
         for taper in [0.1, 0.2, 0.3] {
-            client.ask(None, &OperatorChange { taper: Some(taper), ..OperatorChange::default() }, LONG).unwrap();
+            client.ask(None, &OperatorChange { taper: Some(taper), ..OperatorChange::default() }, &before(), LONG).unwrap();
         }
         gate.join().unwrap();
         drop(thread);

@@ -12,7 +12,13 @@ impl GateNode {
         self.receive()?;
         self.compare()?;
         self.take_placed();
-        self.take_change();
+        if self.start.change_server.has_request() && self.is_active() && !self.follows {
+            // As the owner of the next tick: the other gate then knows all changes before it.
+            self.own_tick(|gate, _| {
+                gate.take_change();
+                Ok(Some(()))
+            })?;
+        }
         Ok(())
     }
 

@@ -74,6 +74,8 @@ pub struct GateNode {
     pub(super) heartbeat_ns: u64,
     /// Arrival predictor, if busy-poll is enabled.
     pub(super) predictor: Option<ArrivalPredictor>,
+    /// Whether the other gate owned the tick at the last look.
+    pub(super) busy: bool,
     /// Whether the other gate works, and this one receives now and then.
     pub(super) follows: bool,
     /// Last tick for which the gate called the standby.
@@ -95,6 +97,7 @@ impl GateNode {
             gate: Gate::new(start.limits, start.torque.clone()),
             heartbeat_ns: 0,
             predictor: None,
+            busy: false,
             follows: start.gates.active() != start.own,
             called: -1,
             granted: SchedGrants::default(),
@@ -148,7 +151,6 @@ impl GateNode {
             missing: self.start.clock == Clock::Realtime && shared.presence.missing.load(Ordering::Acquire) != 0,
         };
         self.gate.take_orders(stops, rearms);
-        shared.gate.processed_stops.store(stops, Ordering::Release);
         inputs
     }
 
@@ -173,13 +175,14 @@ impl GateNode {
         lock.write(command, self.start.schedule.operator());
         let published = self.ports.command.send(&Command { stamp_ns: stamp, ..*command })?;
         self.start.gates.set_published(tick);
+        self.start.shared.gate.processed_stops.store(command.gate.stops, Ordering::Release);
         drop(lock);
         let allocated = if self.start.clock == Clock::Realtime { allocations::count() - before } else { 0 };
         // From here on it is idle time.
         self.start.shared.gate.severity.store(command.severity, Ordering::Relaxed);
         self.start.shared.gate.primary.store(self.gate.primary().process().code(), Ordering::Relaxed);
         self.start.shared.gate.mode.store(command.mode, Ordering::Relaxed);
-        self.start.shared.gate.tick.store(tick, Ordering::Release);
+        self.start.shared.gate.tick.fetch_max(tick, Ordering::Release);
         self.count(command);
         self.ports.command_sent.notify();
         self.report_all(command, severity_before, announced)?;

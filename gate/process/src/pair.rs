@@ -23,6 +23,8 @@ const STAND_BY_TIMEOUT: Duration = Duration::from_millis(20);
 const HISTORY: usize = 4;
 /// Interval at which a gate that takes over looks for the lock.
 const RETRY_INTERVAL: Duration = Duration::from_micros(50);
+/// Looks of a successor for the lock before it starts: it takes in the last command later, too.
+const MOST_TRIES: u32 = 200;
 
 impl GateNode {
     /// Whether this gate gates at present.
@@ -39,10 +41,14 @@ impl GateNode {
         let (lock, inherited) = match gates.try_lock() {
             Locked::Own(lock) => (lock, false),
             Locked::Inherited(lock) => (lock, true),
-            Locked::Busy => return Ok(None),
+            Locked::Busy => {
+                self.busy = true;
+                return Ok(None);
+            }
         };
+        self.busy = false;
         self.catch_up(&lock, inherited)?;
-        if inherited {
+        if inherited && self.start.clock == Clock::Realtime {
             // The other gate is dead: no need to wait for the supervisor.
             gates.set_active(self.start.own);
         }
@@ -68,6 +74,12 @@ impl GateNode {
             return Err(IpcError::System { action: "continue behind the other gate", cause });
         }
         self.gate.follow(command);
+        let report = &self.start.shared.gate;
+        report.mode.store(command.mode, Ordering::Relaxed);
+        report.primary.store(self.gate.primary().process().code(), Ordering::Relaxed);
+        report.announced.fetch_max(sets.next.version, Ordering::Relaxed);
+        // Its owner may have died before it could.
+        report.tick.fetch_max(command.tick, Ordering::Release);
         self.was_active |= command.gate.opened != 0;
         self.waited_ns = 0;
         self.reported.follow(&command);
@@ -103,13 +115,27 @@ impl GateNode {
     }
 
     /// Continues behind the gate before, whose last command is in the page, with all changes that it has placed.
-    pub(crate) fn resume(&mut self) {
+    pub(crate) fn resume(&mut self) -> Result<(), IpcError> {
         // It has reported what it has seen.
         self.reported.slipped = u64::MAX;
+        self.follows = true;
+        // Behind the last sets there is room for the changes after them.
+        let mut tries = 0..MOST_TRIES;
+        let take = |gate: &mut Self, _: GateLock<'_>| {
+            gate.take_all_placed();
+            Ok(Some(()))
+        };
+        while self.own_tick(take)?.is_none() && tries.next().is_some() {
+            std::thread::sleep(RETRY_INTERVAL);
+        }
+        Ok(())
+    }
+
+    /// Takes all changes of the page. Allocates.
+    fn take_all_placed(&mut self) {
         for change in self.start.change_server.all_placed() {
             self.start.schedule.take_placed(&change);
         }
-        self.follows = true;
     }
 
     /// Becomes the active gate: takes in the last command, publishes it again, and receives what it answers.
@@ -124,9 +150,13 @@ impl GateNode {
             }
         };
         self.catch_up(&lock, true)?;
+        if self.start.clock == Clock::Lockstep {
+            // Nothing is in a hurry: every change that the other gate has placed.
+            self.take_all_placed();
+        }
         drop(lock);
         if gates.written() < 0 {
-            self.begin()?;
+            self.begin(true)?;
         }
         self.receive()?;
         self.received.resume(self.gate.last().tick);
@@ -150,7 +180,7 @@ impl GateNode {
         self.ports.preloan();
         self.receive()?;
         self.take_placed();
-        self.start.change_server.discard();
+        self.start.change_server.leave();
         self.heartbeat_while_standing_by()
     }
 

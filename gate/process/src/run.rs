@@ -44,7 +44,7 @@ impl GateNode {
             }
         }
         if self.start.generation > 0 {
-            self.resume();
+            self.resume()?;
         }
         self.heartbeat(Phase::Ready)?;
         let mut last_heartbeat = clock::now_ns();
@@ -59,14 +59,17 @@ impl GateNode {
             wait(&[], FLAG_POLL_INTERVAL)?;
         }
         let mut account = TickAccount::new(FAULTS_EVERY);
-        if self.is_active() && !self.follows {
-            self.begin()?;
+        if self.start.generation == 0 {
+            // Both gates: every receiver then knows both from the start, and has their memory at hand.
+            self.begin(!self.follows)?;
         }
         self.idle_work()?;
         match self.start.clock {
             Clock::Lockstep => self.lockstep(&mut account)?,
             Clock::Realtime => self.realtime(arrival_wait, &mut account)?,
         }
+        // The last command may be that of a gate that has died behind it.
+        let _ = self.own_tick::<()>(|_, _| Ok(None))?;
         self.faults += account.new_faults(i64::MAX);
         self.heartbeat(Phase::Finished)?;
         // The ports stay until all other processes have done their last tick: a change of ports would delay these.
@@ -76,13 +79,13 @@ impl GateNode {
         Ok(())
     }
 
-    /// Publishes the first parameters and the command before the first tick.
-    pub(super) fn begin(&mut self) -> Result<(), IpcError> {
+    /// Publishes the first parameters and the command before the first tick; `reports` also their event.
+    pub(super) fn begin(&mut self, reports: bool) -> Result<(), IpcError> {
         self.ports.operator.send(self.start.schedule.operator())?;
-        self.start.shared.gate.announced.store(self.start.schedule.operator().next.version, Ordering::Relaxed);
+        self.start.shared.gate.announced.fetch_max(self.start.schedule.operator().next.version, Ordering::Relaxed);
         let announced = self.announce(-1)?;
         self.ports.command.send(self.gate.last())?;
-        if let Some((version, from)) = announced {
+        if let Some((version, from)) = announced.filter(|_| reports) {
             self.report_parameters(version, from)?;
         }
         Ok(())
@@ -97,10 +100,6 @@ impl GateNode {
                 continue;
             }
             if self.follows {
-                // Nothing is in a hurry: every change that the other gate has placed.
-                for change in self.start.change_server.all_placed() {
-                    self.start.schedule.take_placed(&change);
-                }
                 self.take_over()?;
                 self.waiting_ns = clock::now_ns();
             }
@@ -123,9 +122,13 @@ impl GateNode {
             // A halted gate has not waited: a gap counts as one time-out.
             self.waited_ns += now.saturating_sub(std::mem::replace(&mut self.waiting_ns, now)).min(TIMEOUT.as_nanos() as u64);
             let overdue = self.waited_ns > LOCKSTEP_TIMEOUT_NS;
-            let done = self.own_tick(|gate, lock| match gate.decide(overdue, WaitPolicy::Lockstep) {
-                Some(command) if gate.is_active() => gate.publish(&command, (now, now), account, lock).map(Some),
-                _ => Ok(None),
+            let done = self.own_tick(|gate, lock| {
+                // Before the decision: what is decided is published.
+                if !gate.is_active() {
+                    return Ok(None);
+                }
+                let Some(command) = gate.decide(overdue, WaitPolicy::Lockstep) else { return Ok(None) };
+                gate.publish(&command, (now, now), account, lock).map(Some)
             })?;
             if done.is_some() {
                 return Ok(());

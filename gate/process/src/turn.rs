@@ -6,6 +6,10 @@ use crate::tick_account::TickAccount;
 use hapfic_gate::protocol::WaitPolicy;
 use hapfic_ipc::{IpcError, allocations, clock};
 use hapfic_messages::Phase;
+use std::time::Duration;
+
+/// Interval at which the active gate looks again for a tick that the other one owns.
+const BUSY_INTERVAL: Duration = Duration::from_micros(20);
 
 impl GateNode {
     /// Gates every tick of the run, or stands by while the other gate does. Waits in between for a request until the
@@ -21,6 +25,11 @@ impl GateNode {
                 self.take_over()?;
             }
             if self.attempt(account)? {
+                continue;
+            }
+            if self.busy {
+                // The other gate looks at the tick, and may leave it.
+                std::thread::sleep(BUSY_INTERVAL);
                 continue;
             }
             let pending = self.pending();

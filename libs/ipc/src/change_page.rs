@@ -56,6 +56,8 @@ struct Change {
     /// Whether the answer is complete.
     answered: AtomicU32,
     effective_tick: AtomicI64,
+    version: AtomicU64,
+    taken_tick: AtomicI64,
     answer: Text,
 }
 
@@ -77,6 +79,10 @@ pub struct Decision {
     pub code: u32,
     /// First tick of the new set.
     pub effective_tick: i64,
+    /// Version of the new set.
+    pub version: u64,
+    /// Tick that was due when the gate took the request.
+    pub taken_tick: i64,
 }
 
 /// The page of a run's changes.
@@ -151,6 +157,8 @@ impl ChangePage {
     pub fn decide(&self, id: u64, decision: Decision) {
         let change = self.change(id);
         change.effective_tick.store(decision.effective_tick, Ordering::Relaxed);
+        change.version.store(decision.version, Ordering::Relaxed);
+        change.taken_tick.store(decision.taken_tick, Ordering::Relaxed);
         change.decision.store(decision.code + 1, Ordering::Release);
     }
 
@@ -159,7 +167,12 @@ impl ChangePage {
     pub fn decision(&self, id: u64) -> Option<Decision> {
         let change = self.change(id);
         let code = change.decision.load(Ordering::Acquire).checked_sub(1)?;
-        Some(Decision { code, effective_tick: change.effective_tick.load(Ordering::Relaxed) })
+        Some(Decision {
+            code,
+            effective_tick: change.effective_tick.load(Ordering::Relaxed),
+            version: change.version.load(Ordering::Relaxed),
+            taken_tick: change.taken_tick.load(Ordering::Relaxed),
+        })
     }
 
     /// Answers a request.
@@ -198,9 +211,10 @@ mod tests {
         assert_eq!((id, gate.newest(), gate.request(id).as_deref()), (1, 1, Some("a change of 20 bytes")));
         assert!(gate.take(id) && !supervisor.withdraw(id) && !gate.take(id));
         assert_eq!((supervisor.decision(id), supervisor.answer_to(id)), (None, None));
-        gate.decide(id, Decision { code: 0, effective_tick: 9 });
+        let decision = Decision { code: 0, effective_tick: 9, version: 3, taken_tick: 4 };
+        gate.decide(id, decision);
         gate.answer(id, "{}");
-        assert_eq!(supervisor.decision(id), Some(Decision { code: 0, effective_tick: 9 }));
+        assert_eq!(supervisor.decision(id), Some(decision));
         assert_eq!(supervisor.answer_to(id).as_deref(), Some("{}"));
         let id = supervisor.open_request("x");
         assert!(supervisor.withdraw(id) && !gate.take(id));

@@ -30,14 +30,25 @@ pub enum Remainder {
 /// # Errors
 /// If the file cannot be read or written.
 pub fn close_last_part(log: &Path, part: u32, flushed: u64, remainder: Remainder) -> io::Result<()> {
-    for (number, path) in numbered(log).into_iter().filter(|(number, _)| *number > part.max(1)) {
-        match remainder {
-            Remainder::Removed => std::fs::remove_file(path)?,
-            Remainder::Kept => close_part(&part_path(log, number), MAGIC.len() as u64, remainder)?,
+    let beginning = MAGIC.len() as u64;
+    for (_, path) in numbered(log).into_iter().filter(|(number, _)| *number > part.max(1)) {
+        let too_short = std::fs::metadata(&path).is_ok_and(|metadata| metadata.len() < beginning);
+        if too_short || remainder == Remainder::Removed {
+            std::fs::remove_file(path)?;
+        } else {
+            close_part(&path, beginning, remainder)?;
         }
     }
     let path = part_path(log, part);
-    close_part(&path, flushed.max(MAGIC.len() as u64), remainder)?;
+    if part > 1 {
+        // A part without a message makes room, and the next writer of it may have died at its beginning.
+        match std::fs::metadata(&path) {
+            Err(cause) if cause.kind() == io::ErrorKind::NotFound => return Ok(()),
+            Ok(metadata) if metadata.len() < flushed => return std::fs::remove_file(&path),
+            _ => {}
+        }
+    }
+    close_part(&path, flushed.max(beginning), remainder)?;
     if part > 1 && holds_no_message(&path)? {
         std::fs::remove_file(&path)?;
     }

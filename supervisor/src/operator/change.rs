@@ -78,7 +78,7 @@ impl RequestHandler {
                 return rejected(&text);
             }
             let base_version = request.relative.then_some(self.version);
-            let Some(reply) = self.start.change_client.ask(base_version, &request.change, GATE_TIMEOUT) else {
+            let Some(reply) = self.start.change_client.ask(base_version, &request.change, &known, GATE_TIMEOUT) else {
                 return rejected(
                     "nothing changed: the gate has accepted no change in time, expected a poll every tick. \
                      Hint: see `hapfic status`",

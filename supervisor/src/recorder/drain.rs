@@ -108,7 +108,8 @@ impl DrainThread {
             views: Views::open(&bus)?,
             credit: bus.output(&topic::CREDIT)?,
             granted: -1,
-            newest: -1,
+            // What the predecessors have flushed grants credit, too.
+            newest: if generation == 0 { -1 } else { last[0] },
             last,
             journal_timing_ns: [0; Process::ALL.len()],
             journal_events: HashMap::new(),

@@ -182,9 +182,13 @@ impl Journal {
         self.reference.forget_while(|m| done(1, m.tick));
         self.request.forget_while(|m| done(2 + request_index(m), m.tick));
         self.command.forget_while(|m| done(4, m.tick));
-        self.timing.forget_while(|m| flushed.timing_ns.get(m.process as usize).is_none_or(|newest| m.wake_ns <= *newest));
+        // Each process has its own order.
+        let timed = |m: &Timing| flushed.timing_ns.get(m.process as usize).is_some_and(|newest| m.wake_ns > *newest);
+        self.timing.messages.retain(timed);
         // Every part of the log begins with the last two sets.
-        while self.operator.messages.len() > 2 {
+        while self.operator.messages.len() > 2
+            && self.operator.messages.front().is_some_and(|sets| sets.next.effective_tick <= flushed.ticks[0])
+        {
             self.operator.messages.pop_front();
         }
         self.forget_events(&flushed);
