@@ -63,10 +63,7 @@ impl GateNode {
         if !follow {
             return Ok(());
         }
-        let (mut last, sets) = ([None; HISTORY], lock.read().1);
-        for (place, command) in last.iter_mut().zip(lock.read().0) {
-            *place = Some(command);
-        }
+        let (last, sets) = (last_commands(lock), lock.read().1);
         let (Some(command), Some(sets)) = (last.iter().flatten().next_back().copied(), sets) else { return Ok(()) };
         // Written by this program under the lock; a damaged page must not become a torque.
         if let Err(defect) = last.iter().flatten().try_for_each(Check::check).and_then(|()| sets.check()) {
@@ -149,7 +146,9 @@ impl GateNode {
                 Locked::Busy => std::thread::sleep(RETRY_INTERVAL),
             }
         };
-        self.catch_up(&lock, true)?;
+        self.catch_up(&lock, false)?;
+        // In any case: who joins now has no history of the dead gate.
+        self.publish_again(last_commands(&lock).iter().flatten())?;
         if self.start.clock == Clock::Lockstep {
             // Nothing is in a hurry: every change that the other gate has placed.
             self.take_all_placed();
@@ -205,4 +204,13 @@ impl GateNode {
         }
         self.heartbeat(Phase::Running)
     }
+}
+
+/// Last commands in the page, the oldest first.
+fn last_commands(lock: &GateLock<'_>) -> [Option<Command>; HISTORY] {
+    let mut last = [None; HISTORY];
+    for (place, command) in last.iter_mut().zip(lock.read().0) {
+        *place = Some(command);
+    }
+    last
 }
