@@ -6,10 +6,9 @@ use crate::tick_account::TickAccount;
 use hapfic_gate::protocol::WaitPolicy;
 use hapfic_ipc::{IpcError, allocations, clock};
 use hapfic_messages::Phase;
-use std::time::Duration;
 
-/// Interval at which the active gate looks again for a tick that the other one owns.
-const BUSY_INTERVAL: Duration = Duration::from_micros(20);
+/// Interval at which the active gate looks again for a tick that the other one owns [ns].
+const BUSY_INTERVAL_NS: u64 = 20_000;
 
 impl GateNode {
     /// Gates every tick of the run, or stands by while the other gate does. Waits in between for a request until the
@@ -29,7 +28,7 @@ impl GateNode {
             }
             if self.busy {
                 // The other gate looks at the tick, and may leave it.
-                std::thread::sleep(BUSY_INTERVAL);
+                clock::sleep_until(clock::now_ns() + BUSY_INTERVAL_NS);
                 continue;
             }
             let pending = self.pending();
