@@ -29,6 +29,8 @@ pub struct Gate {
     step: Option<TorqueStep>,
     /// Latched stops and re-armings taken in.
     orders: [u64; 2],
+    /// Version of the newest parameter set announced.
+    announced: u64,
     last: Command,
 }
 
@@ -60,6 +62,7 @@ impl Gate {
             protocol: Protocol::default(),
             step: None,
             orders: [0; 2],
+            announced: 0,
             last: first,
         }
     }
@@ -86,6 +89,7 @@ impl Gate {
         };
         self.conditioning = Conditioning::from_carried(state.filtered, state.ramping != 0);
         self.orders = [state.stops, state.rearms];
+        self.announced = state.announced;
         self.step = None;
         self.last = Command { stamp_ns: 0, ..last };
     }
@@ -101,6 +105,12 @@ impl Gate {
         self.orders = [stops, rearms];
     }
 
+    /// Notes in the last command the newest parameter set announced before it goes out.
+    pub fn note_announced(&mut self, version: u64) {
+        self.announced = version;
+        self.last.gate.announced = version;
+    }
+
     /// State that the next command carries.
     fn carried(&self) -> GateState {
         let (filtered, ramping) = self.conditioning.carried();
@@ -109,6 +119,7 @@ impl Gate {
             filtered,
             stops: self.orders[0],
             rearms: self.orders[1],
+            announced: self.announced,
             ramping: ramping.into(),
             primary: primary as u32,
             misses,

@@ -101,10 +101,20 @@ impl InputBuffers {
         }
     }
 
+    /// The parameter sets that hold after a command.
+    fn sets(&self, command: &Command) -> Option<&Operator> {
+        self.operator.as_ref().filter(|sets| sets.includes(command))
+    }
+
+    /// Whether the messages of a tick are complete: its reference, the command before it, the sets that hold after that.
+    fn is_complete(&self, tick: i64) -> bool {
+        self.references.at(tick).is_some() && self.commands.at(tick - 1).is_some_and(|command| self.sets(command).is_some())
+    }
+
     /// Returns the inputs of the control step for a state; `None` if one is missing.
     fn inputs<'a>(&'a self, state: &'a State) -> Option<ControlInputs<'a>> {
-        let parameters = self.operator.as_ref()?.at(state.tick);
         let command = self.commands.before(state.tick)?;
+        let parameters = self.sets(command)?.at(state.tick);
         let (setpoint, previous) = (self.setpoint(state), PreviousStates::of(&command.request));
         Some(ControlInputs { state, setpoint, parameters, previous })
     }
@@ -227,7 +237,7 @@ enum InputStatus {
 /// Receives messages that precede their state: command(k) at the end of tick k, parameters some ticks ahead.
 fn read_ahead(context: &mut Context, ports: &mut ControllerPorts, buffers: &mut InputBuffers) -> Result<(), IpcError> {
     context.drain(&mut ports.command, |new| buffers.commands.insert(new))?;
-    context.drain(&mut ports.operator, |new| take_newer(&mut buffers.operator, new))
+    context.drain(&mut ports.operator, |new| Operator::take_newer(&mut buffers.operator, new))
 }
 
 /// Receives references up to that of a tick, and counts outdated ones as rejected.
@@ -260,7 +270,8 @@ fn receive_inputs(
         if context.clock == Clock::Lockstep || buffers.references.at(tick).is_none() {
             take_references(context, &mut ports.reference, buffers, tick)?;
         }
-        if context.clock == Clock::Lockstep || buffers.commands.at(tick - 1).is_none() || buffers.operator.is_none() {
+        let command = buffers.commands.at(tick - 1);
+        if context.clock == Clock::Lockstep || command.is_none_or(|command| buffers.sets(command).is_none()) {
             read_ahead(context, ports, buffers)?;
         }
         if context.clock == Clock::Realtime {
@@ -269,7 +280,7 @@ fn receive_inputs(
         if buffers.commands.newest().is_some_and(|c| c.tick >= tick) {
             return Ok(InputStatus::TooLate);
         }
-        if buffers.references.at(tick).is_some() && buffers.commands.at(tick - 1).is_some() && buffers.operator.is_some() {
+        if buffers.is_complete(tick) {
             return Ok(InputStatus::Complete);
         }
         ports.request.preloan();
@@ -279,9 +290,31 @@ fn receive_inputs(
     }
 }
 
-/// Takes parameter sets, unless newer ones are there: the history of a gate that was active before may come last.
-fn take_newer(sets: &mut Option<Operator>, new: Operator) {
-    if sets.is_none_or(|sets| new.next.version >= sets.next.version) {
-        *sets = Some(new);
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use hapfic_messages::{GateState, Parameters};
+
+    fn sets(version: u64, effective_tick: i64) -> Operator {
+        let set = |version, effective_tick| Parameters { version, effective_tick, ..Parameters::default() };
+        Operator { current: set(version - 1, 0), next: set(version, effective_tick) }
+    }
+
+    #[test]
+    fn inputs_wait_for_sets_that_command_announces() {
+        let state = State { tick: 40, ..State::default() };
+        let mut buffers = InputBuffers::default();
+        buffers.references.insert(Reference { tick: 40, ..Reference::default() });
+        buffers.commands.insert(Command { tick: 39, gate: GateState { announced: 3, ..GateState::default() }, ..Command::default() });
+        assert!(!buffers.is_complete(40) && buffers.inputs(&state).is_none(), "no sets");
+        // From the history of the other gate, which has gated nothing since.
+        Operator::take_newer(&mut buffers.operator, sets(2, 10));
+        assert!(!buffers.is_complete(40) && buffers.inputs(&state).is_none(), "old sets");
+        Operator::take_newer(&mut buffers.operator, sets(3, 40));
+        assert!(buffers.is_complete(40));
+        assert_eq!(buffers.inputs(&state).unwrap().parameters.version, 3);
+        Operator::take_newer(&mut buffers.operator, sets(2, 10));
+        assert_eq!(buffers.inputs(&state).unwrap().parameters.version, 3, "the old ones come last");
     }
 }

@@ -110,13 +110,15 @@ impl GateNode {
         self.start.shared.orders.stop.load(Ordering::Acquire) || self.start.terminated.load(Ordering::Relaxed)
     }
 
-    /// Decides the command of the tick that is due; `None`: the gate has to wait.
-    pub(super) fn decide(&mut self, overdue: bool, policy: WaitPolicy) -> Option<Command> {
+    /// Decides the command of the tick that is due, then the gate's last one; `false`: the gate has to wait.
+    pub(super) fn decide(&mut self, overdue: bool, policy: WaitPolicy) -> bool {
         let (seen, requests) = self.observe(overdue);
         let choice = self.gate.choose(&seen, policy);
-        if choice == Choice::Wait {
-            return None;
-        }
+        let requested = match choice {
+            Choice::Wait => return false,
+            Choice::Take(slot) => requests[slot as usize].map(|request| (slot, request)),
+            Choice::Miss => None,
+        };
         for slot in ControllerSlot::BOTH {
             let bad = &self.start.shared.gate.rejected_requests[slot as usize];
             if seen.rejected[slot as usize] {
@@ -127,16 +129,13 @@ impl GateNode {
         }
         let inputs = self.gate_inputs();
         let primary = self.gate.primary();
-        let command = match choice {
-            Choice::Take(slot) => {
-                let request = requests[slot as usize]?;
-                self.gate.accept(slot, &request, &seen, &inputs)
-            }
-            _ => self.gate.miss(&seen, &inputs),
+        match requested {
+            Some((slot, request)) => self.gate.accept(slot, &request, &seen, &inputs),
+            None => self.gate.miss(&seen, &inputs),
         };
         self.reported.promoted = (self.gate.primary() != primary).then_some(self.gate.primary());
         self.waited_ns = 0;
-        Some(command)
+        true
     }
 
     /// Inputs of the gate since the last tick.
@@ -159,21 +158,22 @@ impl GateNode {
         ControllerSlot::BOTH.iter().any(|slot| present & (1 << slot.process().code()) != 0)
     }
 
-    /// Publishes the command of the tick whose lock this gate holds. `begun` is the time of the look at its inputs [ns], and
+    /// Publishes the command of the tick that it has decided with the lock in hand. `begun` is the time of the look at its inputs [ns], and
     /// the number of allocations before it.
     pub(super) fn publish(
         &mut self,
-        command: &Command,
         (wake, before): (u64, u64),
         account: &mut TickAccount,
         lock: GateLock<'_>,
     ) -> Result<(), IpcError> {
-        let tick = command.tick;
+        let tick = self.gate.last().tick;
         let severity_before = self.start.shared.gate.severity.load(Ordering::Relaxed);
         let announced = self.announce(tick)?;
+        self.gate.note_announced(self.start.schedule.operator().next.version);
         let stamp = if self.start.clock == Clock::Realtime { clock::now_ns() } else { 0 };
-        lock.write(command, self.start.schedule.operator());
-        let published = self.ports.command.send(&Command { stamp_ns: stamp, ..*command })?;
+        lock.write(self.gate.last(), self.start.schedule.operator());
+        let command = &Command { stamp_ns: stamp, ..*self.gate.last() };
+        let published = self.ports.command.send(command)?;
         self.start.gates.set_published(tick);
         self.start.shared.gate.processed_stops.store(command.gate.stops, Ordering::Release);
         drop(lock);

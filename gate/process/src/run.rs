@@ -84,6 +84,7 @@ impl GateNode {
         self.ports.operator.send(self.start.schedule.operator())?;
         self.start.shared.gate.announced.fetch_max(self.start.schedule.operator().next.version, Ordering::Relaxed);
         let announced = self.announce(-1)?;
+        self.gate.note_announced(self.start.schedule.operator().next.version);
         self.ports.command.send(self.gate.last())?;
         if let Some((version, from)) = announced.filter(|_| reports) {
             self.report_parameters(version, from)?;
@@ -127,8 +128,10 @@ impl GateNode {
                 if !gate.is_active() {
                     return Ok(None);
                 }
-                let Some(command) = gate.decide(overdue, WaitPolicy::Lockstep) else { return Ok(None) };
-                gate.publish(&command, (now, now), account, lock).map(Some)
+                if !gate.decide(overdue, WaitPolicy::Lockstep) {
+                    return Ok(None);
+                }
+                gate.publish((now, now), account, lock).map(Some)
             })?;
             if done.is_some() {
                 return Ok(());

@@ -65,8 +65,10 @@ impl GateNode {
             let deadline = gate.start.deadline.as_nanos() as u64;
             let overdue =
                 gate.received.newest.is_some_and(|(newest, stamp)| newest > tick || (newest == tick && now >= stamp + deadline));
-            let Some(command) = gate.decide(overdue, WaitPolicy::Deadline) else { return Ok(None) };
-            gate.publish(&command, (now, before), account, lock).map(Some)
+            if !gate.decide(overdue, WaitPolicy::Deadline) {
+                return Ok(None);
+            }
+            gate.publish((now, before), account, lock).map(Some)
         })?;
         Ok(done.is_some())
     }

@@ -47,6 +47,8 @@ pub struct GateState {
     pub stops: u64,
     /// Re-armings that the gate has taken in.
     pub rearms: u64,
+    /// Version of the newest parameter set that was announced before the command went out.
+    pub announced: u64,
     /// Whether the torque ramps in after a brake.
     pub ramping: u32,
     /// Slot of the primary controller.

@@ -1,5 +1,6 @@
 //! The operator's parameter sets: in force and announced.
 
+use crate::command::Command;
 use crate::limits::MAX_JOINTS;
 use crate::message::Message;
 use crate::state::State;
@@ -161,6 +162,20 @@ impl Operator {
     #[must_use]
     pub fn at(&self, tick: i64) -> &Parameters {
         if tick >= self.next.effective_tick { &self.next } else { &self.current }
+    }
+
+    /// Whether these are the sets announced before a command went out, or newer ones. Older ones, which come from the
+    /// history of the other gate, do not hold for the ticks after it.
+    #[must_use]
+    pub fn includes(&self, command: &Command) -> bool {
+        self.next.version >= command.gate.announced
+    }
+
+    /// Replaces older sets, or none, by new ones: the history of a gate that was active before may come last.
+    pub fn take_newer(sets: &mut Option<Self>, new: Self) {
+        if sets.is_none_or(|sets| new.next.version >= sets.next.version) {
+            *sets = Some(new);
+        }
     }
 }
 

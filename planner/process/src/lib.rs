@@ -61,13 +61,14 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), IpcError> {
         if !receive_inputs(context, &mut ports, &mut commands, &mut operator, state.tick - 1)? {
             break;
         }
-        let Some(operator) = operator else {
-            // No operator parameters yet.
+        let last = commands.before(state.tick);
+        let Some(operator) = operator.filter(|sets| last.is_none_or(|command| sets.includes(command))) else {
+            // No parameter sets yet, or old ones of the other gate.
             context.reject();
             continue;
         };
         let parameters = operator.at(state.tick + 1);
-        let active = commands.before(state.tick).is_some_and(|c| c.mode == Mode::Active.code());
+        let active = last.is_some_and(|c| c.mode == Mode::Active.code());
         if state.tick == 0 {
             // Tick 0 has no previous tick that could plan its reference.
             let first = TickPlan::at_rest(0, &state, parameters.is_pose());
@@ -109,7 +110,7 @@ fn send(context: &Context, ports: &mut PlannerPorts, plan: &TickPlan, parameters
     ports.injector.send(&mut ports.reference, &reference, plan.tick)
 }
 
-/// Receives all inputs; in lockstep waits for the command of `tick` and for the operator's parameters.
+/// Receives all inputs; in lockstep waits for the command of `tick` and for the parameter sets that hold after it.
 ///
 /// Returns `false` if the process must end.
 fn receive_inputs(
@@ -121,20 +122,15 @@ fn receive_inputs(
 ) -> Result<bool, IpcError> {
     loop {
         context.drain(&mut ports.command, |new| commands.insert(new))?;
-        context.drain(&mut ports.operator, |new| take_newer(operator, new))?;
-        if context.clock == Clock::Realtime || (commands.at(tick).is_some() && operator.is_some()) {
+        context.drain(&mut ports.operator, |new| Operator::take_newer(operator, new))?;
+        let command = commands.at(tick);
+        let complete = command.zip(operator.as_ref()).is_some_and(|(command, sets)| sets.includes(command));
+        if context.clock == Clock::Realtime || complete {
             return Ok(true);
         }
         ports.reference.preloan();
         if !context.wait(&[&ports.command], tick)? {
             return Ok(false);
         }
-    }
-}
-
-/// Takes parameter sets, unless newer ones are there: the history of a gate that was active before may come last.
-fn take_newer(sets: &mut Option<Operator>, new: Operator) {
-    if sets.is_none_or(|sets| new.next.version >= sets.next.version) {
-        *sets = Some(new);
     }
 }

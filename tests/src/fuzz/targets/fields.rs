@@ -228,6 +228,7 @@ impl FieldAccess for Command {
             Numbers(&mut self.gate.filtered),
             Counts(from_mut(&mut self.gate.stops)),
             Counts(from_mut(&mut self.gate.rearms)),
+            Counts(from_mut(&mut self.gate.announced)),
             Codes(from_mut(&mut self.gate.ramping)),
             Codes(from_mut(&mut self.gate.primary)),
             Codes(from_mut(&mut self.gate.misses)),
