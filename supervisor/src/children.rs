@@ -44,10 +44,6 @@ impl Child {
             command.arg("--").args(external);
         }
         command.env(RunFile::VARIABLE, run_file).env(RunFile::GENERATION, start.generation.to_string());
-        command.env_remove(RunFile::RESUME);
-        if let Some(tick) = start.resume {
-            command.env(RunFile::RESUME, tick.to_string());
-        }
         let mut spawned = command
             .process_group(0)
             .stdin(input)

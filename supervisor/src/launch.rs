@@ -129,14 +129,12 @@ impl PreparedRun {
         let root = Path::new(&directory.root()).to_owned();
         let gates = GatePage::create(&directory.root())?;
         let recorder = Recorder::new(RecorderStart {
-            domain: domain.clone(),
             root: root.clone(),
             clock: request.clock,
             settings,
             run_file: &run_file,
             log: &request.log,
             file: log,
-            status: Arc::clone(&shared),
         })?;
         // Its start takes a while; nothing is sent before it is ready.
         let mut recorder_process = recorder.start(ProcessStart::default())?;

@@ -132,7 +132,7 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), ControllerE
         command: context.bus.input(&topic::COMMAND, wait_in_lockstep)?,
         operator: context.bus.input(&topic::OPERATOR, Wait::No)?,
         command_sent_listener: context.bus.listener(topic::COMMAND_SENT),
-        request: context.bus.output(&topic::REQUEST)?,
+        request: context.output(&topic::REQUEST)?,
         request_doorbell: context.bus.doorbell(topic::REQUEST_DOORBELL),
         command_doorbell: context.bus.doorbell(topic::COMMAND_DOORBELL),
         command_sent: context.bus.doorbell(topic::COMMAND_SENT),

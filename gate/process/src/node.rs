@@ -87,7 +87,7 @@ pub struct GateNode {
 impl GateNode {
     pub(super) fn open(start: GateStart, bus: &Bus) -> Result<Self, IpcError> {
         Ok(Self {
-            ports: GatePorts::open(bus, start.clock)?,
+            ports: GatePorts::open(bus, start.clock, start.own)?,
             received: Received::default(),
             rejections: Rejections::default(),
             reported: Reported::default(),

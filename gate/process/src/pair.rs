@@ -93,10 +93,10 @@ impl GateNode {
     /// Publishes the last commands and sets of another gate: for those that they have not reached, and for late joiners, for
     /// whom a dead gate has no history.
     fn publish_again<'a>(&mut self, commands: impl Iterator<Item = &'a Command>) -> Result<(), IpcError> {
-        self.ports.operator.send(self.start.schedule.operator())?;
+        self.ports.operator.send_again(self.start.schedule.operator())?;
         for command in commands {
             let stamp_ns = if self.start.clock == Clock::Realtime { clock::now_ns() } else { 0 };
-            self.ports.command.send(&Command { stamp_ns, ..*command })?;
+            self.ports.command.send_again(&Command { stamp_ns, ..*command })?;
             self.ports.preloan();
             self.start.gates.set_published(command.tick.max(self.start.gates.published()));
         }

@@ -1,7 +1,7 @@
 //! Ports of the gate.
 
 use hapfic_ipc::{Bus, Doorbell, Input, IpcError, Listener, Output, Wait, topic};
-use hapfic_messages::{Clock, Command, Event, Operator, Request, State, Timing};
+use hapfic_messages::{Clock, Command, Event, Operator, Process, Request, State, Timing};
 
 /// Inputs and outputs of the gate.
 pub(super) struct GatePorts {
@@ -19,15 +19,15 @@ pub(super) struct GatePorts {
 
 impl GatePorts {
     /// Opens all ports. In lockstep the gate sleeps on requests.
-    pub(super) fn open(bus: &Bus, clock: Clock) -> Result<Self, IpcError> {
+    pub(super) fn open(bus: &Bus, clock: Clock, own: Process) -> Result<Self, IpcError> {
         let wait = if clock == Clock::Lockstep { Wait::Yes } else { Wait::No };
         Ok(Self {
             state: bus.input(&topic::STATE, Wait::No)?,
             request: bus.input(&topic::REQUEST, wait)?,
-            command: bus.output(&topic::COMMAND)?,
-            operator: bus.output(&topic::OPERATOR)?,
-            event: bus.output(&topic::EVENT)?,
-            timing: bus.output(&topic::TIMING)?,
+            command: bus.kept_output(&topic::COMMAND, own, clock)?,
+            operator: bus.kept_output(&topic::OPERATOR, own, clock)?,
+            event: bus.kept_output(&topic::EVENT, own, clock)?,
+            timing: bus.kept_output(&topic::TIMING, own, clock)?,
             command_sent: bus.doorbell(topic::COMMAND_SENT),
             spare: bus.listener(topic::SPARE_GATE),
         })

@@ -8,11 +8,12 @@ use crate::doorbell::{Doorbell, DoorbellId, DoorbellPage, Listener};
 use crate::error::IpcError;
 use crate::heartbeat::HeartbeatPage;
 use crate::memory::{self, Senders};
+use crate::message_ring::MessageRing;
 use crate::ports::{Input, Output};
 use crate::topic::Topic;
 use crate::wire::Wire;
 use core::time::Duration;
-use hapfic_messages::{CONTROL_DEPTH, Clock, Message};
+use hapfic_messages::{CONTROL_DEPTH, Clock, Message, Process};
 use iceoryx2::config::Config;
 use iceoryx2::node::{Node, NodeBuilder};
 use iceoryx2::prelude::*;
@@ -87,6 +88,7 @@ pub struct Bus {
     pub(crate) node: Node<Service>,
     page: Arc<DoorbellPage>,
     heartbeats: Arc<HeartbeatPage>,
+    folder: String,
 }
 
 impl Bus {
@@ -107,7 +109,7 @@ impl Bus {
             .create::<Service>()
             .map_err(|e| IpcError::messaging("create node", name, e))?;
         let heartbeats = Arc::new(HeartbeatPage::open(&domain.folder)?);
-        Ok(Self { node, page: DoorbellPage::open(&domain.folder)?, heartbeats })
+        Ok(Self { node, page: DoorbellPage::open(&domain.folder)?, heartbeats, folder: domain.folder.clone() })
     }
 
     /// Heartbeats of all processes of the run.
@@ -163,6 +165,23 @@ impl Bus {
         Ok(output)
     }
 
+    /// Opens a sender whose last messages outlive it, as far as the topic keeps them with this clock.
+    ///
+    /// # Errors
+    /// As [`output`](Self::output), and [`IpcError::System`] if the messages cannot be kept.
+    pub fn kept_output<T: Message>(&self, topic: &Topic<T>, sender: Process, clock: Clock) -> Result<Output<T>, IpcError> {
+        let ring = MessageRing::open(&self.folder, topic, sender, clock)?;
+        Ok(Output { ring, ..self.output(topic)? })
+    }
+
+    /// Last messages of a sender, living or dead, the oldest first; none if the topic keeps none with this clock.
+    ///
+    /// # Errors
+    /// [`IpcError::System`] if they cannot be read.
+    pub fn kept<T: Message>(&self, topic: &Topic<T>, sender: Process, clock: Clock) -> Result<Vec<T>, IpcError> {
+        Ok(MessageRing::open(&self.folder, topic, sender, clock)?.map_or_else(Vec::new, |ring| ring.read()))
+    }
+
     fn bare_output<T: Message>(&self, topic: &Topic<T>) -> Result<Output<T>, IpcError> {
         let publisher = self
             .service(topic)?
@@ -172,7 +191,7 @@ impl Bus {
             .create()
             .map_err(|e| IpcError::messaging("publish on", topic.name, e))?;
         let doorbell = topic.doorbell.map(|id| self.doorbell(id));
-        let mut output = Output { publisher, doorbell, loan: None, topic: topic.name, failed_connections: 0 };
+        let mut output = Output { publisher, doorbell, loan: None, topic: topic.name, failed_connections: 0, ring: None };
         output.preloan();
         Ok(output)
     }

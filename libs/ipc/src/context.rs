@@ -12,11 +12,13 @@ use crate::doorbell::{Doorbell, Wakes, wait};
 use crate::error::IpcError;
 use crate::heartbeat::HeartbeatPage;
 use crate::ports::{Input, Output};
+use crate::predecessor::last_messages;
 use crate::realtime::{self, Prefault, SchedGrants, SchedRequest};
 use crate::run::RunFile;
+use crate::run_status::SharedStatus;
 use crate::{allocations, topic};
 use core::time::Duration;
-use hapfic_messages::{Check, Clock, Message, Phase, Process, RealtimeMode, State, TickBuffer, Timing};
+use hapfic_messages::{Check, Clock, Message, Phase, Process, RealtimeMode, State, TickBuffer, Ticked, Timing};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -45,8 +47,6 @@ pub struct TickTimes {
 pub struct ProcessStart {
     /// 0 for the first start in a run.
     pub generation: u32,
-    /// Tick of its predecessor's last message, from which it continues.
-    pub resume: Option<i64>,
 }
 
 impl ProcessStart {
@@ -55,7 +55,7 @@ impl ProcessStart {
     /// # Errors
     /// [`IpcError::System`] if a variable holds no number.
     pub fn from_env() -> Result<Self, IpcError> {
-        Ok(Self { generation: number(RunFile::GENERATION)?.unwrap_or(0), resume: number(RunFile::RESUME)? })
+        Ok(Self { generation: number(RunFile::GENERATION)?.unwrap_or(0) })
     }
 }
 
@@ -80,6 +80,8 @@ pub struct Context {
     /// Start of the process.
     pub start: ProcessStart,
     stop: Arc<AtomicBool>,
+    /// The run's folder.
+    folder: String,
     supervisor_pid: i32,
     core: Option<usize>,
     standby_core: Option<usize>,
@@ -126,7 +128,7 @@ impl Context {
         crate::service::silence_transport_log();
         let domain = Domain::new(&run.prefix, &run.root)?.with_short_timeouts(run.clock);
         let bus = Bus::open(&domain, process.name())?;
-        let timing = bus.output(&topic::TIMING)?;
+        let timing = bus.kept_output(&topic::TIMING, process, run.clock)?;
         let heartbeats = bus.heartbeats();
         Ok(Self {
             process,
@@ -134,6 +136,7 @@ impl Context {
             bus,
             start,
             stop,
+            folder: run.root.clone(),
             supervisor_pid: run.supervisor_pid,
             core: if process == Process::Standby { run.standby_core } else { run.core }.map(|c| c as usize),
             standby_core: run.standby_core.map(|c| c as usize),
@@ -239,25 +242,33 @@ impl Context {
         Ok(())
     }
 
-    /// Waits for the message that the supervisor hands over from a predecessor. Returns `None` if the process has to
-    /// end.
+    /// Opens the sender of this process's messages, the last of which outlive it.
     ///
     /// # Errors
-    /// [`IpcError`] if waiting or receiving fails.
-    pub fn handed_over<T>(&mut self, input: &mut Input<T>, wanted: impl Fn(&T) -> bool) -> Result<Option<T>, IpcError>
+    /// As [`Bus::kept_output`].
+    pub fn output<T: Message>(&self, topic: &topic::Topic<T>) -> Result<Output<T>, IpcError> {
+        self.bus.kept_output(topic, self.process, self.clock)
+    }
+
+    /// Sends the last messages of this process's predecessor again, for those that they have not reached and for late
+    /// joiners, and returns the newest, from which the process continues; `None` in its first start.
+    ///
+    /// # Errors
+    /// [`IpcError`] if they cannot be read or sent.
+    pub fn continue_behind_predecessor<T>(&self, topic: &topic::Topic<T>, output: &mut Output<T>) -> Result<Option<T>, IpcError>
     where
-        T: Check + Message,
+        T: Check + Ticked + Message,
     {
-        loop {
-            while let Some(message) = input.next()? {
-                if message.check().is_ok() && wanted(&message) {
-                    return Ok(Some(message));
-                }
-            }
-            if !self.wait(&[&*input], -1)? {
-                return Ok(None);
-            }
+        if self.start.generation == 0 {
+            return Ok(None);
         }
+        let status = SharedStatus::open(&self.folder)?;
+        let last = last_messages(&self.bus, topic, self.process, self.clock, &status.gate.tick)?;
+        for message in &last {
+            output.send_again(message)?;
+            output.preloan();
+        }
+        Ok(last.last().copied())
     }
 
     /// Waits until the supervisor ends the process, whose messages exist only as long as it lives.

@@ -4,6 +4,7 @@ use crate::clock;
 use crate::doorbell::{Doorbell, Listener, Wakes};
 use crate::error::IpcError;
 use crate::memory::Senders;
+use crate::message_ring::MessageRing;
 use crate::wire::Wire;
 use core::mem::MaybeUninit;
 use hapfic_messages::Message;
@@ -23,6 +24,8 @@ pub struct Output<T: Message> {
     pub(crate) loan: Option<SampleMutUninit<Service, MaybeUninit<Wire<T>>, ()>>,
     pub(crate) topic: &'static str,
     pub(crate) failed_connections: u32,
+    /// Last messages, which outlive the sender.
+    pub(crate) ring: Option<MessageRing<T>>,
 }
 
 // SAFETY: only a reference count that is not atomic keeps a port of `ipc::Service` on one thread (iceoryx2 0.10, to
@@ -69,7 +72,7 @@ impl<T: Message> Output<T> {
         self.failed_connections
     }
 
-    /// Sends a message and wakes the threads waiting for it.
+    /// Sends a message and wakes the threads waiting for it. What outlives the sender is written first.
     ///
     /// Returns the monotonic time at which the message was readable [ns]. The clock is read before the wake-up, since a
     /// woken thread may take the processor immediately.
@@ -77,6 +80,17 @@ impl<T: Message> Output<T> {
     /// # Errors
     /// [`IpcError::NoLoan`] if all memory is on loan; [`IpcError::Messaging`] if iceoryx2 fails.
     pub fn send(&mut self, message: &T) -> Result<u64, IpcError> {
+        if let Some(ring) = &self.ring {
+            ring.push(message);
+        }
+        self.send_again(message)
+    }
+
+    /// Sends a message of a predecessor, whose last messages have outlived it.
+    ///
+    /// # Errors
+    /// As [`send`](Self::send).
+    pub fn send_again(&mut self, message: &T) -> Result<u64, IpcError> {
         let loan = match self.loan.take() {
             Some(loan) => loan,
             None => self.publisher.loan_uninit().map_err(|_| IpcError::NoLoan { topic: self.topic })?,

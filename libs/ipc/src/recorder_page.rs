@@ -77,13 +77,8 @@ impl Position {
 struct Content {
     drain: AtomicU32,
     log_failed: AtomicU32,
-    /// Generations plus one: of the recorder whose inputs are open, and of the one that has got the journal.
-    open: AtomicU32,
-    handed_over: AtomicU32,
     rounds: AtomicU64,
     written: AtomicU64,
-    /// Newest tick in the journal plus one.
-    kept: AtomicU64,
     /// Positions of the last two flushes; the index of the newer is stored last, so that a recorder killed in between
     /// leaves a whole one.
     flushed: [Position; 2],
@@ -137,29 +132,6 @@ impl RecorderPage {
         self.0.log_failed.load(Ordering::Acquire) != 0
     }
 
-    /// Notes that the inputs of a recorder are open: it receives every message sent from now on.
-    pub fn set_open(&self, generation: u32) {
-        self.0.open.store(generation + 1, Ordering::Release);
-    }
-
-    /// Notes that the journal was handed over to a recorder.
-    pub fn set_handed_over(&self, generation: u32) {
-        self.0.handed_over.store(generation + 1, Ordering::Release);
-    }
-
-    /// Whether the journal was handed over to a recorder.
-    #[must_use]
-    pub fn handed_over(&self, generation: u32) -> bool {
-        self.0.handed_over.load(Ordering::Acquire) == generation + 1
-    }
-
-    /// Generation of the recorder that waits for the journal, if any.
-    #[must_use]
-    pub fn waiting(&self) -> Option<u32> {
-        let open = self.0.open.load(Ordering::Acquire);
-        (open != self.0.handed_over.load(Ordering::Acquire)).then(|| open.saturating_sub(1))
-    }
-
     /// Counts a round in which the recorder has received all messages.
     pub fn count_round(&self) {
         self.0.rounds.fetch_add(1, Ordering::Release);
@@ -180,17 +152,6 @@ impl RecorderPage {
     #[must_use]
     pub fn written(&self) -> u64 {
         self.0.written.load(Ordering::Relaxed)
-    }
-
-    /// Notes the newest tick in the journal.
-    pub fn set_kept(&self, tick: i64) {
-        self.0.kept.store((tick + 1) as u64, Ordering::Release);
-    }
-
-    /// Newest tick in the journal; -1 before the first.
-    #[must_use]
-    pub fn kept(&self) -> i64 {
-        self.0.kept.load(Ordering::Acquire) as i64 - 1
     }
 
     /// Notes the position that a completed flush has reached. Only the recorder may call it.
@@ -238,17 +199,5 @@ mod tests {
         }
         assert_eq!(supervisor.events(0, 2).collect::<Vec<_>>(), [11, 12]);
         assert_eq!(supervisor.events(0, 2 + EVENTS as u64).count(), EVENTS, "the oldest are lost");
-    }
-
-    #[test]
-    fn journal_waits_for_every_generation_once() {
-        let page = RecorderPage::private().unwrap();
-        assert_eq!((page.waiting(), page.kept()), (None, -1));
-        for generation in 0..3 {
-            page.set_open(generation);
-            assert_eq!(page.waiting(), Some(generation));
-            page.set_handed_over(generation);
-            assert!(page.waiting().is_none() && page.handed_over(generation) && !page.handed_over(generation + 1));
-        }
     }
 }

@@ -51,9 +51,6 @@ impl RunFile {
     pub const VARIABLE: &'static str = "HAPFIC_RUN";
     /// Environment variable that holds the number of the start: 0 for the first.
     pub const GENERATION: &'static str = "HAPFIC_GENERATION";
-    /// Environment variable that holds the tick of the message from which a restarted process continues; not set if its
-    /// predecessor sent none.
-    pub const RESUME: &'static str = "HAPFIC_RESUME";
 
     /// Reads a run file.
     ///

@@ -195,7 +195,7 @@ pub struct GateCounts {
 pub struct OperatorReport {
     /// Whether an operator has requested the end of the run.
     pub end_requested: Flag,
-    /// Whether dead clients require a clean-up, which the main thread does after the hand-over cache is up to date.
+    /// Whether dead clients require a clean-up, which the main thread does.
     pub cleanup_requested: Flag,
     /// Unreadable requests.
     pub rejected: AtomicU64,

@@ -15,8 +15,18 @@ pub const RECORDER_DEPTH: usize = 448;
 /// Parameter sets that an input keeps: an operator makes at most one in five ticks, and the recorder drains every 10 ms.
 const OPERATOR_DEPTH: usize = 64;
 
+/// Messages of each sender that outlive it: the last ones for its successor, and in lockstep what is not flushed to the
+/// log, which is at most [`MAX_UNFLUSHED`] ticks, with room for what successors send again.
+const KEPT_FOR_SUCCESSOR: usize = 2 * HISTORY_DEPTH;
+const KEPT_FOR_LOG: usize = MAX_UNFLUSHED + 256;
+/// Ticks by which the plant may be ahead of the flushed log, in lockstep.
+pub const MAX_UNFLUSHED: usize = 768;
+
 /// Samples that an observer's input keeps: the recorder republishes every 10 ms.
 pub const VIEW_DEPTH: usize = 64;
+
+/// Events of each sender that outlive it, in lockstep: those of the ticks that are not flushed, as a rule a few.
+const EVENTS_KEPT: usize = 256;
 
 /// Recorders on a topic at a time: the successor of several that have been lost before the clean-up.
 const RECORDERS: usize = 8;
@@ -37,12 +47,30 @@ pub struct Topic<T> {
     pub depth: usize,
     /// Doorbell that sending notifies, if any thread waits for the topic.
     pub doorbell: Option<DoorbellId>,
+    /// Messages of each sender that outlive it, by the clock of the run; 0: none.
+    pub(crate) kept_realtime: usize,
+    pub(crate) kept_lockstep: usize,
     pub(crate) kind: PhantomData<fn() -> T>,
 }
 
 impl<T> Topic<T> {
     const fn new(name: &'static str, publishers: usize, history: usize, doorbell: Option<DoorbellId>) -> Self {
-        Self { name, publishers, subscribers: 14, history, depth: RECORDER_DEPTH, doorbell, kind: PhantomData }
+        let kind = PhantomData;
+        Self {
+            name,
+            publishers,
+            subscribers: 14,
+            history,
+            depth: RECORDER_DEPTH,
+            doorbell,
+            kept_realtime: 0,
+            kept_lockstep: 0,
+            kind,
+        }
+    }
+
+    const fn keeping(self, kept_realtime: usize, kept_lockstep: usize) -> Self {
+        Self { kept_realtime, kept_lockstep, ..self }
     }
 
     const fn with_subscribers(self, subscribers: usize) -> Self {
@@ -50,7 +78,7 @@ impl<T> Topic<T> {
     }
 
     const fn view(name: &'static str, history: usize) -> Self {
-        Self { name, publishers: RECORDERS, subscribers: 12, history, depth: VIEW_DEPTH, doorbell: None, kind: PhantomData }
+        Self { subscribers: 12, depth: VIEW_DEPTH, ..Self::new(name, RECORDERS, history, None) }
     }
 }
 
@@ -61,20 +89,27 @@ pub const REQUEST_DOORBELL: DoorbellId = DoorbellId(2);
 /// Notified with each [`COMMAND`].
 pub const COMMAND_DOORBELL: DoorbellId = DoorbellId(3);
 
-/// plant -> all. The supervisor republishes the last ones when the plant restarts.
-pub const STATE: Topic<State> = Topic::new("state", 7, HISTORY_DEPTH, Some(STATE_DOORBELL)).with_subscribers(16);
-/// planner -> controllers. The supervisor republishes the last ones when the planner restarts.
-pub const REFERENCE: Topic<Reference> = Topic::new("reference", 7, HISTORY_DEPTH, Some(DoorbellId(1))).with_subscribers(10);
+/// plant -> all. A successor of the plant publishes the last ones again.
+pub const STATE: Topic<State> = Topic::new("state", 7, HISTORY_DEPTH, Some(STATE_DOORBELL))
+    .with_subscribers(16)
+    .keeping(KEPT_FOR_SUCCESSOR, KEPT_FOR_LOG);
+/// planner -> controllers. A successor of the planner publishes the last ones again.
+pub const REFERENCE: Topic<Reference> = Topic::new("reference", 7, HISTORY_DEPTH, Some(DoorbellId(1)))
+    .with_subscribers(10)
+    .keeping(KEPT_FOR_SUCCESSOR, KEPT_FOR_LOG);
 /// controllers -> gate.
-pub const REQUEST: Topic<Request> = Topic::new("request", 6, 1, Some(REQUEST_DOORBELL)).with_subscribers(10);
+pub const REQUEST: Topic<Request> =
+    Topic::new("request", 6, 1, Some(REQUEST_DOORBELL)).with_subscribers(10).keeping(0, KEPT_FOR_LOG);
 /// gates -> plant, and controllers, as their memory. A gate that takes over publishes the last one again.
-pub const COMMAND: Topic<Command> = Topic::new("command", 7, HISTORY_DEPTH, Some(COMMAND_DOORBELL)).with_subscribers(13);
+pub const COMMAND: Topic<Command> =
+    Topic::new("command", 7, HISTORY_DEPTH, Some(COMMAND_DOORBELL)).with_subscribers(13).keeping(0, KEPT_FOR_LOG);
 /// gate -> all: parameters in force and to come.
-pub const OPERATOR: Topic<Operator> = Topic { depth: OPERATOR_DEPTH, ..Topic::new("operator", 7, 1, None).with_subscribers(12) };
+pub const OPERATOR: Topic<Operator> =
+    Topic { depth: OPERATOR_DEPTH, ..Topic::new("operator", 7, 1, None).with_subscribers(12).keeping(0, OPERATOR_DEPTH) };
 /// all -> recorder.
-pub const EVENT: Topic<Event> = Topic::new("event", 12, 0, None).with_subscribers(6);
+pub const EVENT: Topic<Event> = Topic::new("event", 12, 0, None).with_subscribers(6).keeping(0, EVENTS_KEPT);
 /// all -> recorder, watchdog.
-pub const TIMING: Topic<Timing> = Topic::new("timing", 14, 0, None).with_subscribers(6);
+pub const TIMING: Topic<Timing> = Topic::new("timing", 14, 0, None).with_subscribers(6).keeping(0, KEPT_FOR_LOG);
 /// recorder -> plant, in lockstep; the supervisor, once a run goes on without its recorder.
 pub const CREDIT: Topic<Credit> = Topic::new("credit", RECORDERS + 1, 1, Some(DoorbellId(4))).with_subscribers(6);
 /// gate -> planner and standby controller, in realtime: a state is answered, or its answer is late. A doorbell without

@@ -28,12 +28,8 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), IpcError> {
         state: context.bus.input(&topic::STATE, Wait::Yes)?,
         command: context.bus.input(&topic::COMMAND, if context.clock == Clock::Lockstep { Wait::Yes } else { Wait::No })?,
         operator: context.bus.input(&topic::OPERATOR, Wait::No)?,
-        reference: context.bus.output(&topic::REFERENCE)?,
+        reference: context.output(&topic::REFERENCE)?,
         injector: Injector::open(context)?,
-    };
-    let handed_over = match context.start.resume {
-        Some(tick) => Some(context.bus.input(&topic::REFERENCE, Wait::Yes)?).zip(Some(tick)),
-        None => None,
     };
     context.ready(SchedRequest::new(settings.realtime.priority_planner, settings.realtime.core_planner))?;
     let last_tick = settings.duration_ticks as i64 - 1;
@@ -41,11 +37,10 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), IpcError> {
     let mut commands = TickBuffer::<Command>::default();
     let mut operator: Option<Operator> = None;
     let mut seen = -1;
-    if let Some((mut input, tick)) = handed_over {
-        let Some(last) = context.handed_over(&mut input, |r: &Reference| r.tick == tick)? else { return Ok(()) };
+    if let Some(last) = context.continue_behind_predecessor(&topic::REFERENCE, &mut ports.reference)? {
         plan = Some(TickPlan::resumed(&last));
         // Its state was that of the previous tick.
-        seen = tick - 1;
+        seen = last.tick - 1;
     }
 
     let command_sent = (context.clock == Clock::Realtime).then(|| context.bus.listener(topic::COMMAND_SENT));

@@ -78,17 +78,13 @@ fn insert_first(commands: &mut TickBuffer<Command>, new: Command) {
 /// [`PlantProcessError`] if the world cannot be built, messaging fails or the simulation leaves the finite numbers.
 pub fn run(context: &mut Context, settings: &Settings) -> Result<(), PlantProcessError> {
     let mut ports = PlantPorts {
-        state: context.bus.output(&topic::STATE)?,
+        state: context.output(&topic::STATE)?,
         injector: Injector::open(context)?,
         command: context.bus.input(&topic::COMMAND, Wait::Yes)?,
         credit: context.bus.input(&topic::CREDIT, Wait::Yes)?,
         commands: TickBuffer::default(),
     };
     let mut plant = Plant::new(settings)?;
-    let handed_over = match context.start.resume {
-        Some(tick) => Some(context.bus.input(&topic::STATE, Wait::Yes)?).zip(Some(tick)),
-        None => None,
-    };
     context.ready(SchedRequest::new(settings.realtime.priority_plant, settings.realtime.core_plant))?;
     while ports.commands.newest().is_none() {
         if !context.wait(&[&ports.command], -1)? {
@@ -98,11 +94,9 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), PlantProces
         // All processes have started: connect before the first tick.
         ports.state.preloan();
     }
-    let mut resumed = None;
-    if let Some((mut input, tick)) = handed_over {
-        let Some(state) = context.handed_over(&mut input, |state: &State| state.tick == tick)? else { return Ok(()) };
-        plant.resume(&state)?;
-        resumed = Some(state);
+    let resumed = context.continue_behind_predecessor(&topic::STATE, &mut ports.state)?;
+    if let Some(state) = &resumed {
+        plant.resume(state)?;
     }
     let ticks = settings.duration_ticks as i64;
     match context.clock {

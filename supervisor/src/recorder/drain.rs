@@ -3,11 +3,9 @@
 use super::position::{identity, is_plausible, ticked};
 use super::views::Views;
 use super::{RecordedMessage, journal};
-use anyhow::Result;
 use hapfic_ipc::{Bus, Domain, Input, IpcError, Output, RecorderPage, SharedStatus, clock, topic};
 use hapfic_messages::{Check, Clock, Command, Credit, Event, Operator, Phase, Process, Reference, Request, State, Timing};
 use std::collections::HashMap;
-use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError};
@@ -24,11 +22,8 @@ const fn drain_interval(clock: Clock) -> Duration {
     })
 }
 
-/// Interval at which a full queue to the writer, or the journal, is looked at.
+/// Interval at which a full queue to the writer is looked at.
 const WAIT_INTERVAL: Duration = Duration::from_millis(1);
-/// Ticks by which the plant may be ahead of the log, and of the journal: what lies between them is in memory twice.
-const MAX_UNFLUSHED: i64 = 1024;
-const MAX_NOT_KEPT: i64 = topic::RECORDER_DEPTH as i64 / 2;
 
 /// Arguments of [`DrainThread::open`].
 pub(super) struct DrainStart<'a> {
@@ -74,7 +69,7 @@ pub(super) struct DrainThread {
     journal_timing_ns: [u64; Process::ALL.len()],
     /// Identities of the events in the journal, until the messages that may be in both are received.
     journal_events: HashMap<u64, u32>,
-    _bus: Bus,
+    bus: Bus,
 }
 
 impl DrainThread {
@@ -115,9 +110,8 @@ impl DrainThread {
             journal_events: HashMap::new(),
             page,
             status,
-            _bus: bus,
+            bus,
         };
-        drain.page.set_open(generation);
         drain.beat(Phase::Ready);
         Ok(drain)
     }
@@ -125,17 +119,12 @@ impl DrainThread {
     /// Takes the messages that the predecessors have not written, in lockstep.
     ///
     /// # Errors
-    /// If the journal cannot be read.
-    pub(super) fn take_journal(&mut self, root: &Path) -> Result<()> {
+    /// [`IpcError`] if the journal cannot be read.
+    pub(super) fn take_journal(&mut self) -> Result<(), IpcError> {
         if self.clock == Clock::Realtime {
             return Ok(());
         }
-        // Without a limit: the supervisor's detectors watch this process, and kill it if the supervisor's thread is stuck.
-        while !self.page.handed_over(self.generation) {
-            self.beat(Phase::Ready);
-            std::thread::sleep(WAIT_INTERVAL);
-        }
-        let mut batch = journal::read(root, self.generation)?;
+        let mut batch = journal::read(&self.bus, &self.page, &self.status)?;
         batch.retain(|record| self.is_new(record));
         for record in &batch {
             match record {
@@ -166,7 +155,7 @@ impl DrainThread {
             // Read before draining, so that all messages sent before the order are received.
             let end = self.page.drain_ordered();
             let batch = self.receive_all()?;
-            // What was sent before the hand-over of the journal is received now.
+            // What was sent before the journal was read is received now.
             self.journal_events.clear();
             for record in &batch {
                 self.views.publish(record);
@@ -201,8 +190,7 @@ impl DrainThread {
         if self.clock == Clock::Realtime {
             return Ok(());
         }
-        let unflushed = self.page.flushed().ticks[0] + MAX_UNFLUSHED;
-        let granted = (self.newest + self.window).min(unflushed).min(self.page.kept() + MAX_NOT_KEPT);
+        let granted = (self.newest + self.window).min(self.page.flushed().ticks[0] + topic::MAX_UNFLUSHED as i64);
         if granted > self.granted {
             self.granted = granted;
             self.credit.send(&Credit { tick: granted })?;

@@ -1,18 +1,16 @@
 //! The supervisor's side of the recorder: its start, its end, and what outlives it.
 
-use super::journal::JournalThread;
 use super::{RecordingOutcome, tasks};
 use crate::children::{Child, describe};
 use crate::watch::RecorderEnd;
 use anyhow::{Context, Result};
 use hapfic_config::Settings;
-use hapfic_ipc::{Domain, ProcessStart, RecorderPage, SharedStatus};
+use hapfic_ipc::{ProcessStart, RecorderPage};
 use hapfic_log::{LogFigures, LogFile, Remainder};
 use hapfic_messages::{Clock, Phase, Process};
 use rustix::process::Signal;
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
-use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// Time without a message written after which the end no longer waits for the recorder: a disk that hangs.
@@ -24,8 +22,6 @@ const LOST_AT_END: u32 = 5;
 
 /// Arguments of [`Recorder::new`].
 pub struct RecorderStart<'a> {
-    /// Domain of the run.
-    pub domain: Domain,
     /// The run's folder.
     pub root: PathBuf,
     /// Clock of the run.
@@ -38,35 +34,28 @@ pub struct RecorderStart<'a> {
     pub log: &'a Path,
     /// The created log.
     pub file: LogFile,
-    /// Status of the run.
-    pub status: Arc<SharedStatus>,
 }
 
 /// The recorder of a run, as the supervisor sees it. It holds the lock of the log as long as the run lasts.
 pub struct Recorder<'a> {
-    page: Arc<RecorderPage>,
+    page: RecorderPage,
     root: PathBuf,
     clock: Clock,
     settings: &'a Settings,
     run_file: &'a Path,
     log: &'a Path,
     file: LogFile,
-    _journal: Option<JournalThread>,
 }
 
 impl<'a> Recorder<'a> {
-    /// Prepares what outlives a recorder: its page, and in lockstep the journal.
+    /// Opens the page that outlives a recorder.
     ///
     /// # Errors
-    /// If the page cannot be shared, or the journal's ports cannot be opened.
+    /// If the page cannot be shared.
     pub fn new(start: RecorderStart<'a>) -> Result<Self> {
-        let RecorderStart { domain, root, clock, settings, run_file, log, file, status } = start;
-        let page = Arc::new(RecorderPage::open(&root.to_string_lossy())?);
-        let journal = match clock {
-            Clock::Lockstep => Some(JournalThread::start(&domain, &root, Arc::clone(&page), status)?),
-            Clock::Realtime => None,
-        };
-        Ok(Self { page, root, clock, settings, run_file, log, file, _journal: journal })
+        let RecorderStart { root, clock, settings, run_file, log, file } = start;
+        let page = RecorderPage::open(&root.to_string_lossy())?;
+        Ok(Self { page, root, clock, settings, run_file, log, file })
     }
 
     /// Starts a recorder, with the first part of the log as its standard input.
@@ -109,7 +98,7 @@ impl<'a> Recorder<'a> {
                 break;
             }
             generation += 1;
-            let start = ProcessStart { generation, resume: None };
+            let start = ProcessStart { generation };
             ended = self.start(start).ok().map(|child| self.wait(child));
             lost = true;
         }

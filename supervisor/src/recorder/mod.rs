@@ -5,8 +5,8 @@
 //!
 //! The supervisor starts it ([`Recorder`]), restarts it when it is lost, and takes its result at the end. A successor
 //! continues the log in a new part. What supervisor and recorder tell each other lies in the page
-//! [`hapfic_ipc::RecorderPage`]. In lockstep the supervisor also keeps every message that is not flushed to the log
-//! (`journal.rs`), and hands them to a successor, so that nothing is missing from the log.
+//! [`hapfic_ipc::RecorderPage`]. In lockstep every message that is not flushed to the log lies in the rings of its sender,
+//! from which a successor takes it (`journal.rs`), so that nothing is missing from the log.
 
 mod disk;
 mod drain;

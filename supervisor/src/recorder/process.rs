@@ -113,12 +113,12 @@ fn record(run: &RunFile, settings: &Settings, generation: u32, page: &Arc<Record
         .name("hapfic-writer".to_owned())
         .spawn(move || thread.run(&receiver, &recycle, flush_every))
         .context("cannot start the writer")?;
-    let drained = drain.take_journal(Path::new(&run.root)).and_then(|()| Ok(drain.run()?));
+    let drained = drain.take_journal().and_then(|()| drain.run());
     // Closes the channel.
     drop(drain);
     let mut outcome = write.join().map_err(|_| anyhow::anyhow!("the writer's thread panicked"))?;
     if let Err(e) = drained {
-        outcome.error.get_or_insert(format!("{e:#}"));
+        outcome.error.get_or_insert(e.to_string());
     }
     Ok(outcome)
 }

@@ -136,7 +136,6 @@ impl Watch<'_> {
             self.run.notify.watchdog();
             let joining = self.slots.iter().any(ProcessSlot::joining);
             if joining {
-                self.cache.preloan();
                 for doorbell in &self.doorbells {
                     doorbell.notify();
                 }

@@ -1,14 +1,14 @@
 //! The main thread during a run: starts, watches, restarts and ends the processes.
 //!
 //! Read [`Watch`] first, then `follow.rs` (the course of a run), `detect.rs` with `evidence.rs` and `slot.rs` (when a process
-//! is lost), and `restart.rs` with `recorder.rs`, `handover_cache.rs` and `clean_up.rs` (what happens then).
+//! is lost), and `restart.rs` with `recorder.rs`, `latest_inputs.rs` and `clean_up.rs` (what happens then).
 
 mod clean_up;
 mod detect;
 mod evidence;
 mod follow;
-mod handover_cache;
 mod inject;
+mod latest_inputs;
 mod recorder;
 mod restart;
 mod slot;
@@ -23,7 +23,7 @@ use crate::summary::{Losses, RunFault};
 use anyhow::Result;
 use clean_up::{CleanUp, SegmentRemover};
 use evidence::{Evidence, Suspicion};
-use handover_cache::HandOverCache;
+use latest_inputs::LatestInputs;
 use hapfic_config::Settings;
 use hapfic_ipc::SharedStatus;
 use hapfic_ipc::{Bus, Doorbell, GatePage, Output, topic};
@@ -133,7 +133,7 @@ pub struct Watch<'a> {
     abandoned: Vec<Child>,
     /// Code of the primary controller that got its priority and core last.
     primary: u32,
-    cache: HandOverCache,
+    inputs: LatestInputs,
     /// Grants the plant all ticks, once a run in lockstep goes on without its recorder.
     credit: Output<Credit>,
     injections: Injections,
@@ -160,7 +160,6 @@ impl<'a> Watch<'a> {
         let WatchStart {
             request,
             shared,
-
             recorder: (recorder, recorder_process),
             gates,
             latest,
@@ -184,11 +183,11 @@ impl<'a> Watch<'a> {
             slots: vec![ProcessSlot::new(Process::Recorder, recorder_process)],
             abandoned: Vec::new(),
             primary: Process::Controller.code(),
-            cache: HandOverCache::open(bus)?,
+            inputs: LatestInputs::open(bus)?,
             credit: bus.output(&topic::CREDIT)?,
             injections: Injections::new(&settings.faults, fault_requests, bus.output(&topic::INJECTION)?, &request.log),
             doorbells,
-            events: bus.output(&topic::EVENT)?,
+            events: bus.kept_output(&topic::EVENT, Process::Supervisor, request.clock)?,
             begun: Instant::now(),
             rearms: 0,
             evidence: Evidence::default(),

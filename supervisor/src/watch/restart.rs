@@ -133,11 +133,10 @@ impl Watch<'_> {
         self.run.bus.force_reconnect(&topic::INJECTION)
     }
 
-    /// Requests the removal of dead nodes, after the hand-over cache has received their last messages.
+    /// Requests the removal of dead nodes.
     fn clean_up(&mut self) -> Result<()> {
         let crowded = self.dead_nodes.count > MAX_DEAD_NODES;
         self.dead_nodes.count = 0;
-        self.cache.receive(&self.run.shared.gate.tick)?;
         self.dead_nodes.helper.request();
         let begun = Instant::now();
         // Without room for another node the next process could not start.
@@ -268,7 +267,6 @@ impl Watch<'_> {
 
     fn restart(&mut self, index: usize) -> Result<()> {
         let process = self.slots[index].process;
-        let resume = self.cache.hand_over(process, &self.run.shared.gate.tick)?;
         let prioritise = self.run.clock == Clock::Realtime && self.gates_are_realtime();
         let slot = &mut self.slots[index];
         slot.generation += 1;
@@ -277,7 +275,7 @@ impl Watch<'_> {
         slot.rejected = 0;
         slot.kill_pending = false;
         self.run.shared.heartbeats.expect(process, slot.generation);
-        let start = ProcessStart { generation: slot.generation, resume };
+        let start = ProcessStart { generation: slot.generation };
         let started = match process {
             Process::Recorder => self.run.recorder.start(start),
             _ => Child::start(process, self.run.settings, self.run.run_file, start, Stdio::null()),
@@ -294,9 +292,8 @@ impl Watch<'_> {
             prioritise_joining(&child, self.run.cores.reserve);
         }
         slot.child = Some(child);
-        let from = resume.map_or(String::new(), |tick| format!(", continues from tick {tick}"));
         let (number, waited) = (slot.restart.restarts(), slot.lost.map_or(0, |lost| lost.elapsed().as_millis()));
-        let text = format!("{process} restarts {waited} ms after the detected loss (number {number} of its budget){from}");
+        let text = format!("{process} restarts {waited} ms after the detected loss (number {number} of its budget)");
         self.note(process, EventKind::Restarted, Detector::None, &text);
         self.dead_nodes.count += 1;
         Ok(())
@@ -390,13 +387,13 @@ impl Watch<'_> {
         format!("was lost once more after {budget} restarts within {window_s} s: it does not restart")
     }
 
-    /// Receives the latest messages, for a successor, for operators and for the progress line.
+    /// Receives the latest messages, for operators and for the progress line.
     fn receive_latest(&mut self) -> Result<()> {
-        self.cache.receive(&self.run.shared.gate.tick)?;
-        if let Some(sets) = self.cache.operator() {
+        self.inputs.receive()?;
+        if let Some(sets) = self.inputs.operator() {
             self.run.latest.set_operator(sets);
         }
-        if let Some((state, reference)) = self.cache.newest() {
+        if let Some((state, reference)) = self.inputs.newest() {
             self.run.latest.update(state, reference);
         }
         Ok(())

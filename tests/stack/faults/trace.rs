@@ -1,13 +1,14 @@
-//! Commands and events of a log.
+//! Commands, events and references of a log.
 
 use hapfic_log::{Reader, Record, proto};
 use std::path::Path;
 
-/// Commands and events of a log.
+/// Commands, events and references of a log.
 #[derive(Default)]
 pub struct EventTrace {
     pub commands: Vec<proto::Command>,
     pub events: Vec<proto::Event>,
+    pub references: Vec<proto::Reference>,
 }
 
 impl EventTrace {
@@ -17,6 +18,7 @@ impl EventTrace {
             match entry.unwrap().record {
                 Record::Command(m) => trace.commands.push(m),
                 Record::Event(m) => trace.events.push(m),
+                Record::Reference(m) => trace.references.push(m),
                 _ => {}
             }
         }
