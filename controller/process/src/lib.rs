@@ -306,7 +306,11 @@ mod tests {
         let state = State { tick: 40, ..State::default() };
         let mut buffers = InputBuffers::default();
         buffers.references.insert(Reference { tick: 40, ..Reference::default() });
-        buffers.commands.insert(Command { tick: 39, gate: GateState { announced: 3, ..GateState::default() }, ..Command::default() });
+        buffers.commands.insert(Command {
+            tick: 39,
+            gate: GateState { announced: 3, ..GateState::default() },
+            ..Command::default()
+        });
         assert!(!buffers.is_complete(40) && buffers.inputs(&state).is_none(), "no sets");
         // From the history of the other gate, which has gated nothing since.
         Operator::take_newer(&mut buffers.operator, sets(2, 10));

@@ -90,13 +90,11 @@ pub const REQUEST_DOORBELL: DoorbellId = DoorbellId(2);
 pub const COMMAND_DOORBELL: DoorbellId = DoorbellId(3);
 
 /// plant -> all. A successor of the plant publishes the last ones again.
-pub const STATE: Topic<State> = Topic::new("state", 7, HISTORY_DEPTH, Some(STATE_DOORBELL))
-    .with_subscribers(16)
-    .keeping(KEPT_FOR_SUCCESSOR, KEPT_FOR_LOG);
+pub const STATE: Topic<State> =
+    Topic::new("state", 7, HISTORY_DEPTH, Some(STATE_DOORBELL)).with_subscribers(16).keeping(KEPT_FOR_SUCCESSOR, KEPT_FOR_LOG);
 /// planner -> controllers. A successor of the planner publishes the last ones again.
-pub const REFERENCE: Topic<Reference> = Topic::new("reference", 7, HISTORY_DEPTH, Some(DoorbellId(1)))
-    .with_subscribers(10)
-    .keeping(KEPT_FOR_SUCCESSOR, KEPT_FOR_LOG);
+pub const REFERENCE: Topic<Reference> =
+    Topic::new("reference", 7, HISTORY_DEPTH, Some(DoorbellId(1))).with_subscribers(10).keeping(KEPT_FOR_SUCCESSOR, KEPT_FOR_LOG);
 /// controllers -> gate.
 pub const REQUEST: Topic<Request> =
     Topic::new("request", 6, 1, Some(REQUEST_DOORBELL)).with_subscribers(10).keeping(0, KEPT_FOR_LOG);

@@ -129,15 +129,7 @@ mod tests {
         }
         page.set_flushed(&LogPosition { part: 1, ticks: [3, -1, -1, -1, 4], events: 4, ..LogPosition::default() });
         let records = read(&bus, &page, &status).unwrap();
-        let expected = [
-            ("operator", 2),
-            ("operator", 3),
-            ("event", 3),
-            ("state", 4),
-            ("state", 5),
-            ("command", 5),
-            ("event", 5),
-        ];
+        let expected = [("operator", 2), ("operator", 3), ("event", 3), ("state", 4), ("state", 5), ("command", 5), ("event", 5)];
         assert_eq!(order(&records), expected);
     }
 
