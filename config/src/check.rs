@@ -111,6 +111,7 @@ pub(crate) fn settings(mut raw: RawScenario, tree: &Node, urdf: Urdf) -> Result<
             torque_rate: raw.supervisor.torque_rate_n_m_per_s,
             ready_timeout_ms: raw.supervisor.ready_timeout_ms,
             heartbeat_timeout_ms: raw.supervisor.heartbeat_timeout_ms,
+            grace_ms: raw.supervisor.grace_ms,
             stall_timeout_ms: raw.supervisor.stall_timeout_ms,
             tick_timeout_ms: raw.supervisor.tick_timeout_ms,
             standby: raw.supervisor.standby,

@@ -94,6 +94,7 @@ pub(crate) const RANGES: &[(&str, Range)] = &[
     ("supervisor.torque_rate_n_m_per_s", above(0.0, 1e7)),
     ("supervisor.ready_timeout_ms", whole(100, 600_000)),
     ("supervisor.heartbeat_timeout_ms", whole(200, 60_000)),
+    ("supervisor.grace_ms", whole(200, 60_000)),
     ("supervisor.stall_timeout_ms", whole(500, 600_000)),
     ("supervisor.tick_timeout_ms", whole(50, 60_000)),
     ("supervisor.restart_budget", whole(0, 1_000_000)),

@@ -235,6 +235,8 @@ pub struct SupervisorSettings {
     pub ready_timeout_ms: u32,
     /// Heartbeat age at which a process counts as lost [ms].
     pub heartbeat_timeout_ms: u32,
+    /// Time that a run goes on without a supervisor [ms].
+    pub grace_ms: u32,
     /// Longest time without a tick while every process is alive [ms].
     pub stall_timeout_ms: u32,
     /// Longest time of a process without a tick while other processes run ticks [ms].

@@ -64,6 +64,12 @@ pub enum RestartAction {
 }
 
 impl RestartState {
+    /// State of a slot that another supervisor has watched: its earlier restarts are not known.
+    #[must_use]
+    pub fn at(stage: RestartStage) -> Self {
+        Self { stage, restarts_ms: Vec::new() }
+    }
+
     /// State after a signal at a time, and the action to take.
     #[must_use]
     pub fn after(mut self, signal: RestartSignal, now_ms: u64, policy: &RestartPolicy) -> (Self, Option<RestartAction>) {

@@ -23,9 +23,20 @@ const KILL_TIMEOUT: Duration = Duration::from_millis(200);
 pub struct Child {
     /// Role of the process.
     pub process: Process,
-    spawned: Spawned,
+    pid: Pid,
+    /// `None`: a lost supervisor has started it, and the launcher gets its exit status.
+    spawned: Option<Spawned>,
     handle: OwnedFd,
-    ended: Option<ExitStatus>,
+    ended: Option<End>,
+}
+
+/// End of a process.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum End {
+    /// Its exit status.
+    Status(ExitStatus),
+    /// Another process got the exit status.
+    Unknown,
 }
 
 impl Child {
@@ -43,7 +54,7 @@ impl Child {
         if let Some(external) = external_command(&settings.processes, process) {
             command.arg("--").args(external);
         }
-        command.env(RunFile::VARIABLE, run_file).env(RunFile::GENERATION, start.generation.to_string());
+        mark(&mut command, process, run_file, start);
         let mut spawned = command
             .process_group(0)
             .stdin(input)
@@ -58,22 +69,34 @@ impl Child {
                 return Err(e).with_context(|| format!("cannot watch the {process}"));
             }
         };
-        Ok(Self { process, spawned, handle, ended: None })
+        Ok(Self { process, pid, spawned: Some(spawned), handle, ended: None })
+    }
+
+    /// Takes over a process that a lost supervisor has started.
+    #[must_use]
+    pub fn adopted(process: Process, pid: Pid, handle: OwnedFd) -> Self {
+        Self { process, pid, spawned: None, handle, ended: None }
     }
 
     /// Returns the process id.
     #[must_use]
     pub fn pid(&self) -> Pid {
-        Pid::from_child(&self.spawned)
+        self.pid
     }
 
-    /// Returns the exit status, once the process has ended.
+    /// Returns how the process has ended, once it has.
     ///
     /// # Errors
     /// If the system does not report it.
-    pub fn ended(&mut self) -> Result<Option<ExitStatus>> {
+    pub fn ended(&mut self) -> Result<Option<End>> {
         if self.ended.is_none() {
-            self.ended = self.spawned.try_wait().with_context(|| format!("cannot wait for the {}", self.process))?;
+            self.ended = match &mut self.spawned {
+                Some(spawned) => {
+                    let status = spawned.try_wait().with_context(|| format!("cannot wait for the {}", self.process))?;
+                    status.map(End::Status)
+                }
+                None => has_ended(&self.handle).then_some(End::Unknown),
+            };
         }
         Ok(self.ended)
     }
@@ -89,8 +112,22 @@ impl Child {
     /// Sends a signal to the whole process group: an external process may have started others.
     pub fn signal(&self, signal: Signal) {
         // Fails only if the group has ended.
-        let _ = kill_process_group(Pid::from_child(&self.spawned), signal);
+        let _ = kill_process_group(self.pid, signal);
     }
+}
+
+/// Whether the process of a handle has ended.
+pub(crate) fn has_ended(handle: &OwnedFd) -> bool {
+    let now = hapfic_ipc::clock::timespec(0);
+    poll(&mut [PollFd::new(handle, PollFlags::IN)], Some(&now)).is_ok_and(|ready| ready > 0)
+}
+
+/// Puts run, process and start into the environment of a command.
+pub(crate) fn mark(command: &mut Command, process: Process, run_file: &Path, start: ProcessStart) {
+    command
+        .env(RunFile::VARIABLE, run_file)
+        .env(RunFile::PROCESS, process.name())
+        .env(RunFile::GENERATION, start.generation.to_string());
 }
 
 /// Returns a command that starts this same program, even if another version has replaced its file since.
@@ -148,6 +185,15 @@ pub fn find_program(processes: &ExternalProcesses, process: Process) -> Result<(
 
 fn is_executable(program: &Path) -> bool {
     program.is_file() && rustix::fs::access(program, rustix::fs::Access::EXEC_OK).is_ok()
+}
+
+impl std::fmt::Display for End {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Status(status) => f.write_str(&describe(*status)),
+            Self::Unknown => f.write_str("ended"),
+        }
+    }
 }
 
 /// Describes how a process ended.

@@ -1,42 +1,56 @@
-//! A run from start to end: checks, start, watch, end, and removal of its namespace.
+//! The launcher: checks a run, starts its supervisor, and another one when that is lost.
+//!
+//! It does nothing else while the run lasts, so nothing but a signal can end it. It is the parent of what a lost supervisor
+//! leaves behind (`PR_SET_CHILD_SUBREAPER`), and holds what belongs to a run and not to one of its processes: the
+//! registration, the locked log, the latency request to the processor.
 
-use crate::children;
-use crate::latest::LatestMessages;
+use crate::children::{self, describe};
 use crate::notify::Notify;
-use crate::operator::{self, OperatorServer};
 use crate::preflight;
 use crate::privileges::{self, Cores};
-use crate::recorder::{self, Recorder, RecorderStart, RecordingOutcome};
 use crate::registry::RunDirectory;
 use crate::request::RunRequest;
-use crate::summary::{Losses, RecorderSummary, RunFault, RunSummary, Summary};
-use crate::watch::{self, RunTimes, Watch, WatchStart};
+use crate::supervise::RunResult;
+use crate::watch;
 use anyhow::{Context, Result};
-use hapfic_config::{OnFailure, Settings};
+use hapfic_config::Settings;
 use hapfic_controller::parameters::TipPose;
-use hapfic_gate_process::change_exchange::ChangeClient;
-use hapfic_ipc::realtime::{CpuLatencyGuard, Prefault};
-use hapfic_ipc::run_status::{GateCounts, SharedStatus};
-use hapfic_ipc::{Bus, ChangePage, Domain, GatePage, ProcessStart, RunFile, topic};
+use hapfic_ipc::realtime::CpuLatencyGuard;
+use hapfic_ipc::run_status::SharedStatus;
+use hapfic_ipc::{ProcessStart, RecorderPage, RunFile, SupervisorPage};
 use hapfic_log::{LogFile, RunLog};
-use hapfic_messages::{Clock, Detector, RealtimeMode};
+use hapfic_messages::{Clock, Detector, Process, RealtimeMode};
 use hapfic_plant::{Plant, PlantError};
 use hapfic_simulation::findings::{Advisor, degrees_hint};
-use std::os::unix::fs::MetadataExt;
+use rustix::event::{PollFd, PollFlags, poll};
+use rustix::process::{Pid, PidfdFlags, Signal, WaitOptions, kill_process, pidfd_open, set_child_subreaper, wait};
+use std::os::fd::OwnedFd;
+use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::Path;
+use std::process::{ExitStatus, Stdio};
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
-use std::time::Duration;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// Interval at which the launcher looks for signals and for ended processes.
+const LOOK_INTERVAL: Duration = Duration::from_millis(100);
+/// Exit code of a supervisor that has panicked: its successor goes on.
+const PANICKED: i32 = 101;
+/// Time in which the gates let the drive brake before a run without a supervisor ends.
+const BRAKE_TIME: Duration = Duration::from_millis(300);
+/// Time that the processes of such a run, and then its recorder, may take to end.
+const END_TIMEOUT: Duration = Duration::from_secs(2);
+const RECORDER_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// An invalid run request; no process was started.
 #[derive(Debug)]
 pub struct InvalidRequest(pub anyhow::Error);
 
-/// Runs a scenario.
+/// Runs a scenario. `None`: the run has failed without a summary, and its supervisor has said why.
 ///
 /// # Errors
-/// `Ok(Err(InvalidRequest))` if the request is invalid; `Err` if the supervisor itself fails.
-pub fn run(request: &RunRequest) -> Result<Result<Summary, InvalidRequest>> {
+/// `Ok(Err(InvalidRequest))` if the request is invalid; `Err` if the launcher itself fails.
+pub fn run(request: &RunRequest) -> Result<Result<Option<RunResult>, InvalidRequest>> {
     let prepared = match PreparedRun::new(request) {
         Ok(prepared) => prepared,
         Err(e) => return Ok(Err(InvalidRequest(e))),
@@ -47,11 +61,10 @@ pub fn run(request: &RunRequest) -> Result<Result<Summary, InvalidRequest>> {
 /// A checked request, with every resource that an invalid request can make fail.
 struct PreparedRun {
     directory: RunDirectory,
-    plant: Plant,
-    advisor: Advisor,
+    /// Position and orientation of the tip at the start.
+    start_pose: [[f64; 3]; 2],
     /// The created log.
     log: LogFile,
-    log_id: Option<FileId>,
     start_unix_ns: u64,
     stop: Arc<AtomicBool>,
 }
@@ -74,32 +87,33 @@ impl PreparedRun {
         let log = hapfic_log::reserve_run_log(&run_log(request, &plant, start_unix_ns))?;
         let stop = Arc::new(AtomicBool::new(false));
         for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP] {
-            // The second signal ends the program immediately; the next start then cleans up.
+            // The second signal ends the launcher immediately; the supervisor then brakes and ends the run.
             signal_hook::flag::register_conditional_shutdown(signal, 3, Arc::clone(&stop)).context("cannot handle signals")?;
             signal_hook::flag::register(signal, Arc::clone(&stop)).context("cannot handle signals")?;
         }
         // A scenario may intend what they describe.
         advisor.scenario().iter().for_each(|finding| crate::log_line(&finding.to_string()));
-        Ok(Self { directory, plant, advisor, log, log_id: file_id(&request.log), start_unix_ns, stop })
+        let start = TipPose::of(&plant.chain().kinematics(&plant.sample().joint_position));
+        Ok(Self { directory, start_pose: [start.position, start.rpy], log, start_unix_ns, stop })
     }
 
-    fn run(self, request: &RunRequest) -> Result<Summary> {
-        let Self { directory, plant, advisor, log, log_id, start_unix_ns, stop } = self;
+    fn run(self, request: &RunRequest) -> Result<Option<RunResult>> {
         let settings = &request.settings;
-        hapfic_ipc::service::silence_transport_log();
-        let domain = Domain::new(&directory.prefix(), &directory.root())?.with_short_timeouts(request.clock);
+        let root = self.directory.root();
         let realtime = request.clock == Clock::Realtime && request.realtime != RealtimeMode::Off;
         let fifo = realtime && hapfic_ipc::realtime::may_fifo(settings.realtime.priority_plant as i32);
-        let cores = Cores::new(&settings.realtime, directory.others(), fifo);
-        let run_file = Path::new(&directory.root()).join("run.json");
-        let start = TipPose::of(&plant.chain().kinematics(&plant.sample().joint_position));
+        let cores = Cores::new(&settings.realtime, self.directory.others(), fifo);
+        let run_file = Path::new(&root).join("run.json");
+        let age_ns = u64::try_from(request.since.elapsed().as_nanos()).unwrap_or(0);
         RunFile {
-            prefix: directory.prefix(),
-            root: directory.root(),
+            prefix: self.directory.prefix(),
+            root: root.clone(),
             scenario: request.scenario.clone(),
             log: std::path::absolute(&request.log).unwrap_or_else(|_| request.log.clone()),
-            start_unix_ns,
-            supervisor_pid: std::process::id() as i32,
+            log_name: request.log.clone(),
+            start_unix_ns: self.start_unix_ns,
+            launcher_pid: std::process::id() as i32,
+            launched_ns: hapfic_ipc::clock::now_ns().saturating_sub(age_ns),
             clock: request.clock,
             realtime: request.realtime,
             core: cores.shared,
@@ -107,99 +121,108 @@ impl PreparedRun {
             gate_core: cores.gate,
             gate_busy_polls: cores.gate_busy_polls,
             spare_core: cores.spare,
-            start_pose: [start.position, start.rpy],
+            start_pose: self.start_pose,
             settings: settings.effective_toml(),
             urdf_name: settings.robot.urdf.name.clone(),
             urdf: settings.robot.urdf.text.clone(),
         }
         .write(&run_file)?;
-        if realtime {
-            hapfic_ipc::realtime::lock_memory(Prefault::All);
-        }
-        // A table that grows during the run delays a tick.
-        let _ = hapfic_ipc::realtime::reserve_fd_table(FD_TABLE_SIZE);
-        // The supervisor creates all services and keeps them: a creator that dies midway can make a service unusable.
-        let bus = Bus::open(&domain, "supervisor")?;
-        directory.close_to_others()?;
-        let _services = keep_all_alive(&bus)?;
         let _idle = if realtime { CpuLatencyGuard::take() } else { None };
-
-        let shared = Arc::new(SharedStatus::create(&directory.root())?);
-        let latest = Arc::new(LatestMessages::default());
-        let root = Path::new(&directory.root()).to_owned();
-        let gates = GatePage::create(&directory.root())?;
-        let recorder = Recorder::new(RecorderStart {
-            root: root.clone(),
-            clock: request.clock,
-            settings,
-            run_file: &run_file,
-            log: &request.log,
-            file: log,
-        })?;
-        // Its start takes a while; nothing is sent before it is ready.
-        let mut recorder_process = recorder.start(ProcessStart::default())?;
-        let change_client = ChangeClient::new(Arc::new(ChangePage::open(&directory.root())?));
-        let (inject, fault_requests) = std::sync::mpsc::channel();
-        let notify = Notify::from_env();
-        let _operator = OperatorServer::start(operator::OperatorServerStart {
-            domain: domain.clone(),
-            run: directory.prefix().trim_end_matches('_').to_owned(),
-            scenario: request.scenario.clone(),
-            clock: request.clock,
-            log: request.log.clone(),
-            ticks: settings.duration_ticks as i64,
-            initial: hapfic_config::ParameterSettings {
-                target_position: settings.initial.target_position.or(Some(start.position)),
-                rotation: settings.initial.rotation.map(|rotation| hapfic_config::RotationSettings {
-                    target_orientation: rotation.target_orientation.or(Some(start.rpy)),
-                    ..rotation
-                }),
-                ..settings.initial
-            },
-            change_client,
-            inject,
-            standby: settings.supervisor.standby,
-            shared: Arc::clone(&shared),
-            latest: Arc::clone(&latest),
-            root: root.clone(),
-            advisor,
-        })?;
-        let ready_timeout = Duration::from_millis(settings.supervisor.ready_timeout_ms.into());
-        recorder::await_ready(&mut recorder_process, &shared.heartbeats, ready_timeout)?;
-
-        preflight::reserve_segments(&directory.prefix())?;
-        let mut watch = Watch::open(
-            &bus,
-            WatchStart {
-                request,
-                shared: Arc::clone(&shared),
-                recorder: (&recorder, recorder_process),
-                gates: &gates,
-                latest,
-                stop,
-                prefix: directory.prefix(),
-                run_file: &run_file,
-                cores,
-                fault_requests,
-                notify: &notify,
-            },
-        )?;
-        let times = match watch.start_and_follow() {
-            Ok(times) => times,
-            // Processes may run by now, so a failure must end them.
-            Err(e) => {
-                watch.fault("supervisor", format!("{e:#}"), Detector::Start);
-                RunTimes::default()
+        set_child_subreaper(Some(rustix::process::getpid())).context("cannot take over what a lost supervisor leaves behind")?;
+        let status = SharedStatus::create(&root)?;
+        let mut losses: Vec<Instant> = Vec::new();
+        loop {
+            let start = ProcessStart { generation: losses.len() as u32 };
+            let end = self.supervise(&run_file, start)?;
+            let what = match end.code() {
+                Some(code) if code != PANICKED => return Ok(RunResult::read(Path::new(&root))),
+                _ => describe(end),
+            };
+            let window = Duration::from_millis(settings.supervisor.restart_window_ms.into());
+            let recent = losses.iter().filter(|at| at.elapsed() < window).count();
+            losses.push(Instant::now());
+            if !status.orders.start.load(Ordering::Acquire) {
+                crate::log_line(&format!("hapfic: the supervisor {what} before the run began"));
+            } else if recent >= settings.supervisor.restart_budget as usize {
+                crate::log_line(&format!("hapfic: the supervisor {what} once more after {recent} restarts: the run ends"));
+            } else {
+                continue;
             }
-        };
-        watch.end(times.completed)?;
-        let faults = std::mem::take(&mut watch.faults);
-        let (losses, supervisor_delay) = (watch.losses(), watch.largest_delay());
-        let recorder_end = watch.take_recorder();
-        drop(watch);
-        let recorded = recorder.finish(recorder_end);
-        let own = OwnCounts { gate: shared.gate.counts(), supervisor_delay };
-        Ok(summarise(request, times, faults, losses, own, recorded, log_id))
+            self.give_up(&status, &root);
+            crate::log_line(&format!("hapfic: the run has no summary; its log is {}", request.log.display()));
+            return Ok(None);
+        }
+    }
+
+    /// Starts a supervisor, and waits for its end. Its standard input is the log, its standard output the registration: it
+    /// shares their locks.
+    fn supervise(&self, run_file: &Path, start: ProcessStart) -> Result<ExitStatus> {
+        let mut command = children::this_program()?;
+        children::mark(&mut command, Process::Supervisor, run_file, start);
+        Notify::pass_on(&mut command);
+        let spawned = command
+            .args(["process", "supervisor"])
+            .process_group(0)
+            .stdin(Stdio::from(self.log.handle()?))
+            .stdout(Stdio::from(self.directory.handle()?))
+            .spawn()
+            .context("cannot start the supervisor")?;
+        let pid = Pid::from_child(&spawned);
+        let handle = pidfd_open(pid, PidfdFlags::empty()).context("cannot watch the supervisor")?;
+        let mut told = false;
+        loop {
+            if self.stop.load(Ordering::Relaxed) && !std::mem::replace(&mut told, true) {
+                // Fails only if it has ended.
+                let _ = kill_process(pid, Signal::TERM);
+                let _ = kill_process(pid, Signal::CONT);
+            }
+            pause(&handle);
+            // Also the processes that a lost supervisor has left behind.
+            while let Ok(Some((ended, status))) = wait(WaitOptions::NOHANG) {
+                if ended == pid {
+                    return Ok(ExitStatus::from_raw(status.as_raw()));
+                }
+            }
+        }
+    }
+
+    /// Ends a run that has no supervisor any more: lets the drive brake, ends the processes, and lets the recorder finish.
+    fn give_up(&self, status: &SharedStatus, root: &str) {
+        let started = status.orders.start.load(Ordering::Acquire);
+        if started {
+            status.orders.stop_latched(Detector::Exit);
+            std::thread::sleep(BRAKE_TIME);
+        }
+        status.orders.stop.store(true, Ordering::Release);
+        let (Ok(page), Ok(recorder)) = (SupervisorPage::open(root), RecorderPage::open(root)) else { return };
+        let noted = |process: &Process| page.process(*process).pid().and_then(Pid::from_raw);
+        let others: Vec<Pid> = Process::ALL.iter().filter(|process| **process != Process::Recorder).filter_map(noted).collect();
+        for pid in &others {
+            let _ = kill_process(*pid, Signal::TERM);
+            let _ = kill_process(*pid, Signal::CONT);
+        }
+        await_end(&others, END_TIMEOUT);
+        recorder.order_drain();
+        await_end(&noted(&Process::Recorder).into_iter().collect::<Vec<_>>(), RECORDER_TIMEOUT);
+    }
+}
+
+/// Waits until a process ends, or for a moment.
+fn pause(handle: &OwnedFd) {
+    // An interrupted wait equals a time-out: the caller checks everything anyway.
+    let _ = poll(&mut [PollFd::new(handle, PollFlags::IN)], Some(&hapfic_ipc::clock::timespec(LOOK_INTERVAL.as_nanos() as u64)));
+}
+
+/// Waits until child processes have ended, at most for a time.
+fn await_end(pids: &[Pid], timeout: Duration) {
+    let begun = Instant::now();
+    let mut left = pids.to_vec();
+    while !left.is_empty() && begun.elapsed() < timeout {
+        while let Ok(Some((ended, _))) = wait(WaitOptions::NOHANG) {
+            left.retain(|pid| *pid != ended);
+        }
+        left.retain(|pid| rustix::process::test_kill_process(*pid).is_ok());
+        std::thread::sleep(Duration::from_millis(2));
     }
 }
 
@@ -211,8 +234,6 @@ fn with_degrees(error: PlantError, settings: &Settings) -> anyhow::Error {
     }
 }
 
-/// Size of the file table: a supervisor has some 250 files open with all processes connected, and more after restarts.
-const FD_TABLE_SIZE: u64 = 1024;
 /// Largest log of a killed run that a start recovers automatically [bytes]: about 1 s of work.
 const AUTO_RECOVERY_LIMIT: u64 = 64 << 20;
 
@@ -237,28 +258,6 @@ fn recover_orphan(log: &Path) {
     }
 }
 
-fn keep_all_alive(bus: &Bus) -> Result<Vec<Box<dyn std::any::Any>>> {
-    Ok(vec![
-        bus.keep_alive(&topic::STATE)?,
-        bus.keep_alive(&topic::REFERENCE)?,
-        bus.keep_alive(&topic::REQUEST)?,
-        bus.keep_alive(&topic::COMMAND)?,
-        bus.keep_alive(&topic::OPERATOR)?,
-        bus.keep_alive(&topic::EVENT)?,
-        bus.keep_alive(&topic::TIMING)?,
-        bus.keep_alive(&topic::CREDIT)?,
-        bus.keep_alive(&topic::INJECTION)?,
-        bus.keep_alive(&topic::view::STATE)?,
-        bus.keep_alive(&topic::view::REFERENCE)?,
-        bus.keep_alive(&topic::view::REQUEST)?,
-        bus.keep_alive(&topic::view::COMMAND)?,
-        bus.keep_alive(&topic::view::OPERATOR)?,
-        bus.keep_alive(&topic::view::EVENT)?,
-        bus.keep_alive(&topic::view::TIMING)?,
-        hapfic_ipc::service::keep_alive(bus)?,
-    ])
-}
-
 fn run_log<'a>(request: &'a RunRequest, plant: &'a Plant, start_unix_ns: u64) -> RunLog<'a> {
     RunLog {
         path: &request.log,
@@ -269,89 +268,4 @@ fn run_log<'a>(request: &'a RunRequest, plant: &'a Plant, start_unix_ns: u64) ->
         body_names: plant.body_names(),
         start_unix_ns,
     }
-}
-
-/// Counts of the gate and of the main thread.
-struct OwnCounts {
-    gate: GateCounts,
-    supervisor_delay: Duration,
-}
-
-/// Identity of a file: device and inode.
-type FileId = (u64, u64);
-
-/// Returns the identity of the file at a path; `None` without a file.
-fn file_id(path: &Path) -> Option<FileId> {
-    std::fs::metadata(path).ok().map(|metadata| (metadata.dev(), metadata.ino()))
-}
-
-/// Describes what has become of a log that was created as `created`.
-fn log_problem(log: &Path, created: Option<FileId>) -> Option<String> {
-    match file_id(log) {
-        None => Some("was deleted during the run: its content is lost".to_owned()),
-        now if now != created => Some("was replaced during the run: the file of this name is another".to_owned()),
-        _ => None,
-    }
-}
-
-fn summarise(
-    request: &RunRequest,
-    times: RunTimes,
-    mut faults: Vec<RunFault>,
-    losses: Losses,
-    own: OwnCounts,
-    recorded: RecordingOutcome,
-    log_id: Option<FileId>,
-) -> Summary {
-    let RecordingOutcome { figures: recorded, incidents, tasks, error } = recorded;
-    let mut completed = times.completed && faults.is_empty();
-    let mut unlogged = None;
-    if let (Some(error), OnFailure::Continue) = (&error, request.settings.recorder.on_failure) {
-        unlogged = Some(format!("ended early: {error}"));
-    } else if let Some(error) = error {
-        completed = false;
-        faults.push(RunFault {
-            process: "recorder".to_owned(),
-            what: error,
-            detector: Detector::Recorder,
-            tick: recorded.and_then(|r| r.metrics.ticks.last).unwrap_or(-1),
-        });
-    }
-    if completed && recorded.is_some_and(|r| !r.active) {
-        completed = false;
-        let what = "made no valid request in the whole run".to_owned();
-        faults.push(RunFault { process: "controller".to_owned(), what, detector: Detector::Tick, tick: -1 });
-    }
-    let metrics = recorded.map(|r| r.metrics).unwrap_or_default();
-    let run = RunSummary {
-        scenario: request.scenario.clone(),
-        clock: request.clock.name(),
-        wall_s: times.wall_s,
-        launch_s: times.launch_s,
-        completed,
-        steal_ms: times.steal_ms,
-        gate: own.gate,
-        discontinuity_n_m: request.settings.supervisor.discontinuity,
-        supervisor_delay: own.supervisor_delay,
-        losses,
-        incidents,
-        faults,
-        tasks,
-        log: request.log.clone(),
-    };
-    let mut lost = metrics.ticks.lost;
-    if times.completed && metrics.ticks.last.is_some() {
-        // Gaps, and ticks missing at the start and at the end.
-        let written = recorded.map_or(0, |r| r.ticks[0].min(r.ticks[1]));
-        lost = request.settings.duration_ticks.saturating_sub(written);
-    }
-    let log = RecorderSummary {
-        messages: recorded.map_or(0, |r| r.messages),
-        lost,
-        file_bytes: recorded.map_or(0, |r| r.file_bytes),
-        parts: recorded.map_or(1, |r| r.parts[0]),
-        removed_parts: recorded.map_or(0, |r| r.parts[1]),
-        problem: unlogged.or_else(|| log_problem(&request.log, log_id)),
-    };
-    Summary::new(run, &metrics, log)
 }

@@ -1,6 +1,7 @@
 //! Launches the stack, watches its processes, records all messages and answers operators.
 //!
-//! Read [`launch`] first: a run from start to end. [`watch`] starts, watches and restarts the processes ([`children`]);
+//! Read [`launch`] first: the launcher, which starts the supervisor and replaces a lost one; then [`supervise`]: a run from
+//! start to end. [`watch`] starts, watches and restarts the processes ([`children`]);
 //! [`recorder`] drains and writes the messages, in a process of its own; [`operator`] answers requests. [`registry`] holds the namespace of a
 //! run and finds running stacks; [`summary`] holds the results of a run.
 
@@ -16,6 +17,7 @@ pub mod recorder;
 pub mod registry;
 mod request;
 pub mod summary;
+pub mod supervise;
 pub mod watch;
 
 pub use request::RunRequest;

@@ -8,6 +8,7 @@ use std::io;
 use std::os::linux::net::SocketAddrExt;
 use std::os::unix::ffi::OsStrExt;
 use std::os::unix::net::{SocketAddr, UnixDatagram};
+use std::process::Command;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
@@ -32,6 +33,19 @@ impl Notify {
     /// Variables that name the socket and the watchdog. They apply to this process only, so a caller removes them from
     /// the environment of every process that it starts.
     pub const VARIABLES: [&'static str; 3] = ["NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID"];
+
+    /// Gives the socket to the supervisor, which reports in the place of this process. The unit needs `NotifyAccess=all`.
+    pub(crate) fn pass_on(command: &mut Command) {
+        let [socket, usec, pid] = Self::VARIABLES;
+        if let Some(name) = var_os(socket) {
+            command.env(socket, name);
+        }
+        if interval(var(usec).ok().as_deref(), var(pid).ok().as_deref(), std::process::id()).is_some()
+            && let Some(limit) = var_os(usec)
+        {
+            command.env(usec, limit);
+        }
+    }
 
     /// Connects as the environment specifies. Logs an unusable socket and continues without a service manager.
     #[must_use]

@@ -2,10 +2,10 @@
 
 use std::fs;
 
-/// Files in shared memory and processes of the run of a supervisor with this process id.
+/// Files in shared memory and processes of the run of a launcher with this process id.
 #[must_use]
-pub fn remains_of(supervisor: u32) -> Vec<String> {
-    let prefix = format!("hf{}", base36(supervisor));
+pub fn remains_of(launcher: u32) -> Vec<String> {
+    let prefix = format!("hf{}", base36(launcher));
     let mut found: Vec<String> = fs::read_dir("/dev/shm")
         .expect("shared memory")
         .flatten()
@@ -24,11 +24,18 @@ pub fn remains_of(supervisor: u32) -> Vec<String> {
     found
 }
 
-/// Child processes of a supervisor: name (`plant`, `planner`, ...) and process id.
+/// Processes of the run of a launcher: name (`supervisor`, `plant`, `planner`, ...) and process id. They are children of the
+/// supervisor, or of the launcher if a lost supervisor has started them.
 #[must_use]
-pub fn children_of(supervisor: u32) -> Vec<(String, u32)> {
+pub fn children_of(launcher: u32) -> Vec<(String, u32)> {
+    let own = named_children(launcher);
+    let supervised = own.iter().filter(|(name, _)| name == "supervisor").flat_map(|(_, pid)| named_children(*pid));
+    supervised.chain(own.iter().cloned()).collect()
+}
+
+fn named_children(parent: u32) -> Vec<(String, u32)> {
     processes()
-        .filter(|pid| parent_of(*pid) == Some(supervisor))
+        .filter(|pid| parent_of(*pid) == Some(parent))
         .filter_map(|pid| {
             let line = fs::read(format!("/proc/{pid}/cmdline")).ok()?;
             let words: Vec<_> = line.split(|b| *b == 0).map(String::from_utf8_lossy).collect();

@@ -160,23 +160,45 @@ impl StartedProgram {
         }
     }
 
+    /// Process id of the supervisor of a run.
+    #[must_use]
+    pub fn supervisor(&mut self) -> u32 {
+        let children = self.children(&["supervisor"]);
+        children.into_iter().find(|(name, _)| name == "supervisor").expect("a supervisor").1
+    }
+
+    /// Kills launcher and supervisor of a run, without which it ends, and waits for the end of the launcher. Discards the
+    /// output, as `kill` does.
+    #[must_use]
+    pub fn kill_with_supervisor(self) -> FinishedProgram {
+        let supervisors: Vec<u32> =
+            children_of(self.pid()).into_iter().filter(|(name, _)| name == "supervisor").map(|(_, pid)| pid).collect();
+        // The launcher first: it would start another.
+        let end = self.kill();
+        for pid in supervisors.into_iter().filter_map(|pid| rustix::process::Pid::from_raw(pid as i32)) {
+            // Fails only if it has ended.
+            let _ = rustix::process::kill_process(pid, rustix::process::Signal::KILL);
+        }
+        end
+    }
+
     /// Kills the program and waits for its end. Discards the output, since orphans may still hold it open.
     #[must_use]
     pub fn kill(mut self) -> FinishedProgram {
-        let supervisor = self.pid();
+        let launcher = self.pid();
         let mut child = self.child.take().expect("a running program");
         child.kill().expect("the program still runs");
         let status = child.wait().expect("a status");
-        FinishedProgram { supervisor, code: status.code(), out: String::new(), err: String::new() }
+        FinishedProgram { launcher, code: status.code(), out: String::new(), err: String::new() }
     }
 
     /// Waits for the end of the program.
     #[must_use]
     pub fn finish(mut self) -> FinishedProgram {
-        let supervisor = self.pid();
+        let launcher = self.pid();
         let output = self.child.take().expect("a running program").wait_with_output().expect("the program's output");
         FinishedProgram {
-            supervisor,
+            launcher,
             code: output.status.code(),
             out: String::from_utf8_lossy(&output.stdout).into_owned(),
             err: String::from_utf8_lossy(&output.stderr).into_owned(),
@@ -188,7 +210,7 @@ impl StartedProgram {
 #[derive(Debug)]
 pub struct FinishedProgram {
     /// Process id.
-    pub supervisor: u32,
+    pub launcher: u32,
     /// Exit code; `None` if a signal ended the program.
     pub code: Option<i32>,
     /// Standard output.
@@ -208,7 +230,7 @@ impl FinishedProgram {
     pub fn expect_nothing_left(&self) -> &Self {
         let start = Instant::now();
         loop {
-            let remains = remains_of(self.supervisor);
+            let remains = remains_of(self.launcher);
             if remains.is_empty() {
                 return self;
             }

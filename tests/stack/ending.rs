@@ -1,5 +1,6 @@
 //! Every end of a run leaves a whole log, and no remains.
 
+use crate::faults::trace::EventTrace;
 use crate::log_file::expect_complete;
 use hapfic_tests::{StackSandbox, is_running, remains_of};
 use rustix::process::{Pid, Signal, kill_process};
@@ -8,16 +9,16 @@ use std::time::{Duration, Instant};
 
 /// Lockstep run of an hour.
 const LONG: [&str; 8] = ["run", "floor", "--clock", "lockstep", "--duration", "3600", "--log", "run.mcap"];
-const PROCESSES: [&str; 4] = ["plant", "planner", "controller", "standby"];
+const PROCESSES: [&str; 7] = ["plant", "planner", "controller", "standby", "gate", "spare_gate", "recorder"];
 /// Size of the log of a run with some hundred ticks [bytes].
 const RUNNING_LOG_BYTES: u64 = 200_000;
 
-/// Asserts that the processes of a lost supervisor end by themselves.
+/// Asserts that processes end by themselves.
 fn expect_ended(children: &[(String, u32)]) {
     let start = Instant::now();
     while children.iter().any(|(_, pid)| is_running(*pid)) {
-        assert!(start.elapsed() < Duration::from_secs(10), "still running: {children:?}");
-        std::thread::yield_now();
+        assert!(start.elapsed() < Duration::from_secs(30), "still running: {children:?}");
+        std::thread::sleep(Duration::from_millis(5));
     }
 }
 
@@ -51,18 +52,65 @@ fn plant_kill_ends_run_with_report() {
 }
 
 #[test]
-fn supervisor_kill_next_start_cleans_up() {
+fn launcher_kill_brakes_and_ends_run_in_order() {
+    let stack = StackSandbox::new();
+    let mut run = stack.start(&LONG);
+    let supervisor = run.supervisor();
+    let children = run.children(&PROCESSES);
+    run.wait_for(&stack.path("run.mcap"), RUNNING_LOG_BYTES);
+    // A halted supervisor wakes.
+    kill_process(Pid::from_raw(supervisor as i32).unwrap(), Signal::STOP).unwrap();
+    let end = run.kill();
+    expect_ended(&children);
+    end.expect_nothing_left();
+    assert_eq!(stack.registrations(), 0);
+    assert!(expect_complete(&stack.path("run.mcap")) > 100);
+    let trace = EventTrace::read(&stack.path("run.mcap"));
+    assert!(trace.events.iter().any(|e| e.text.contains("nominal -> stopped")), "{:?}", trace.events);
+    assert!(trace.events.iter().any(|e| e.text.starts_with("launcher was lost")), "{:?}", trace.events);
+}
+
+#[test]
+fn nobody_within_grace_time_processes_brake_and_end() {
+    let stack = StackSandbox::new();
+    // An external program does not know how to end by itself.
+    let external = "processes.planner=[\"sh\", \"-c\", \"sleep 1000 & sleep 1000\"]";
+    for arguments in [&["--set", "supervisor.grace_ms=500"][..], &["--set", external, "--set", "supervisor.grace_ms=500"]] {
+        let _ = std::fs::remove_file(stack.path("run.mcap"));
+        let mut run = stack.start(&[&LONG[..], arguments].concat());
+        let with_planner = arguments.len() == 2;
+        let children = run.children(&["plant", "controller", "standby", "gate", "spare_gate", "recorder"]);
+        if with_planner {
+            run.wait_for(&stack.path("run.mcap"), RUNNING_LOG_BYTES);
+        }
+        // A halted process wakes, and ends too.
+        let (_, halted) = children.iter().find(|(name, _)| name == "standby").unwrap();
+        kill_process(Pid::from_raw(*halted as i32).unwrap(), Signal::STOP).unwrap();
+        let end = run.kill_with_supervisor();
+        expect_ended(&children);
+        end.expect_nothing_left();
+        assert_eq!(stack.registrations(), 0);
+        if with_planner {
+            assert!(expect_complete(&stack.path("run.mcap")) > 100);
+            let trace = EventTrace::read(&stack.path("run.mcap"));
+            assert!(trace.events.iter().any(|e| e.text.contains("-> stopped")), "{:?}", trace.events);
+        }
+    }
+}
+
+#[test]
+fn all_killed_next_start_cleans_up() {
     let stack = StackSandbox::new();
     let mut run = stack.start(&LONG);
     let children = run.children(&PROCESSES);
     run.wait_for(&stack.path("run.mcap"), RUNNING_LOG_BYTES);
-    // A halted process cannot end by itself.
-    let (_, halted) = children.iter().find(|(name, _)| name == "standby").unwrap();
-    kill_process(Pid::from_raw(*halted as i32).unwrap(), Signal::STOP).unwrap();
-    let end = run.kill();
+    let end = run.kill_with_supervisor();
+    for (_, pid) in &children {
+        let _ = kill_process(Pid::from_raw(*pid as i32).unwrap(), Signal::KILL);
+    }
     assert_eq!(end.code, None);
     expect_ended(&children);
-    assert!(!remains_of(end.supervisor).is_empty(), "found no remains of a killed supervisor");
+    assert!(!remains_of(end.launcher).is_empty(), "found no remains of a killed run");
     let next = stack.run(&["run", "floor", "--clock", "lockstep", "--duration", "0.1", "--log", "next.mcap"]);
     next.expect(0);
     assert!(next.err.contains("its log is recovered to") && next.err.contains("run.recovered.mcap"), "{}", next.err);
@@ -72,25 +120,26 @@ fn supervisor_kill_next_start_cleans_up() {
 }
 
 /// Phases of a start, in their order, as they show on the machine.
-const START_PHASES: [&str; 6] = ["registered", "segments", "log", "first process", "all processes", "ticks"];
+const START_PHASES: [&str; 7] = ["registered", "segments", "log", "supervisor", "first process", "all processes", "ticks"];
 
 /// Whether a starting run has reached a phase.
-fn has_reached(phase: &str, stack: &StackSandbox, supervisor: u32) -> bool {
+fn has_reached(phase: &str, stack: &StackSandbox, launcher: u32) -> bool {
     let log_bytes = || std::fs::metadata(stack.path("run.mcap")).map_or(0, |log| log.len());
     match phase {
         "registered" => stack.registrations() > 0,
-        "segments" => remains_of(supervisor).iter().any(|name| name.starts_with("/dev/shm")),
+        "segments" => remains_of(launcher).iter().any(|name| name.starts_with("/dev/shm")),
+        "supervisor" => !hapfic_tests::children_of(launcher).is_empty(),
         "log" => stack.path("run.mcap").exists(),
-        "first process" => !hapfic_tests::children_of(supervisor).is_empty(),
-        "all processes" => hapfic_tests::children_of(supervisor).len() >= PROCESSES.len(),
+        "first process" => hapfic_tests::children_of(launcher).len() > 1,
+        "all processes" => hapfic_tests::children_of(launcher).len() >= PROCESSES.len(),
         _ => log_bytes() > RUNNING_LOG_BYTES,
     }
 }
 
 #[test]
-fn supervisor_kill_in_each_start_phase_no_remains() {
+fn kill_in_each_start_phase_no_remains() {
     let stack = StackSandbox::new();
-    for phase in START_PHASES {
+    for (phase, together) in START_PHASES.into_iter().flat_map(|phase| [(phase, true), (phase, false)]) {
         let _ = std::fs::remove_file(stack.path("run.mcap"));
         let run = stack.start(&LONG);
         let begun = Instant::now();
@@ -98,7 +147,8 @@ fn supervisor_kill_in_each_start_phase_no_remains() {
             assert!(begun.elapsed() < Duration::from_secs(60), "the start does not reach the phase '{phase}'");
         }
         let children = hapfic_tests::children_of(run.pid());
-        let end = run.kill();
+        // Launcher and supervisor together, then the launcher alone.
+        let end = if together { run.kill_with_supervisor() } else { run.kill() };
         assert_eq!(end.code, None, "phase '{phase}': the run had ended before");
         expect_ended(&children);
         stack.run(&["run", "floor", "--clock", "lockstep", "--duration", "0.05", "--log", "next.mcap"]).expect(0);
@@ -111,7 +161,7 @@ fn supervisor_kill_in_each_start_phase_no_remains() {
 fn external_process_run_end_children_end() {
     let stack = StackSandbox::new();
     let external = "processes.planner=[\"sh\", \"-c\", \"sleep 1000 & sleep 1000\"]";
-    // The supervisor ends it. If the supervisor is killed, the death signal or the next start ends it.
+    // The supervisor ends it, also without the launcher.
     for signal in [Signal::INT, Signal::KILL] {
         let arguments = [&LONG[..], &["--set", external]].concat();
         let run = stack.start(&arguments);
@@ -127,9 +177,7 @@ fn external_process_run_end_children_end() {
             run.signal(signal);
             run.finish()
         };
-        if signal == Signal::KILL {
-            stack.run(&["run", "floor", "--clock", "lockstep", "--duration", "0.05", "--log", "next.mcap"]).expect(0);
-        } else {
+        if signal != Signal::KILL {
             assert_eq!(end.code, Some(3), "{}", end.err);
         }
         end.expect_nothing_left();

@@ -8,4 +8,4 @@ mod machine;
 mod realtime;
 mod recorder;
 mod soak;
-mod trace;
+pub mod trace;

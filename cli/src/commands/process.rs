@@ -4,10 +4,11 @@ use crate::CommandOutcome;
 use anyhow::{Context as _, Result};
 use clap::ValueEnum;
 use hapfic_config::Settings;
-use hapfic_ipc::{Bus, Context, Domain, ProcessStart, RunFile};
+use hapfic_ipc::{Bus, Context, Domain, Orphanhood, Ownership, ProcessStart, RunFile, SupervisorPage};
 use hapfic_messages::Process;
 use std::os::unix::process::CommandExt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
 
 /// Role of a process that the supervisor starts.
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -27,6 +28,8 @@ pub enum ProcessName {
     SpareGate,
     /// The recorder.
     Recorder,
+    /// The supervisor, which the launcher starts.
+    Supervisor,
     /// Helper that removes dead nodes and ends.
     CleanUp,
 }
@@ -40,23 +43,34 @@ pub fn process(name: ProcessName, external: &[String]) -> Result<CommandOutcome>
         ProcessName::Controller => Process::Controller,
         ProcessName::Standby => Process::Standby,
         ProcessName::Recorder => Process::Recorder,
+        ProcessName::Supervisor => Process::Supervisor,
         ProcessName::Gate => Process::Gate,
         ProcessName::SpareGate => Process::SpareGate,
     };
-    let run = match run_file() {
+    let (path, run) = match run_file() {
         Ok(run) => run,
         Err(e) => return Ok(CommandOutcome::Rejected(e)),
     };
+    let settings = Settings::from_effective(&run.settings, &run.urdf_name, &run.urdf)?;
     if let [program, arguments @ ..] = external {
-        hapfic_ipc::tie_to_supervisor(run.supervisor_pid, hapfic_ipc::Ending::Terminated).context("cannot join the run")?;
+        // It goes on without a supervisor, as the others do; its successor, or the last gate, ends it.
+        let _ = Ownership::join(&run, settings.supervisor.grace_ms)?;
         let failed = std::process::Command::new(program).args(arguments).exec();
         return Err(failed).with_context(|| format!("processes.{process}: cannot start '{program}'"));
     }
-    let settings = Settings::from_effective(&run.settings, &run.urdf_name, &run.urdf)?;
     let start = ProcessStart::from_env()?;
     match process {
         Process::Recorder => hapfic_supervisor::recorder::process::run(&run, &settings, start).context("recorder")?,
-        Process::Gate | Process::SpareGate => hapfic_gate_process::run(&run, &settings, process, start).context("gate")?,
+        Process::Gate | Process::SpareGate => {
+            let orphanhood = hapfic_gate_process::run(&run, &settings, process, start).context("gate")?;
+            if orphanhood > Orphanhood::Owned {
+                hapfic_supervisor::registry::end_orphans(Path::new(&run.root));
+            }
+        }
+        Process::Supervisor => {
+            let completed = hapfic_supervisor::supervise::run(&run, &path, settings, start)?;
+            return Ok(if completed { CommandOutcome::Done } else { CommandOutcome::Failed });
+        }
         _ => run_tick_by_tick(&run, &settings, process, start)?,
     }
     Ok(CommandOutcome::Done)
@@ -64,7 +78,7 @@ pub fn process(name: ProcessName, external: &[String]) -> Result<CommandOutcome>
 
 /// Runs a process that answers each state.
 fn run_tick_by_tick(run: &RunFile, settings: &Settings, process: Process, start: ProcessStart) -> Result<()> {
-    let mut context = Context::join(run, process, start)?;
+    let mut context = Context::join(run, settings.supervisor.grace_ms, process, start)?;
     match process {
         Process::Plant => hapfic_plant_process::run(&mut context, settings).context("plant")?,
         Process::Planner => hapfic_planner_process::run(&mut context, settings).context("planner")?,
@@ -74,20 +88,22 @@ fn run_tick_by_tick(run: &RunFile, settings: &Settings, process: Process, start:
 }
 
 /// Reads the run file that the environment names.
-fn run_file() -> Result<RunFile> {
+fn run_file() -> Result<(PathBuf, RunFile)> {
     let path = std::env::var_os(RunFile::VARIABLE).map(PathBuf::from).with_context(|| {
         format!("{} is not set, expected the path of a run file. Hint: `hapfic run` starts the processes", RunFile::VARIABLE)
     })?;
-    Ok(RunFile::read(&path)?)
+    let run = RunFile::read(&path)?;
+    Ok((path, run))
 }
 
 /// Removes the dead nodes of the run that the environment names.
 fn clean_up() -> Result<CommandOutcome> {
-    let run = match run_file() {
+    let (_, run) = match run_file() {
         Ok(run) => run,
         Err(e) => return Ok(CommandOutcome::Rejected(e)),
     };
-    hapfic_ipc::tie_to_supervisor(run.supervisor_pid, hapfic_ipc::Ending::Killed).context("cannot join the run")?;
+    let supervisor = SupervisorPage::open(&run.root)?.pid.load(Ordering::Acquire);
+    hapfic_ipc::tie_to_parent(supervisor).context("cannot join the run")?;
     hapfic_ipc::service::silence_transport_log();
     let domain = Domain::new(&run.prefix, &run.root)?;
     Bus::open(&domain, "clean-up")?.clean_up_dead_nodes();

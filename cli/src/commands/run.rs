@@ -8,7 +8,6 @@ use hapfic_config::Settings;
 use hapfic_messages::{Clock, RealtimeMode};
 use hapfic_supervisor::RunRequest;
 use hapfic_supervisor::launch::{self, InvalidRequest};
-use hapfic_supervisor::summary::Summary;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -138,8 +137,8 @@ pub fn run(args: &RunArgs, since: Instant) -> Result<CommandOutcome> {
         log: args.log.clone().unwrap_or_else(|| default_log(&args.scenario)),
         since,
     };
-    let summary = match launch::run(&request)? {
-        Ok(summary) => summary,
+    let result = match launch::run(&request)? {
+        Ok(result) => result,
         Err(InvalidRequest(e)) => {
             if let Some(file) = summary_file {
                 file.discard();
@@ -147,11 +146,12 @@ pub fn run(args: &RunArgs, since: Instant) -> Result<CommandOutcome> {
             return Ok(CommandOutcome::Rejected(e));
         }
     };
-    print(summary.text().trim_end());
+    let Some(result) = result else { return Ok(CommandOutcome::Failed) };
+    print(result.text.trim_end());
     if let Some(file) = summary_file {
-        file.write(&summary)?;
+        file.write(&result.json)?;
     }
-    Ok(if summary.completed { CommandOutcome::Done } else { CommandOutcome::Failed })
+    Ok(if result.completed { CommandOutcome::Done } else { CommandOutcome::Failed })
 }
 
 /// File of the JSON summary. Opened before the run, so that an unwritable path costs no run; emptied only after it.
@@ -170,11 +170,10 @@ impl SummaryFile {
         Ok(Self { file, path: path.to_owned(), existed })
     }
 
-    fn write(&self, summary: &Summary) -> Result<()> {
-        let text = serde_json::to_vec_pretty(summary)?;
+    fn write(&self, text: &str) -> Result<()> {
         // Fails on a device or a pipe, which has no length.
         let _ = self.file.set_len(0);
-        (&self.file).write_all(&text).with_context(|| format!("cannot write {}", self.path.display()))
+        (&self.file).write_all(text.as_bytes()).with_context(|| format!("cannot write {}", self.path.display()))
     }
 
     /// Removes the file if it is new: the run was rejected.

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 /// Stresses the machine: `hog MS` keeps a core busy, `fill FILE` writes until the disk is full.
 pub fn stressor(supervisor: i32, arguments: &[String]) -> Result<CommandOutcome> {
-    hapfic_ipc::tie_to_supervisor(supervisor, hapfic_ipc::Ending::Killed).context("cannot join the run")?;
+    hapfic_ipc::tie_to_parent(supervisor).context("cannot join the run")?;
     match arguments.iter().map(String::as_str).collect::<Vec<_>>()[..] {
         ["hog", ms] => {
             let end = Instant::now() + Duration::from_millis(ms.parse().context("hog: expected milliseconds")?);

@@ -42,6 +42,10 @@ pub(crate) struct RawSupervisor {
     /// Raising it detects hangs later and causes fewer false detections.
     pub(crate) heartbeat_timeout_ms: u32,
 
+    /// Time that a run goes on without a supervisor [ms], an integer in [200, 60000]: then the gates let the drive brake, and
+    /// all processes end. A lost supervisor has a successor within some ten milliseconds. Raising it covers a slower machine.
+    pub(crate) grace_ms: u32,
+
     /// Longest time without a tick while every process is alive [ms], an integer in [500, 600000]. Raising it tolerates more
     /// load on the machine.
     pub(crate) stall_timeout_ms: u32,
@@ -88,6 +92,7 @@ impl Default for RawSupervisor {
             torque_rate_n_m_per_s: None,
             ready_timeout_ms: 10_000,
             heartbeat_timeout_ms: 1000,
+            grace_ms: 2000,
             stall_timeout_ms: 10_000,
             tick_timeout_ms: 300,
             standby: true,

@@ -12,8 +12,8 @@ use hapfic_gate::torque_check::TorqueCheck;
 use hapfic_gate::{Gate, GateLimits};
 use hapfic_ipc::SharedStatus;
 use hapfic_ipc::realtime::{SchedGrants, SchedRequest};
-use hapfic_ipc::{ArrivalPredictor, Bus, GateLock, GatePage, IpcError, allocations, clock};
-use hapfic_messages::{Clock, Command, Mode, Phase, Process, Source, Timing};
+use hapfic_ipc::{ArrivalPredictor, Bus, GateLock, GatePage, IpcError, Orphanhood, Ownership, allocations, clock};
+use hapfic_messages::{Clock, Command, Detector, Mode, Phase, Process, Source, Timing};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -55,6 +55,8 @@ pub struct GateStart {
     pub generation: u32,
     /// Flag of the signals that end the process.
     pub terminated: Arc<AtomicBool>,
+    /// The supervisor of the run.
+    pub owner: Ownership,
 }
 
 /// Gate with its ports.
@@ -82,6 +84,8 @@ pub struct GateNode {
     pub(super) called: i64,
     pub(super) granted: SchedGrants,
     pub(super) faults: u32,
+    /// Last look at the supervisor.
+    pub(super) orphanhood: Orphanhood,
 }
 
 impl GateNode {
@@ -102,12 +106,20 @@ impl GateNode {
             called: -1,
             granted: SchedGrants::default(),
             faults: 0,
+            orphanhood: Orphanhood::Owned,
             start,
         })
     }
 
-    pub(super) fn stopped(&self) -> bool {
-        self.start.shared.orders.stop.load(Ordering::Acquire) || self.start.terminated.load(Ordering::Relaxed)
+    /// Whether the gate has to end. A run that has had no supervisor for too long first lets the drive brake.
+    pub(super) fn stopped(&mut self) -> bool {
+        let before = std::mem::replace(&mut self.orphanhood, self.start.owner.look(clock::now_ns()));
+        if self.orphanhood >= Orphanhood::Brake && before < Orphanhood::Brake {
+            self.start.shared.orders.stop_latched(Detector::Exit);
+        }
+        self.orphanhood >= Orphanhood::GatesEnd
+            || self.start.shared.orders.stop.load(Ordering::Acquire)
+            || self.start.terminated.load(Ordering::Relaxed)
     }
 
     /// Decides the command of the tick that is due, then the gate's last one; `false`: the gate has to wait.

@@ -6,7 +6,7 @@ use hapfic_config::Settings;
 use hapfic_controller::parameters::TipPose;
 use hapfic_gate::{GateLimits, ParameterSchedule, TorqueCheck};
 use hapfic_ipc::realtime::{self, Prefault, SchedRequest};
-use hapfic_ipc::{Bus, ChangePage, Domain, Ending, GatePage, IpcError, ProcessStart, RunFile, SharedStatus, tie_to_supervisor};
+use hapfic_ipc::{Bus, ChangePage, Domain, GatePage, IpcError, Orphanhood, Ownership, ProcessStart, RunFile, SharedStatus};
 use hapfic_messages::{Clock, Process, RealtimeMode};
 use hapfic_robot::Chain;
 use std::sync::Arc;
@@ -27,11 +27,11 @@ pub enum GateError {
     Robot(#[from] hapfic_robot::RobotError),
 }
 
-/// Runs the gate of a run.
+/// Runs the gate of a run. Returns the last look at the run's supervisor.
 ///
 /// # Errors
 /// [`GateError`] if the run cannot be joined, or messaging fails.
-pub fn run(run: &RunFile, settings: &Settings, own: Process, start: ProcessStart) -> Result<(), GateError> {
+pub fn run(run: &RunFile, settings: &Settings, own: Process, start: ProcessStart) -> Result<Orphanhood, GateError> {
     let system = |action| move |cause: std::io::Error| IpcError::System { action, cause };
     let terminated = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
@@ -40,7 +40,7 @@ pub fn run(run: &RunFile, settings: &Settings, own: Process, start: ProcessStart
     let name = if own == Process::Gate { c"hapfic-gate" } else { c"hapfic-gate-2" };
     rustix::thread::set_name(name).map_err(|e| system("set the process's name")(e.into()))?;
     // Before any access to shared memory: an orphan must not touch it.
-    tie_to_supervisor(run.supervisor_pid, Ending::Killed).map_err(system("join the run"))?;
+    let owner = Ownership::join(run, settings.supervisor.grace_ms)?;
     let realtime = run.clock == Clock::Realtime && run.realtime != RealtimeMode::Off;
     if realtime {
         realtime::lock_memory(Prefault::Used);
@@ -60,7 +60,7 @@ pub fn run(run: &RunFile, settings: &Settings, own: Process, start: ProcessStart
         Process::SpareGate => (run.spare_core.or(run.core), false),
         _ => (run.gate_core, run.gate_busy_polls),
     };
-    GateNode::run(
+    Ok(GateNode::run(
         GateStart {
             clock: run.clock,
             limits: GateLimits::new(settings, &chain),
@@ -77,8 +77,8 @@ pub fn run(run: &RunFile, settings: &Settings, own: Process, start: ProcessStart
             shared: SharedStatus::open(&run.root)?,
             generation: start.generation,
             terminated,
+            owner,
         },
         &bus,
-    )?;
-    Ok(())
+    )?)
 }

@@ -5,7 +5,7 @@ use crate::node::{GateNode, GateStart};
 use crate::tick_account::TickAccount;
 use hapfic_gate::protocol::WaitPolicy;
 use hapfic_ipc::realtime::{self, SchedGrants};
-use hapfic_ipc::{ArrivalPredictor, Bus, DeadlineTimer, IpcError, clock, topic, wait};
+use hapfic_ipc::{ArrivalPredictor, Bus, DeadlineTimer, IpcError, Orphanhood, clock, topic, wait};
 use hapfic_messages::{Clock, PERIOD_NS, Phase};
 use std::sync::atomic::Ordering;
 use std::time::Duration;
@@ -18,11 +18,11 @@ const FAULTS_EVERY: i64 = 1000;
 const LOCKSTEP_TIMEOUT_NS: u64 = 2_000_000_000;
 
 impl GateNode {
-    /// Waits for the start flag, then gates every tick of the run.
+    /// Waits for the start flag, then gates every tick of the run. Returns the last look at the run's supervisor.
     ///
     /// # Errors
     /// [`IpcError`] if the ports cannot be opened, or messaging fails.
-    pub fn run(start: GateStart, bus: &Bus) -> Result<(), IpcError> {
+    pub fn run(start: GateStart, bus: &Bus) -> Result<Orphanhood, IpcError> {
         let deadline_timer = match start.clock {
             Clock::Realtime if start.busy_poll_lead_us == 0 => Some(
                 DeadlineTimer::start("hapfic-deadline", bus.doorbell(topic::REQUEST_DOORBELL), PERIOD_NS, start.deadline_timer)
@@ -33,7 +33,9 @@ impl GateNode {
         };
         let mut arrival_wait =
             ArrivalWait::new(bus.listener(topic::STATE_DOORBELL), bus.listener(topic::REQUEST_DOORBELL), deadline_timer);
-        Self::open(start, bus)?.run_loop(&mut arrival_wait)
+        let mut gate = Self::open(start, bus)?;
+        gate.run_loop(&mut arrival_wait)?;
+        Ok(gate.orphanhood)
     }
 
     fn run_loop(&mut self, arrival_wait: &mut ArrivalWait) -> Result<(), IpcError> {

@@ -4,8 +4,8 @@ use crate::arguments::{MeasurementPlan, list};
 use crate::error::LatencyError;
 use crate::link::{Kind, Link, STAGES, Seat};
 use crate::measured::{ChainMeasurement, ChainSample};
+use hapfic_ipc::clock;
 use hapfic_ipc::realtime::{self, Prefault};
-use hapfic_ipc::{Ending, clock};
 use rustix::io::{FdFlags, fcntl_setfd};
 use std::io::{BufRead, BufReader};
 use std::os::fd::AsRawFd;
@@ -75,7 +75,7 @@ pub fn driver(
 /// Makes this process end with its parent process.
 pub(crate) fn tie_to_parent(name: &str) -> Result<(), LatencyError> {
     let parent = rustix::process::getppid().map_or(0, |pid| pid.as_raw_nonzero().get());
-    hapfic_ipc::tie_to_supervisor(parent, Ending::Killed).map_err(LatencyError::failed(name, "be tied to its parent process"))
+    hapfic_ipc::tie_to_parent(parent).map_err(LatencyError::failed(name, "be tied to its parent process"))
 }
 
 /// Child process of a relay; killed when dropped.

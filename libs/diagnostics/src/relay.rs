@@ -4,7 +4,6 @@
 use crate::arguments::RelayArguments;
 use crate::error::LatencyError;
 use crate::link::{Kind, Link, STAGES, Seat};
-use hapfic_ipc::Ending;
 use hapfic_ipc::realtime::{self, Prefault, SchedGrants, SchedRequest};
 use std::io;
 use std::os::fd::{FromRawFd, OwnedFd};
@@ -28,8 +27,7 @@ pub fn relay(link: &mut dyn Link, size: usize, longest: usize) -> io::Result<std
 /// Joins the chain, calls `ready` with the scheduling grants, and relays until the driver ends.
 pub(crate) fn serve(kind: &dyn Kind, arguments: &RelayArguments, ready: impl FnOnce(SchedGrants)) -> Result<(), LatencyError> {
     let name = kind.name();
-    hapfic_ipc::tie_to_supervisor(arguments.driver, Ending::Killed)
-        .map_err(LatencyError::failed(name, "be tied to the driver"))?;
+    hapfic_ipc::tie_to_parent(arguments.driver).map_err(LatencyError::failed(name, "be tied to the driver"))?;
     let sizes: Vec<usize> = arguments.sizes.iter().map(|bytes| *bytes as usize).collect();
     let sizes: [usize; STAGES] = sizes
         .try_into()

@@ -6,11 +6,11 @@ pub use states::Gaps;
 
 use crate::arrival_predictor::ArrivalPredictor;
 use crate::bus::{Bus, Domain};
-use crate::child::{Ending, supervisor_gone, tie_to_supervisor};
 use crate::deadline_timer::DeadlineTimer;
 use crate::doorbell::{Doorbell, Wakes, wait};
 use crate::error::IpcError;
 use crate::heartbeat::HeartbeatPage;
+use crate::ownership::{Orphanhood, Ownership};
 use crate::ports::{Input, Output};
 use crate::predecessor::last_messages;
 use crate::realtime::{self, Prefault, SchedGrants, SchedRequest};
@@ -82,7 +82,7 @@ pub struct Context {
     stop: Arc<AtomicBool>,
     /// The run's folder.
     folder: String,
-    supervisor_pid: i32,
+    owner: Ownership,
     core: Option<usize>,
     standby_core: Option<usize>,
     realtime: RealtimeMode,
@@ -105,11 +105,12 @@ pub struct Context {
 }
 
 impl Context {
-    /// Joins a run: the process is killed with its supervisor, and its loop ends on SIGTERM or SIGINT.
+    /// Joins a run: the process's loop ends on SIGTERM or SIGINT, and if the run has had no supervisor for longer than
+    /// `grace_ms` ([`Ownership`]).
     ///
     /// # Errors
     /// [`IpcError`] if the supervisor is already gone or its topics cannot be opened.
-    pub fn join(run: &RunFile, process: Process, start: ProcessStart) -> Result<Self, IpcError> {
+    pub fn join(run: &RunFile, grace_ms: u32, process: Process, start: ProcessStart) -> Result<Self, IpcError> {
         let system = |action| move |e: rustix::io::Errno| IpcError::System { action, cause: e.into() };
         let stop = Arc::new(AtomicBool::new(false));
         for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
@@ -119,8 +120,7 @@ impl Context {
         let name = std::ffi::CString::new(format!("hapfic-{}", process.name())).unwrap_or_default();
         rustix::thread::set_name(&name).map_err(system("set the process's name"))?;
         // Before any access to shared memory: an orphan must not touch it.
-        tie_to_supervisor(run.supervisor_pid, Ending::Killed)
-            .map_err(|cause| IpcError::System { action: "join the run", cause })?;
+        let owner = Ownership::join(run, grace_ms)?;
         if run.clock == Clock::Realtime && run.realtime != RealtimeMode::Off {
             realtime::lock_memory(Prefault::Used);
         }
@@ -137,7 +137,7 @@ impl Context {
             start,
             stop,
             folder: run.root.clone(),
-            supervisor_pid: run.supervisor_pid,
+            owner,
             core: if process == Process::Standby { run.standby_core } else { run.core }.map(|c| c as usize),
             standby_core: run.standby_core.map(|c| c as usize),
             realtime: if run.clock == Clock::Lockstep { RealtimeMode::Off } else { run.realtime },
@@ -173,8 +173,11 @@ impl Context {
             .map_err(|cause| IpcError::System { action: "start a deadline timer", cause })
     }
 
-    fn supervisor_gone(&self) -> bool {
-        supervisor_gone(self.supervisor_pid)
+    /// Ends the loop if the run has had no supervisor for too long.
+    fn look_for_owner(&mut self) {
+        if self.owner.look(crate::clock::now_ns()) >= Orphanhood::AllEnd {
+            self.stop.store(true, Ordering::Relaxed);
+        }
     }
 
     /// Takes real-time privileges, if the run requests them, and reports that the process is ready.
@@ -190,7 +193,7 @@ impl Context {
         self.heartbeat(Phase::Ready, -1)
     }
 
-    /// Whether the loop continues. [`idle`](Self::idle) checks for the parent process, in idle time only.
+    /// Whether the loop continues. [`idle`](Self::idle) and [`account`](Self::account) look for the supervisor, in idle time only.
     #[must_use]
     pub fn running(&self) -> bool {
         !self.stop.load(Ordering::Relaxed)
@@ -279,21 +282,17 @@ impl Context {
         while self.running() {
             self.heartbeat(Phase::Finished, tick)?;
             wait(&[], TIMEOUT)?;
-            if self.supervisor_gone() {
-                break;
-            }
+            self.look_for_owner();
         }
         Ok(())
     }
 
-    /// Sends a heartbeat, and ends the loop if the supervisor is gone. The process calls it after a time-out.
+    /// Sends a heartbeat, and ends the loop if the run has no supervisor any more. The process calls it after a time-out.
     ///
     /// # Errors
     /// [`IpcError`] if the heartbeat cannot be sent.
     pub fn idle(&mut self, tick: i64) -> Result<(), IpcError> {
-        if self.supervisor_gone() {
-            self.stop.store(true, Ordering::Relaxed);
-        }
+        self.look_for_owner();
         self.heartbeat(if tick < 0 { Phase::Ready } else { Phase::Waiting }, tick)
     }
 
@@ -332,6 +331,7 @@ impl Context {
             self.faults_due = tick - tick % FAULTS_EVERY + FAULTS_EVERY;
             self.count_faults();
         }
+        self.look_for_owner();
         // The first tick connects to its peers, and lockstep has no real-time bound.
         let counts = tick > 0 && self.clock == Clock::Realtime;
         let allocations = if counts { (allocations::count() - self.allocations_at_wake) as u32 } else { 0 };

@@ -1,4 +1,4 @@
-//! Run file: data from the supervisor for the processes that it starts.
+//! Run file: data from the launcher for the supervisor and for the processes that it starts.
 
 use crate::error::IpcError;
 use hapfic_messages::{Clock, RealtimeMode};
@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
 /// Everything that a process of the stack needs to take part in a run, as JSON. The environment variable
-/// [`RunFile::VARIABLE`] of every process that the supervisor starts holds its path.
+/// [`RunFile::VARIABLE`] of every process of the run holds its path.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RunFile {
@@ -18,10 +18,14 @@ pub struct RunFile {
     pub scenario: String,
     /// Path of the log.
     pub log: PathBuf,
+    /// The same as the user has given it.
+    pub log_name: PathBuf,
     /// Time of tick 0 [ns since the Unix epoch]; zero in lockstep.
     pub start_unix_ns: u64,
-    /// Process with which all others end.
-    pub supervisor_pid: i32,
+    /// Process that starts the supervisor and its successors.
+    pub launcher_pid: i32,
+    /// Start of the program, `CLOCK_MONOTONIC` [ns].
+    pub launched_ns: u64,
     /// Clock of the run.
     pub clock: Clock,
     /// Whether to request real-time privileges.
@@ -51,6 +55,8 @@ impl RunFile {
     pub const VARIABLE: &'static str = "HAPFIC_RUN";
     /// Environment variable that holds the number of the start: 0 for the first.
     pub const GENERATION: &'static str = "HAPFIC_GENERATION";
+    /// Environment variable that holds the name of the process.
+    pub const PROCESS: &'static str = "HAPFIC_PROCESS";
 
     /// Reads a run file.
     ///

@@ -22,6 +22,8 @@ type Factory = request_response::PortFactory<Transport, Wire<OperatorRequest>, (
 
 /// Name of the service.
 const NAME: &str = "operator_request";
+/// Servers at a time: the successor of several that have been lost before the clean-up.
+const SERVERS: usize = 4;
 /// Most callers at a time; killed callers count until their clean-up.
 const MAX_CALLERS: usize = 16;
 /// Number of callers above which a clean-up of dead ones is due.
@@ -43,7 +45,7 @@ fn create_service(bus: &Bus) -> Result<Factory, IpcError> {
     bus.node
         .service_builder(&service_name(NAME)?)
         .request_response::<Wire<OperatorRequest>, Wire<OperatorReply>>()
-        .max_servers(1)
+        .max_servers(SERVERS)
         .max_clients(MAX_CALLERS)
         .max_nodes(MAX_NODES)
         .max_active_requests_per_client(2)

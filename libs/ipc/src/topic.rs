@@ -123,7 +123,7 @@ pub const OPERATOR_REQUEST: DoorbellId = DoorbellId(6);
 /// lost. A doorbell without a message.
 pub const SPARE_GATE: DoorbellId = DoorbellId(7);
 /// supervisor -> processes: faults to inject.
-pub const INJECTION: Topic<Injection> = Topic::new("injection", 2, 0, None);
+pub const INJECTION: Topic<Injection> = Topic::new("injection", 4, 0, None);
 
 /// Topics for observers, which the recorder republishes from what it has received.
 ///

@@ -45,8 +45,10 @@ fn context_account_reports_allocations_and_page_faults() {
         root: folder.path().to_str().unwrap().to_owned(),
         scenario: "floor".to_owned(),
         log: "run.mcap".into(),
+        log_name: "run.mcap".into(),
         start_unix_ns: 0,
-        supervisor_pid: rustix::process::getppid().unwrap().as_raw_nonzero().get(),
+        launched_ns: 0,
+        launcher_pid: rustix::process::getppid().unwrap().as_raw_nonzero().get(),
         clock: Clock::Realtime,
         realtime: RealtimeMode::Off,
         core: None,
@@ -59,7 +61,7 @@ fn context_account_reports_allocations_and_page_faults() {
         urdf_name: String::new(),
         urdf: String::new(),
     };
-    let mut context = Context::join(&run, Process::Controller, ProcessStart::default()).unwrap();
+    let mut context = Context::join(&run, 2000, Process::Controller, ProcessStart::default()).unwrap();
     // The test runner may end before the tests.
     rustix::process::set_parent_process_death_signal(None).unwrap();
     let mut timing = context.bus.input(&topic::TIMING, Wait::No).unwrap();

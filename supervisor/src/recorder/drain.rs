@@ -3,7 +3,7 @@
 use super::position::{identity, is_plausible, ticked};
 use super::views::Views;
 use super::{RecordedMessage, journal};
-use hapfic_ipc::{Bus, Domain, Input, IpcError, Output, RecorderPage, SharedStatus, clock, topic};
+use hapfic_ipc::{Bus, Domain, Input, IpcError, Orphanhood, Output, Ownership, RecorderPage, SharedStatus, clock, topic};
 use hapfic_messages::{Check, Clock, Command, Credit, Event, Operator, Phase, Process, Reference, Request, State, Timing};
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -32,6 +32,8 @@ pub(super) struct DrainStart<'a> {
     pub(super) generation: u32,
     /// Ticks the plant may be ahead, in lockstep.
     pub(super) credit_ticks: u32,
+    /// The supervisor of the run.
+    pub(super) owner: Ownership,
     pub(super) page: Arc<RecorderPage>,
     pub(super) status: Arc<SharedStatus>,
     pub(super) sender: SyncSender<Vec<RecordedMessage>>,
@@ -44,6 +46,7 @@ pub(super) struct DrainThread {
     clock: Clock,
     generation: u32,
     window: i64,
+    owner: Ownership,
     page: Arc<RecorderPage>,
     status: Arc<SharedStatus>,
     sender: SyncSender<Vec<RecordedMessage>>,
@@ -75,7 +78,7 @@ pub(super) struct DrainThread {
 impl DrainThread {
     /// Opens the ports. From then on the thread misses no message.
     pub(super) fn open(start: DrainStart<'_>) -> Result<Self, IpcError> {
-        let DrainStart { domain, clock, generation, credit_ticks, page, status, sender, empty_batches } = start;
+        let DrainStart { domain, clock, generation, credit_ticks, owner, page, status, sender, empty_batches } = start;
         let bus = Bus::open(domain, "recorder")?;
         // A successor finds old messages in the histories. In lockstep the log knows which are new. In realtime the log may
         // hold more than was flushed, so all are left out.
@@ -89,6 +92,7 @@ impl DrainThread {
             generation,
             // Less than the buffers hold, so that none overflows in lockstep.
             window: i64::from(credit_ticks).min(topic::RECORDER_DEPTH as i64 / 4),
+            owner,
             sender,
             empty_batches,
             received: Vec::new(),
@@ -146,14 +150,14 @@ impl DrainThread {
         Ok(())
     }
 
-    /// Receives until the end is ordered and nothing is left.
+    /// Receives until the end is ordered, or the run has no supervisor any more, and nothing is left.
     ///
     /// # Errors
     /// [`IpcError`] if a connection is damaged.
     pub(super) fn run(&mut self) -> Result<(), IpcError> {
         loop {
             // Read before draining, so that all messages sent before the order are received.
-            let end = self.page.drain_ordered();
+            let end = self.page.drain_ordered() || self.owner.look(clock::now_ns()) == Orphanhood::AllEnd;
             let batch = self.receive_all()?;
             // What was sent before the journal was read is received now.
             self.journal_events.clear();

@@ -80,7 +80,7 @@ pub(super) fn take(identities: &mut HashMap<u64, u32>, identity: u64) -> bool {
 mod tests {
     use super::*;
     use hapfic_ipc::{Domain, LogPosition, SharedStatus};
-    use hapfic_messages::{Command, Detector, Event, EventKind, Severity, State};
+    use hapfic_messages::{Command, Detector, Event, EventKind, Parameters, Severity, State};
 
     fn event(tick: i64, text: &str) -> Event {
         Event::new(tick, Process::Gate, EventKind::Note, Severity::Nominal, Detector::None, text)
@@ -106,7 +106,19 @@ mod tests {
         let (page, status) = (RecorderPage::open(root).unwrap(), SharedStatus::create(root).unwrap());
         status.gate.tick.store(5, std::sync::atomic::Ordering::Release);
         let clock = Clock::Lockstep;
-        let set = |version, effective_tick| hapfic_messages::Parameters { version, effective_tick, ..Default::default() };
+        let set = |version, effective_tick| Parameters {
+            version,
+            effective_tick,
+            stiffness: [1.0; 3],
+            max_force: [1.0; 3],
+            position_bound: [1.0; 3],
+            taper: 1.0,
+            search_scale: 1.0,
+            force_resolution: 1.0,
+            mean_speed: 1.0,
+            max_acceleration: 1.0,
+            ..Parameters::default()
+        };
         {
             let mut operator = bus.kept_output(&topic::OPERATOR, Process::SpareGate, clock).unwrap();
             let mut state = bus.kept_output(&topic::STATE, Process::Plant, clock).unwrap();

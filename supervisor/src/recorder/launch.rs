@@ -1,7 +1,7 @@
 //! The supervisor's side of the recorder: its start, its end, and what outlives it.
 
 use super::{RecordingOutcome, tasks};
-use crate::children::{Child, describe};
+use crate::children::{self, Child};
 use crate::watch::RecorderEnd;
 use anyhow::{Context, Result};
 use hapfic_config::Settings;
@@ -89,7 +89,7 @@ impl<'a> Recorder<'a> {
         self.page.order_drain();
         let (mut generation, mut lost) = (generation, generation > 0);
         let mut ended = match end {
-            RecorderEnd::Running(child) => Some(self.wait(child)),
+            RecorderEnd::Running(child) => Some(self.wait(child, generation)),
             RecorderEnd::Lost => Some(End::Lost("was lost at the end".to_owned())),
             RecorderEnd::GivenUp => None,
         };
@@ -99,7 +99,7 @@ impl<'a> Recorder<'a> {
             }
             generation += 1;
             let start = ProcessStart { generation };
-            ended = self.start(start).ok().map(|child| self.wait(child));
+            ended = self.start(start).ok().map(|child| self.wait(child, generation));
             lost = true;
         }
         let left = RecordingOutcome::read(&self.root, generation);
@@ -149,12 +149,14 @@ impl<'a> Recorder<'a> {
     }
 
     /// Waits for the end of a recorder.
-    fn wait(&self, mut child: Child) -> End {
+    fn wait(&self, mut child: Child, generation: u32) -> End {
         let (mut written, mut since) = (self.page.written(), Instant::now());
         loop {
             match child.ended() {
-                Ok(Some(status)) if status.success() => return End::Done,
-                Ok(Some(status)) => return End::Lost(describe(status)),
+                Ok(Some(children::End::Status(status))) if status.success() => return End::Done,
+                // A recorder that ends in order leaves its result first.
+                Ok(Some(children::End::Unknown)) if RecordingOutcome::read(&self.root, generation).is_some() => return End::Done,
+                Ok(Some(end)) => return End::Lost(end.to_string()),
                 Ok(None) => {}
                 Err(e) => return End::Lost(format!("{e:#}")),
             }
@@ -187,8 +189,8 @@ pub fn await_ready(child: &mut Child, heartbeats: &hapfic_ipc::HeartbeatPage, ti
         if matches!(phase, Some(Phase::Ready | Phase::Running)) {
             return Ok(());
         }
-        if let Some(status) = child.ended().context("cannot watch the recorder")? {
-            anyhow::bail!("the recorder {} before it was ready", describe(status));
+        if let Some(end) = child.ended().context("cannot watch the recorder")? {
+            anyhow::bail!("the recorder {end} before it was ready");
         }
         anyhow::ensure!(begun.elapsed() < timeout, "the recorder did not get ready within {} s", timeout.as_secs());
         std::thread::sleep(Duration::from_millis(1));

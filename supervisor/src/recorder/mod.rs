@@ -98,7 +98,7 @@ pub fn tasks(root: &Path) -> Vec<TaskReport> {
 }
 
 /// Replaces a file in the run's folder, so that a reader sees the old or the new one.
-fn replace(path: &Path, content: &[u8]) -> std::io::Result<()> {
+pub(crate) fn replace(path: &Path, content: &[u8]) -> std::io::Result<()> {
     let new = path.with_extension("new");
     fs::write(&new, content)?;
     fs::rename(new, path)

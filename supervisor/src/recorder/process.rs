@@ -8,7 +8,7 @@ use super::write::WriterThread;
 use super::{RecordedMessage, RecordingOutcome};
 use anyhow::{Context, Result};
 use hapfic_config::Settings;
-use hapfic_ipc::{Domain, Ending, LogPosition, ProcessStart, RecorderPage, RunFile, SharedStatus, realtime, tie_to_supervisor};
+use hapfic_ipc::{Domain, LogPosition, Ownership, ProcessStart, RecorderPage, RunFile, SharedStatus, realtime};
 use hapfic_log::{LogFile, Metrics, Remainder, RunLog, Viewer, scene};
 use hapfic_messages::Clock;
 use hapfic_plant::Plant;
@@ -37,18 +37,24 @@ const EMPTY_BATCHES: usize = 4;
 pub fn run(run: &RunFile, settings: &Settings, start: ProcessStart) -> Result<()> {
     realtime::give_up_privileges();
     rustix::thread::set_name(c"hapfic-recorder").context("cannot set the process's name")?;
-    tie_to_supervisor(run.supervisor_pid, Ending::Killed).context("cannot join the run")?;
+    let owner = Ownership::join(run, settings.supervisor.grace_ms)?;
     hapfic_ipc::service::silence_transport_log();
     let root = Path::new(&run.root);
     let page = Arc::new(RecorderPage::open(&run.root)?);
-    let outcome = record(run, settings, start.generation, &page)?;
+    let outcome = record(run, settings, start.generation, &page, owner)?;
     if outcome.error.is_some() {
         page.set_log_failed();
     }
     outcome.write(root, start.generation).context("cannot leave the recorder's result")
 }
 
-fn record(run: &RunFile, settings: &Settings, generation: u32, page: &Arc<RecorderPage>) -> Result<RecordingOutcome> {
+fn record(
+    run: &RunFile,
+    settings: &Settings,
+    generation: u32,
+    page: &Arc<RecorderPage>,
+    owner: Ownership,
+) -> Result<RecordingOutcome> {
     let plant = Plant::new(settings)?;
     let log = RunLog {
         path: &run.log,
@@ -71,6 +77,7 @@ fn record(run: &RunFile, settings: &Settings, generation: u32, page: &Arc<Record
         clock: run.clock,
         generation,
         credit_ticks: settings.supervisor.credit_ticks,
+        owner,
         page: Arc::clone(page),
         status: Arc::clone(&status),
         sender,

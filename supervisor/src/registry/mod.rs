@@ -1,12 +1,13 @@
 //! Namespace of a run: its prefix and folder in shared memory, and the registration by which other commands find it.
 //!
-//! The supervisor holds a lock on the registration while it lives. A registration without a lock belongs to a dead run,
-//! and the next start removes the remains of that run.
+//! Launcher and supervisor hold a lock on the registration while they live. A registration without a lock belongs to a dead
+//! run, and the next start removes the remains of that run.
 
 mod clean_up;
 mod lock;
 
 use anyhow::{Context, Result};
+pub use clean_up::end_orphans;
 use clean_up::{clean_up, remove_remains};
 use hapfic_ipc::Domain;
 use lock::{RegistryLock, folder_path, is_alive, is_ours, runtime_folder};
@@ -26,7 +27,7 @@ const SHM: &str = "/dev/shm";
 pub struct Registration {
     /// Name of the run: the prefix of its shared memory without the trailing `_`.
     pub run: String,
-    /// Process id of the supervisor.
+    /// Process id of the launcher.
     pub pid: u32,
     /// Name of the scenario.
     pub scenario: String,
@@ -158,26 +159,23 @@ impl RunDirectory {
         &self.orphaned_logs
     }
 
-    /// Replaces iceoryx2's node counter, which has mode 0666, by a copy that only this user may open.
-    ///
-    /// Another user who has opened the first file then holds an unused one. The call comes after the first node exists
-    /// and before any other.
+    /// Handle of the registration, which holds the lock: the supervisor shares it, so that the run is not taken for dead
+    /// before both have ended.
     ///
     /// # Errors
-    /// If the file cannot be replaced.
-    pub fn close_to_others(&self) -> Result<()> {
-        let problem = || format!("cannot close {SHM}/{}* to other users", self.prefix());
-        for entry in fs::read_dir(SHM).with_context(problem)?.flatten() {
-            let name = entry.file_name().to_string_lossy().into_owned();
-            if name.starts_with(&self.prefix()) && name.ends_with(".global_mgmt") {
-                let bytes = fs::read(entry.path()).with_context(problem)?;
-                let copy = format!("{SHM}/{}closed", self.prefix());
-                let mut file = OpenOptions::new().write(true).create_new(true).mode(0o600).open(&copy).with_context(problem)?;
-                file.write_all(&bytes).with_context(problem)?;
-                fs::rename(&copy, entry.path()).with_context(problem)?;
-            }
-        }
-        Ok(())
+    /// If the process has too many open files.
+    pub fn handle(&self) -> Result<File> {
+        self._registration.try_clone().context("cannot share the run's registration")
+    }
+
+    /// Takes over the namespace of a run from a launcher that is lost.
+    ///
+    /// # Errors
+    /// If the registry folder cannot be found.
+    pub fn taken_over(prefix: &str, registration: File) -> Result<Self> {
+        let run = prefix.trim_end_matches('_').to_owned();
+        let file = runtime_folder()?.join(format!("{run}.json"));
+        Ok(Self { run, file, others: 0, orphaned_logs: Vec::new(), _registration: registration })
     }
 
     /// Number of runs that were alive when this one registered.
@@ -207,6 +205,28 @@ impl Drop for RunDirectory {
             let _ = fs::remove_dir(folder);
         }
     }
+}
+
+/// Replaces iceoryx2's node counter, which has mode 0666, by a copy that only this user may open.
+///
+/// Another user who has opened the first file then holds an unused one. The call comes after the first node exists
+/// and before any other. `prefix` begins the names of the run's segments.
+///
+/// # Errors
+/// If the file cannot be replaced.
+pub fn close_to_others(prefix: &str) -> Result<()> {
+    let problem = || format!("cannot close {SHM}/{prefix}* to other users");
+    for entry in fs::read_dir(SHM).with_context(problem)?.flatten() {
+        let name = entry.file_name().to_string_lossy().into_owned();
+        if name.starts_with(prefix) && name.ends_with(".global_mgmt") {
+            let bytes = fs::read(entry.path()).with_context(problem)?;
+            let copy = format!("{SHM}/{prefix}closed");
+            let mut file = OpenOptions::new().write(true).create_new(true).mode(0o600).open(&copy).with_context(problem)?;
+            file.write_all(&bytes).with_context(problem)?;
+            fs::rename(&copy, entry.path()).with_context(problem)?;
+        }
+    }
+    Ok(())
 }
 
 fn base36(mut value: u64) -> String {

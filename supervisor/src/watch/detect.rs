@@ -1,14 +1,17 @@
 //! The detectors of the supervisor, and its reaction to what they find.
 
-use super::Watch;
 use super::evidence::Suspicion;
 use super::slot::ProcessSlot;
+use super::{FAST_POLL_INTERVAL, Watch};
 use crate::children::started;
 use anyhow::Result;
 use hapfic_config::{OnFailure, OnLoss};
-use hapfic_messages::{Clock, Detector, Process};
+use hapfic_messages::{Clock, Detector, Process, Severity};
 use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
 
+/// Time that the gate may take for a latched stop before the run ends.
+const BRAKE_TIMEOUT: Duration = Duration::from_millis(300);
 /// Factor of the time-outs in lockstep, where a late process costs nothing and the machine may be busy.
 const LOCKSTEP_TIMEOUT_FACTOR: u64 = 5;
 
@@ -23,7 +26,14 @@ impl Watch<'_> {
             self.fault("supervisor", "was asked to end by a signal".to_owned(), Detector::Signal);
             return Ok(false);
         }
-        self.evidence.observe(&self.run.shared.heartbeats, hapfic_ipc::clock::now_ns());
+        let now_ns = hapfic_ipc::clock::now_ns();
+        self.run.record.beat(now_ns);
+        if rustix::process::getppid().is_none_or(|parent| parent.as_raw_nonzero().get() != self.run.launcher_pid) {
+            self.brake();
+            self.fault("launcher", "was lost, and without it no supervisor could be replaced".to_owned(), Detector::Exit);
+            return Ok(false);
+        }
+        self.evidence.observe(&self.run.shared.heartbeats, now_ns);
         let healthy = self.check_processes()?;
         if healthy && self.run.shared.orders.start.load(Ordering::Relaxed) {
             self.inject()?;
@@ -37,6 +47,19 @@ impl Watch<'_> {
             return Ok(false);
         }
         Ok(healthy)
+    }
+
+    /// Lets the drive brake: requests a latched stop, and waits for it.
+    fn brake(&self) {
+        if !self.run.shared.orders.start.load(Ordering::Relaxed) {
+            return;
+        }
+        self.run.shared.orders.stop_latched(Detector::Exit);
+        let begun = Instant::now();
+        while self.run.shared.gate.severity.load(Ordering::Relaxed) != Severity::Stopped.code() && begun.elapsed() < BRAKE_TIMEOUT
+        {
+            std::thread::sleep(FAST_POLL_INTERVAL);
+        }
     }
 
     /// Heartbeat age at which a process counts as lost [ns].

@@ -30,17 +30,19 @@ impl Watch<'_> {
     pub fn start_and_follow(&mut self) -> Result<RunTimes> {
         for process in started(self.run.settings) {
             let child = Child::start(*process, self.run.settings, self.run.run_file, ProcessStart::default(), Stdio::null())?;
+            self.run.record.process(*process).set_pid(Some(child.pid().as_raw_nonzero().get()));
             self.slots.push(ProcessSlot::new(*process, child));
         }
         let ready = self.wait_until_ready()?;
-        let begun = Instant::now();
-        let launch_s = self.run.request.since.elapsed().as_secs_f64();
-        let steal_before_ms = summary::steal_ms();
+        let record = self.run.record;
+        record.begun_ns.store(hapfic_ipc::clock::now_ns(), Ordering::Relaxed);
+        record.launch_ns.store(self.run.request.since.elapsed().as_nanos() as u64, Ordering::Relaxed);
+        record.steal_ms.store(summary::steal_ms(), Ordering::Relaxed);
         let mut completed = false;
         if ready {
             preflight::reserve_segments(&self.run.prefix)?;
             if self.run.clock == Clock::Realtime && !self.has_required_privileges() {
-                return Ok(RunTimes { launch_s, ..RunTimes::default() });
+                return Ok(self.times(false));
             }
             if self.run.clock == Clock::Realtime {
                 privileges::report(self.run.settings, self.run.request.realtime, self.run.cores, &self.run.shared);
@@ -57,10 +59,7 @@ impl Watch<'_> {
                 slot.restart.stage = hapfic_gate::restart_policy::RestartStage::Working;
             }
             self.inject()?;
-            if self.run.clock == Clock::Realtime && self.gates_are_realtime() {
-                // Restarts must not wait for other processes of the machine; without the privilege they do.
-                let _ = realtime::set_fifo(WATCH_PRIORITY);
-            }
+            self.take_priority();
             self.run.shared.orders.start.store(true, Ordering::Release);
             completed = self.follow()?;
             if completed {
@@ -68,12 +67,27 @@ impl Watch<'_> {
                 self.report(last, Process::Supervisor, EventKind::Ended, Severity::Nominal, Detector::None, "all ticks are done");
             }
         }
-        Ok(RunTimes {
-            launch_s,
-            wall_s: begun.elapsed().as_secs_f64(),
-            steal_ms: summary::steal_ms().saturating_sub(steal_before_ms),
+        Ok(self.times(completed))
+    }
+
+    /// Takes the priority of the main thread.
+    pub(super) fn take_priority(&self) {
+        if self.run.clock == Clock::Realtime && self.gates_are_realtime() {
+            // Restarts must not wait for other processes of the machine; without the privilege they do.
+            let _ = realtime::set_fifo(WATCH_PRIORITY);
+        }
+    }
+
+    /// Times of the run up to now.
+    pub(super) fn times(&self, completed: bool) -> RunTimes {
+        let record = self.run.record;
+        let wall_ns = hapfic_ipc::clock::now_ns().saturating_sub(record.begun_ns.load(Ordering::Relaxed));
+        RunTimes {
+            launch_s: record.launch_ns.load(Ordering::Relaxed) as f64 * 1e-9,
+            wall_s: wall_ns as f64 * 1e-9,
+            steal_ms: summary::steal_ms().saturating_sub(record.steal_ms.load(Ordering::Relaxed)),
             completed,
-        })
+        }
     }
 
     /// Waits until all processes report that they are ready; `false` if one does not.
@@ -117,7 +131,7 @@ impl Watch<'_> {
     }
 
     /// Watches the run; returns whether it completed.
-    fn follow(&mut self) -> Result<bool> {
+    pub(super) fn follow(&mut self) -> Result<bool> {
         let mut progress = Progress::new(self.run.settings.duration_ticks as f64 * PERIOD_S);
         loop {
             if self.run.shared.gate.tick.load(Ordering::Acquire) + 1 >= self.run.settings.duration_ticks as i64 {

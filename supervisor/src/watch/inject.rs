@@ -8,12 +8,13 @@ use crate::children::this_program;
 use anyhow::{Context, Result, bail};
 use hapfic_config::{Fault, FaultKind, FaultTarget};
 use hapfic_ipc::SharedStatus;
-use hapfic_ipc::{IpcError, Output};
+use hapfic_ipc::{IpcError, Output, SupervisorRecord};
 use hapfic_messages::{Injection, MessageFault, Process};
 use rustix::process::{Resource, Rlimit, Signal, prlimit};
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Stdio};
+use std::sync::atomic::Ordering;
 use std::sync::mpsc::Receiver;
 use std::time::{Duration, Instant};
 
@@ -26,28 +27,30 @@ const MAX_DISK_BYTES: u64 = 256 << 20;
 /// Limit of locked memory under the fault `memory_lock` [bytes].
 const MEMORY_LOCK_LIMIT: u64 = 64 << 10;
 
+/// A fault, and its index in the scenario; `None`: an operator has requested it.
+type Indexed = (Option<usize>, Fault);
+
 /// The faults of a run.
-pub struct Injections {
+pub struct Injections<'a> {
+    /// What outlives this supervisor.
+    record: &'a SupervisorRecord,
     /// Future faults of the operating system, in the order of time.
-    system: VecDeque<Fault>,
+    system: VecDeque<Indexed>,
     /// Due or requested faults of the operating system that wait for their processes.
-    due: Vec<Fault>,
+    due: Vec<Indexed>,
     /// Faults in messages not published yet, in the order of time.
-    message: VecDeque<Fault>,
+    message: VecDeque<Indexed>,
     /// Published faults in messages before their tick.
     upcoming: Vec<Fault>,
     requests: Receiver<Fault>,
     output: Output<Injection>,
     /// Published injections that may still be in the future.
     published: Vec<Injection>,
-    number: u64,
     /// Halted processes, their generations, and the times at which they continue.
     halted: Vec<(Process, u32, Instant)>,
     stressors: Vec<Child>,
-    log: PathBuf,
-    filler: Option<PathBuf>,
-    /// Faults injected so far.
-    pub done: u64,
+    /// File with which a fault fills the disk of the log.
+    filler: PathBuf,
 }
 
 /// Returns the fault in messages that a fault specifies, if any.
@@ -131,10 +134,18 @@ pub fn describe(fault: &Fault) -> String {
     text
 }
 
-impl Injections {
-    /// Creates the faults of a run from its scenario and a channel for requested faults.
-    pub fn new(faults: &[Fault], requests: Receiver<Fault>, output: Output<Injection>, log: &Path) -> Self {
-        let (message, system) = faults.iter().copied().partition(|f| message_fault(f.kind).is_some());
+impl<'a> Injections<'a> {
+    /// Creates the faults of a run from its scenario, without those that a lost supervisor has injected, and a channel for
+    /// requested faults.
+    pub fn new(
+        faults: &[Fault],
+        requests: Receiver<Fault>,
+        output: Output<Injection>,
+        log: &Path,
+        record: &'a SupervisorRecord,
+    ) -> Self {
+        let left = faults.iter().copied().enumerate().filter(|(index, _)| !record.is_injected(*index));
+        let (message, system) = left.map(|(index, f)| (Some(index), f)).partition(|(_, f)| message_fault(f.kind).is_some());
         Self {
             system,
             due: Vec::new(),
@@ -143,19 +154,17 @@ impl Injections {
             requests,
             output,
             published: Vec::new(),
-            number: 0,
             halted: Vec::new(),
             stressors: Vec::new(),
-            log: log.to_owned(),
-            filler: None,
-            done: 0,
+            filler: log.with_extension("filler"),
+            record,
         }
     }
 
     /// Whether a fault is near, so that the supervisor should poll fast.
     #[must_use]
     pub fn near(&self, gated: i64, within: i64) -> bool {
-        let soon = |faults: &VecDeque<Fault>| faults.front().is_some_and(|f| f.tick <= gated + within);
+        let soon = |faults: &VecDeque<Indexed>| faults.front().is_some_and(|(_, f)| f.tick <= gated + within);
         !self.halted.is_empty() || !self.due.is_empty() || !self.upcoming.is_empty() || soon(&self.system) || soon(&self.message)
     }
 
@@ -172,11 +181,12 @@ impl Injections {
                     self.publish(&fault, message_fault, gated + 1)?;
                     self.upcoming.push(Fault { tick: gated + 1, ..fault });
                 }
-                None => self.due.push(fault),
+                None => self.due.push((None, fault)),
             }
         }
         for _ in 0..PUBLISHED_AT_A_TIME {
-            let Some(fault) = self.message.pop_front_if(|f| f.tick <= gated + PUBLISH_LEAD_TICKS) else { break };
+            let Some((index, fault)) = self.message.pop_front_if(|(_, f)| f.tick <= gated + PUBLISH_LEAD_TICKS) else { break };
+            self.note_injected(index);
             if let Some(message_fault) = message_fault(fault.kind) {
                 self.publish(&fault, message_fault, fault.tick)?;
                 self.upcoming.push(fault);
@@ -190,27 +200,36 @@ impl Injections {
             }
             later
         });
-        while let Some(fault) = self.system.pop_front_if(|f| f.tick <= gated + 1) {
+        while let Some(fault) = self.system.pop_front_if(|(_, f)| f.tick <= gated + 1) {
             self.due.push(fault);
         }
+        self.record.injected.fetch_add(done.len() as u64, Ordering::Relaxed);
         // A fault waits until its processes do ticks; the other faults do not wait for it.
-        for fault in std::mem::take(&mut self.due) {
+        for (index, fault) in std::mem::take(&mut self.due) {
             if ready(&fault, slots, shared) {
+                // Before: it may end this process.
+                self.note_injected(index);
+                self.record.injected.fetch_add(1, Ordering::Relaxed);
                 self.apply(&fault, slots)?;
                 done.push((fault, describe(&fault)));
             } else {
-                self.due.push(fault);
+                self.due.push((index, fault));
             }
         }
-        self.done += done.len() as u64;
         Ok(done)
+    }
+
+    /// Notes that a fault of the scenario is injected.
+    fn note_injected(&self, index: Option<usize>) {
+        if let Some(index) = index {
+            self.record.set_injected(index);
+        }
     }
 
     fn publish(&mut self, fault: &Fault, message_fault: MessageFault, tick: i64) -> Result<(), IpcError> {
         for process in targets(fault.target) {
-            self.number += 1;
             let injection = Injection {
-                number: self.number,
+                number: self.record.injection.fetch_add(1, Ordering::Relaxed) + 1,
                 tick,
                 ticks: fault.ticks,
                 process: process.code(),
@@ -246,9 +265,9 @@ impl Injections {
                 }
             }
             FaultKind::FullDisk => {
-                let filler = self.log.with_extension("filler");
-                self.start_stressor(&["fill", &filler.to_string_lossy()])?;
-                self.filler = Some(filler);
+                self.record.filled.store(1, Ordering::Relaxed);
+                let filler = self.filler.to_string_lossy().into_owned();
+                self.start_stressor(&["fill", &filler])?;
             }
             FaultKind::Kill if fault.target == FaultTarget::Supervisor => {
                 // Ends this process.
@@ -309,15 +328,15 @@ impl Injections {
     }
 }
 
-impl Drop for Injections {
+impl Drop for Injections<'_> {
     fn drop(&mut self) {
         for stressor in &mut self.stressors {
             // Fails only if it has ended already.
             let _ = stressor.kill();
             let _ = stressor.wait();
         }
-        if let Some(filler) = &self.filler {
-            let _ = std::fs::remove_file(filler);
+        if self.record.filled.load(Ordering::Relaxed) != 0 {
+            let _ = std::fs::remove_file(&self.filler);
         }
     }
 }

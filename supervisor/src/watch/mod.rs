@@ -1,9 +1,11 @@
 //! The main thread during a run: starts, watches, restarts and ends the processes.
 //!
-//! Read [`Watch`] first, then `follow.rs` (the course of a run), `detect.rs` with `evidence.rs` and `slot.rs` (when a process
-//! is lost), and `restart.rs` with `recorder.rs`, `latest_inputs.rs` and `clean_up.rs` (what happens then).
+//! Read [`Watch`] first, then `follow.rs` (the course of a run) and `take_over.rs` (that of a successor), `detect.rs` with
+//! `evidence.rs` and `slot.rs` (when a process is lost), and `restart.rs` with `recorder.rs`, `latest_inputs.rs`,
+//! `dead_nodes.rs` and `clean_up.rs` (what happens then).
 
 mod clean_up;
+mod dead_nodes;
 mod detect;
 mod evidence;
 mod follow;
@@ -12,6 +14,7 @@ mod latest_inputs;
 mod recorder;
 mod restart;
 mod slot;
+mod take_over;
 
 use crate::children::{self, Child};
 use crate::latest::LatestMessages;
@@ -21,11 +24,10 @@ use crate::recorder::Recorder;
 use crate::request::RunRequest;
 use crate::summary::{Losses, RunFault};
 use anyhow::Result;
-use clean_up::{CleanUp, SegmentRemover};
 use evidence::{Evidence, Suspicion};
 use hapfic_config::Settings;
 use hapfic_ipc::SharedStatus;
-use hapfic_ipc::{Bus, Doorbell, GatePage, Output, topic};
+use hapfic_ipc::{Bus, Doorbell, GatePage, Output, SupervisorPage, topic};
 use hapfic_messages::{Clock, Credit, Detector, Event, EventKind, Process, Severity};
 use inject::Injections;
 use latest_inputs::LatestInputs;
@@ -35,6 +37,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
+pub use dead_nodes::DeadNodes;
 pub use inject::{check as check_faults, describe as describe_fault, possible as fault_possible};
 pub use recorder::RecorderEnd;
 
@@ -64,8 +67,14 @@ pub struct WatchStart<'a> {
     pub request: &'a RunRequest,
     /// Status shared with the other threads of the supervisor.
     pub shared: Arc<SharedStatus>,
-    /// Recorder of the run, and its process.
-    pub recorder: (&'a Recorder<'a>, Child),
+    /// Recorder of the run, and its process in its first start.
+    pub recorder: (&'a Recorder<'a>, Option<Child>),
+    /// Page of the supervisor.
+    pub record: &'a SupervisorPage,
+    /// Dead processes of a supervisor that is lost.
+    pub dead_nodes: DeadNodes,
+    /// Process that starts supervisors.
+    pub launcher_pid: i32,
     /// Page of the two gates.
     pub gates: &'a GatePage,
     /// Latest messages of the run.
@@ -91,6 +100,8 @@ struct RunContext<'a> {
     clock: Clock,
     shared: Arc<SharedStatus>,
     recorder: &'a Recorder<'a>,
+    record: &'a SupervisorPage,
+    launcher_pid: i32,
     gates: &'a GatePage,
     latest: Arc<LatestMessages>,
     stop: Arc<AtomicBool>,
@@ -115,16 +126,6 @@ struct StallDetector {
     all_restarted: bool,
 }
 
-/// Dead processes whose nodes have to be cleaned up, and ports that have to reconnect.
-struct DeadNodes {
-    helper: CleanUp,
-    segments: SegmentRemover,
-    /// Dead processes whose nodes are not cleaned up yet.
-    count: u32,
-    /// Whether all ports reconnect after the clean-up.
-    reconnect_due: bool,
-}
-
 /// The main thread's view of a run.
 pub struct Watch<'a> {
     run: RunContext<'a>,
@@ -136,7 +137,7 @@ pub struct Watch<'a> {
     inputs: LatestInputs,
     /// Grants the plant all ticks, once a run in lockstep goes on without its recorder.
     credit: Output<Credit>,
-    injections: Injections,
+    injections: Injections<'a>,
     doorbells: Vec<Doorbell>,
     events: Output<Event>,
     begun: Instant,
@@ -161,6 +162,9 @@ impl<'a> Watch<'a> {
             request,
             shared,
             recorder: (recorder, recorder_process),
+            record,
+            dead_nodes,
+            launcher_pid,
             gates,
             latest,
             stop,
@@ -170,7 +174,6 @@ impl<'a> Watch<'a> {
             fault_requests,
             notify,
         } = start;
-        let segments = SegmentRemover::start(prefix.clone())?;
         let doorbells = [&topic::STATE.doorbell, &topic::REFERENCE.doorbell, &topic::REQUEST.doorbell]
             .into_iter()
             .chain([&topic::COMMAND.doorbell, &topic::CREDIT.doorbell])
@@ -180,19 +183,19 @@ impl<'a> Watch<'a> {
             .collect();
         let settings = &request.settings;
         Ok(Self {
-            slots: vec![ProcessSlot::new(Process::Recorder, recorder_process)],
+            slots: recorder_process.into_iter().map(|child| ProcessSlot::new(Process::Recorder, child)).collect(),
             abandoned: Vec::new(),
-            primary: Process::Controller.code(),
+            primary: shared.gate.primary.load(Ordering::Relaxed),
             inputs: LatestInputs::open(bus)?,
             credit: bus.output(&topic::CREDIT)?,
-            injections: Injections::new(&settings.faults, fault_requests, bus.output(&topic::INJECTION)?, &request.log),
+            injections: Injections::new(&settings.faults, fault_requests, bus.output(&topic::INJECTION)?, &request.log, record),
             doorbells,
             events: bus.kept_output(&topic::EVENT, Process::Supervisor, request.clock)?,
             begun: Instant::now(),
-            rearms: 0,
+            rearms: shared.orders.rearms.load(Ordering::Acquire),
             evidence: Evidence::default(),
             stall: StallDetector { advanced: (-1, 0), plant_restart_left: true, ..StallDetector::default() },
-            dead_nodes: DeadNodes { helper: CleanUp::default(), segments, count: 0, reconnect_due: false },
+            dead_nodes,
             stopped_by_budget: false,
             faults: Vec::new(),
             run: RunContext {
@@ -201,6 +204,8 @@ impl<'a> Watch<'a> {
                 request,
                 shared,
                 recorder,
+                record,
+                launcher_pid,
                 gates,
                 latest,
                 stop,
@@ -240,7 +245,8 @@ impl<'a> Watch<'a> {
     /// Largest delay of the main thread so far.
     #[must_use]
     pub fn largest_delay(&self) -> Duration {
-        self.evidence.largest_delay()
+        let ns = self.run.record.largest_delay_ns.fetch_max(self.evidence.largest_delay().as_nanos() as u64, Ordering::Relaxed);
+        self.evidence.largest_delay().max(Duration::from_nanos(ns))
     }
 
     /// Losses and injected faults of the run.
@@ -249,12 +255,19 @@ impl<'a> Watch<'a> {
         let present = self.run.shared.presence.present.load(Ordering::Acquire);
         let recovered = |process: Process| present & bit(process) != 0;
         let slots = self.slots.iter().map(|s| (s.process, s.losses, s.longest, recovered(s.process)));
-        Losses::new(slots, self.injections.done)
+        let record = self.run.record;
+        let longest = Duration::from_nanos(record.longest_ns.load(Ordering::Relaxed));
+        let own = (Process::Supervisor, record.losses.load(Ordering::Relaxed), longest, true);
+        Losses::new(slots.chain([own]), record.injected.load(Ordering::Relaxed))
     }
 }
 
 impl Drop for Watch<'_> {
     fn drop(&mut self) {
+        if std::thread::panicking() {
+            // A successor takes the processes over.
+            return;
+        }
         // Errors have no receiver here: `end` reports them.
         let _ = children::end(self.slots.iter_mut().filter_map(|s| s.child.take()).collect());
     }

@@ -7,6 +7,7 @@ use anyhow::Result;
 use hapfic_config::OnFailure;
 use hapfic_gate::restart_policy::RestartStage;
 use hapfic_messages::{Clock, Credit, Detector, EventKind, Process};
+use std::sync::atomic::Ordering;
 
 /// What has become of the recorder's process at the end of a run.
 #[derive(Debug)]
@@ -36,6 +37,7 @@ impl Watch<'_> {
     /// Handles a recorder that does not start again: the run ends, or goes on without a log, as `recorder.on_failure` says.
     /// Returns whether it goes on.
     pub(super) fn recorder_given_up(&mut self, what: &str) -> Result<bool> {
+        self.run.record.process(Process::Recorder).given_up.store(1, Ordering::Relaxed);
         if self.run.settings.recorder.on_failure == OnFailure::Stop {
             self.fault(Process::Recorder.name(), what.to_owned(), Detector::Recorder);
             return Ok(false);

@@ -208,6 +208,10 @@ impl Watch<'_> {
         let slot = &mut self.slots[index];
         slot.lost = Some(Instant::now());
         slot.losses += 1;
+        let record = self.run.record.process(process);
+        record.losses.store(slot.losses, Ordering::Relaxed);
+        // What runs without a record ends with its supervisor's successor.
+        record.set_pid(None);
         // The process may still run, or have started others.
         let abandoned = slot.child.take().map(children::kill).transpose()?.flatten();
         self.note(process, EventKind::Lost, detector, &format!("{process} {what}"));
@@ -275,6 +279,7 @@ impl Watch<'_> {
         slot.rejected = 0;
         slot.kill_pending = false;
         self.run.shared.heartbeats.expect(process, slot.generation);
+        self.run.record.process(process).generation.store(slot.generation, Ordering::Release);
         let start = ProcessStart { generation: slot.generation };
         let started = match process {
             Process::Recorder => self.run.recorder.start(start),
@@ -291,6 +296,7 @@ impl Watch<'_> {
         if process != Process::Recorder && prioritise {
             prioritise_joining(&child, self.run.cores.reserve);
         }
+        self.run.record.process(process).set_pid(Some(child.pid().as_raw_nonzero().get()));
         slot.child = Some(child);
         let (number, waited) = (slot.restart.restarts(), slot.lost.map_or(0, |lost| lost.elapsed().as_millis()));
         let text = format!("{process} restarts {waited} ms after the detected loss (number {number} of its budget)");
@@ -304,6 +310,7 @@ impl Watch<'_> {
         let (process, generation) = (slot.process, slot.generation);
         let out = slot.lost.take().map_or(Duration::ZERO, |lost| lost.elapsed());
         slot.longest = slot.longest.max(out);
+        self.run.record.process(process).longest_ns.store(slot.longest.as_nanos() as u64, Ordering::Relaxed);
         self.run.shared.presence.present.fetch_or(bit(process), Ordering::AcqRel);
         self.run.shared.presence.missing.fetch_and(!bit(process), Ordering::AcqRel);
         if generation > 0 {

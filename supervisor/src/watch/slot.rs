@@ -1,11 +1,12 @@
 //! The slot of a process in a run: the process, the state of its restart, and the detectors.
 
 use super::evidence::{Evidence, Suspicion};
-use crate::children::{Child, describe};
+use crate::children::Child;
 use anyhow::Result;
 use hapfic_gate::restart_policy::{RestartStage, RestartState};
-use hapfic_ipc::SharedStatus;
+use hapfic_ipc::{ProcessRecord, SharedStatus};
 use hapfic_messages::{Detector, PERIOD_NS, Phase, Process};
+use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 /// Limits of the detectors.
@@ -52,9 +53,13 @@ impl ProcessSlot {
     /// Creates the slot of a process in its first start.
     #[must_use]
     pub fn new(process: Process, child: Child) -> Self {
+        Self { child: Some(child), ..Self::without_child(process) }
+    }
+
+    fn without_child(process: Process) -> Self {
         Self {
             process,
-            child: Some(child),
+            child: None,
             restart: RestartState::default(),
             generation: 0,
             started_observed_ns: 0,
@@ -65,6 +70,29 @@ impl ProcessSlot {
             kill_pending: false,
             failed_connections: 0,
             rejected: 0,
+        }
+    }
+
+    /// Creates the slot of a process that a lost supervisor has watched. `child` is the process if it still runs, `present`
+    /// whether it did ticks.
+    #[must_use]
+    pub fn taken_over(process: Process, child: Option<Child>, record: &ProcessRecord, present: bool) -> Self {
+        let stage = match () {
+            () if record.given_up.load(Ordering::Relaxed) != 0 => RestartStage::BudgetSpent,
+            () if present => RestartStage::Working,
+            () if child.is_some() || record.pid().is_some() => RestartStage::Starting,
+            // The lost supervisor knew that it was lost.
+            () => RestartStage::BackOff(0),
+        };
+        let lost = (!present).then(Instant::now);
+        Self {
+            child,
+            restart: RestartState::at(stage),
+            generation: record.generation.load(Ordering::Relaxed),
+            lost,
+            losses: record.losses.load(Ordering::Relaxed),
+            longest: Duration::from_nanos(record.longest_ns.load(Ordering::Relaxed)),
+            ..Self::without_child(process)
         }
     }
 
@@ -95,15 +123,15 @@ impl ProcessSlot {
         limits: &DetectorLimits,
     ) -> Result<Option<(Detector, String)>> {
         let Some(child) = &mut self.child else { return Ok(None) };
-        if let Some(status) = child.ended()? {
-            return Ok(Some((Detector::Exit, describe(status))));
+        if let Some(end) = child.ended()? {
+            return Ok(Some((Detector::Exit, end.to_string())));
         }
         let heartbeat = shared.heartbeats.read(self.process);
         if heartbeat.phase == Some(Phase::Finished) {
             return Ok(None);
         }
         let pid = child.pid();
-        let gated = shared.gate.tick.load(std::sync::atomic::Ordering::Acquire);
+        let gated = shared.gate.tick.load(Ordering::Acquire);
         let silence_ns = evidence.silence_ns(self.process).unwrap_or(0);
         let starting = self.restart.stage == RestartStage::Starting && self.generation > 0;
         let starting_ns = if starting { evidence.observed_ns() - self.started_observed_ns } else { 0 };

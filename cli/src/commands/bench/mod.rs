@@ -36,6 +36,6 @@ pub fn chain(arguments: &[String]) -> Result<CommandOutcome> {
 
 /// Runs `hapfic bench-run`: a run that ends with the measurement.
 pub fn run(parent: i32, args: &RunArgs, since: Instant) -> Result<CommandOutcome> {
-    hapfic_ipc::tie_to_supervisor(parent, hapfic_ipc::Ending::Terminated).context("cannot join the measurement")?;
+    hapfic_ipc::tie_to_parent(parent).context("cannot join the measurement")?;
     super::run::run(args, since)
 }

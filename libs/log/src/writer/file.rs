@@ -42,9 +42,7 @@ impl LogFile {
     /// # Errors
     /// [`LogError::Create`] if the handle cannot be examined, or the file not be emptied.
     pub fn of_handle(path: &Path, file: File) -> Result<Self, LogError> {
-        let failed = |cause| LogError::Create { path: path.to_owned(), cause };
-        let regular = file.metadata().map_err(failed)?.is_file();
-        let mut log = Self { path: path.to_owned(), file, regular };
+        let mut log = Self::shared(path, file)?;
         log.empty()?;
         Ok(log)
     }
@@ -59,6 +57,15 @@ impl LogFile {
                 .map_err(|cause| LogError::Create { path: self.path.clone(), cause }),
             false => Ok(()),
         }
+    }
+
+    /// A file that another process has created and may have written, by a handle of it.
+    ///
+    /// # Errors
+    /// [`LogError::Create`] if the handle cannot be examined.
+    pub fn shared(path: &Path, file: File) -> Result<Self, LogError> {
+        let regular = file.metadata().map_err(|cause| LogError::Create { path: path.to_owned(), cause })?.is_file();
+        Ok(Self { path: path.to_owned(), file, regular })
     }
 
     /// Another handle of the file, which shares lock and position.

@@ -1,4 +1,4 @@
-//! Kills of the supervisor at random times, and their remains.
+//! Kills of launcher and supervisor at random times, and their remains.
 
 use crate::part::{DocumentPart, Expectation, digits, largest, median, table, verdict};
 use crate::runs::{LOG, RunFolder};
@@ -14,12 +14,13 @@ const START_MS: f64 = 150.0;
 const LATEST_MS: f64 = 3000.0;
 /// Seed of the kill times.
 const SEED: u64 = 11;
-/// Longest time from the kill to the end of the last process [ms].
-const ALL_ENDED_MS: f64 = 100.0;
+/// Longest time from the kill to the end of the last process [ms]: the grace time of 2 s, the end of the run by the gates, and
+/// what a busy machine takes.
+const ALL_ENDED_MS: f64 = 8000.0;
 /// Largest gap at the end of a log [s].
 const MISSING_S: f64 = 0.1;
 /// Time-out of the wait for the end of all processes.
-const TIMEOUT: Duration = Duration::from_secs(10);
+const TIMEOUT: Duration = Duration::from_secs(30);
 /// Shortest time without a process that counts as the end: another process may be starting.
 const QUIET: Duration = Duration::from_millis(100);
 /// Time limit of the next run, or of a recovery.
@@ -39,7 +40,7 @@ enum RecoveredLog {
     Lost(String),
 }
 
-/// Result of a kill of the supervisor.
+/// Result of a kill of launcher and supervisor.
 struct OrphanResult {
     /// Time from the kill to the end of the last process [ms].
     ended_ms: f64,
@@ -91,7 +92,7 @@ fn measure_kill(folder: &RunFolder, delay: Duration) -> OrphanResult {
     let run = folder.start(&["run", "floor", "--duration", "60", "--log", LOG]);
     let pid = run.pid();
     std::thread::sleep(delay.saturating_sub(begun.elapsed()));
-    let killed_ns = run.kill();
+    let killed_ns = run.kill_with_supervisor();
     let ended_ms = until_ended(pid, killed_ns);
     let end = folder.run(&["run", "floor", "--duration", "0.3", "--log", "next.mcap"], LIMIT);
     let next =
@@ -195,7 +196,7 @@ fn expect(kills: &[&OrphanResult]) -> Vec<Expectation> {
     let first = |list: &[&str]| list.first().map_or("0".to_owned(), |first| format!("{}, the first: {first}", list.len()));
     vec![
         Expectation::new(
-            "longest time from the kill of a supervisor to the end of its last process",
+            "longest time from the kill of launcher and supervisor to the end of its last process",
             &format!("{ALL_ENDED_MS} ms at most"),
             format!("{} ms", digits(largest(&ended), 1)),
             largest(&ended).is_some_and(|ms| ms <= ALL_ENDED_MS),

@@ -1,6 +1,6 @@
 //! Runs of the stack with a time limit.
 
-use hapfic_tests::{StackSandbox, remains_of};
+use hapfic_tests::{StackSandbox, children_of, remains_of};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use std::fs::File;
@@ -126,12 +126,17 @@ impl RunningProgram {
         self.ended
     }
 
-    /// Kills the program and waits for its end. Returns the time of the kill on `CLOCK_MONOTONIC` [ns].
-    pub(crate) fn kill(mut self) -> u64 {
+    /// Kills launcher and supervisor, and waits for the end of the launcher. Returns the time of the kill on
+    /// `CLOCK_MONOTONIC` [ns].
+    pub(crate) fn kill_with_supervisor(mut self) -> u64 {
+        let supervisor = children_of(self.pid()).into_iter().find(|(name, _)| name == "supervisor");
         let now = hapfic_ipc::clock::now_ns();
-        // The program may have ended already.
+        // Both may have ended already.
         let _ = self.child.kill();
         let _ = self.child.wait();
+        if let Some(pid) = supervisor.and_then(|(_, pid)| Pid::from_raw(pid as i32)) {
+            let _ = kill_process(pid, Signal::KILL);
+        }
         self.ended = true;
         now
     }

@@ -22,8 +22,12 @@ pub(crate) struct ProcessResources {
 pub(crate) struct ResourceSample {
     /// Time since the start of the program [s].
     pub(crate) at_s: f64,
-    pub(crate) supervisor: ProcessResources,
+    pub(crate) launcher: ProcessResources,
     pub(crate) plant: ProcessResources,
+    /// The present supervisor, gates and recorder, which are lost now and then.
+    pub(crate) supervisor: ProcessResources,
+    pub(crate) gates: [ProcessResources; 2],
+    pub(crate) recorder: ProcessResources,
     /// Number of files in shared memory.
     pub(crate) shared: u64,
     /// Size of these files [bytes].
@@ -34,10 +38,19 @@ pub(crate) struct ResourceSample {
 
 impl ResourceSample {
     /// Takes a sample of a run; `None` before its start or after its end.
-    pub(crate) fn take(supervisor: u32, at_s: f64) -> Option<Self> {
-        let plant = children_of(supervisor).into_iter().find(|(name, _)| name == "plant")?.1;
-        let mut sample = Self { at_s, supervisor: resources(supervisor)?, plant: resources(plant)?, ..Self::default() };
-        for name in remains_of(supervisor) {
+    pub(crate) fn take(launcher: u32, at_s: f64) -> Option<Self> {
+        let children = children_of(launcher);
+        let of = |wanted: &str| resources(children.iter().find(|(name, _)| name == wanted)?.1);
+        let mut sample = Self {
+            at_s,
+            launcher: resources(launcher)?,
+            plant: of("plant")?,
+            supervisor: of("supervisor")?,
+            gates: [of("gate")?, of("spare_gate")?],
+            recorder: of("recorder")?,
+            ..Self::default()
+        };
+        for name in remains_of(launcher) {
             let path = Path::new(&name);
             // Other entries are processes, or have vanished meanwhile.
             let Ok(found) = fs::symlink_metadata(path) else { continue };

@@ -26,15 +26,12 @@ pub(crate) struct CpuTime {
 
 impl CpuTime {
     /// Reads the processor time of a run; `None` if one of its processes does not run.
-    pub(crate) fn take(supervisor: u32) -> Option<Self> {
+    pub(crate) fn take(launcher: u32) -> Option<Self> {
         let mut seconds = BTreeMap::new();
         let mut add = |group, time| *seconds.entry(group).or_insert(0.0) += time;
-        let children = children_of(supervisor);
+        let children = children_of(launcher);
         for group in &GROUPS {
-            let pid = match *group {
-                "supervisor" => supervisor,
-                child => children.iter().find(|(name, _)| name == child)?.1,
-            };
+            let pid = children.iter().find(|(name, _)| name == group)?.1;
             add(*group, times(&fs::read_to_string(format!("/proc/{pid}/stat")).ok()?)?);
         }
         Some(Self { at: Instant::now(), seconds })
@@ -69,10 +66,10 @@ pub(crate) struct MemoryUse {
 
 impl MemoryUse {
     /// Reads the memory of a run.
-    pub(crate) fn take(supervisor: u32) -> Option<Self> {
-        let children = children_of(supervisor).into_iter().map(|(_, pid)| pid);
-        let pages = children.chain([supervisor]).map(proportional_kb).sum::<Option<u64>>()?;
-        let shared: u64 = remains_of(supervisor).iter().map(|name| bytes(Path::new(name))).sum();
+    pub(crate) fn take(launcher: u32) -> Option<Self> {
+        let children = children_of(launcher).into_iter().map(|(_, pid)| pid);
+        let pages = children.chain([launcher]).map(proportional_kb).sum::<Option<u64>>()?;
+        let shared: u64 = remains_of(launcher).iter().map(|name| bytes(Path::new(name))).sum();
         Some(Self { proportional: pages as f64 / 1e3 * 1.024, shared: shared as f64 / 1e6 })
     }
 }
