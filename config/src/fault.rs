@@ -73,7 +73,7 @@ pub enum FaultTarget {
     Machine,
 }
 
-/// All processes that run ticks under the supervisor, then the recorder and the supervisor itself.
+/// All processes that run ticks, then the recorder and the supervisor.
 const PROCESSES: &[FaultTarget] = &[
     FaultTarget::Plant,
     FaultTarget::Planner,
@@ -114,9 +114,7 @@ impl FaultKind {
     pub(crate) fn processes(self) -> &'static [FaultTarget] {
         match self {
             Self::Hog | Self::FullDisk => &[],
-            Self::Kill => PROCESSES,
-            // No component monitors the supervisor for anything but its death.
-            Self::Stop => &PROCESSES[..PROCESSES.len() - 1],
+            Self::Kill | Self::Stop => PROCESSES,
             // The recorder takes part in no tick, and nothing stands behind the gates that could reject its messages.
             _ => &PROCESSES[..PROCESSES.len() - 4],
         }

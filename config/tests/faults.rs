@@ -174,12 +174,6 @@ fn fault_keys_incompatible_rejected() {
             format!("6: fault[0].process: found nothing beside kind = \"kill\", expected one of {all}"),
         ),
         (
-            "kind = \"stop\"\nat_s = 1\nprocess = \"supervisor\"\n",
-            format!(
-                "9: fault[0].process: found \"supervisor\" beside kind = \"stop\", expected one of {all}, \"gate\", \"spare_gate\", \"recorder\". Hint"
-            ),
-        ),
-        (
             "kind = \"memory_lock\"\nat_s = 1\nprocess = [\"plant\",\n \"supervisor\"]\n",
             format!("10: fault[0].process[1]: found \"supervisor\" beside kind = \"memory_lock\", expected one of {all}. Hint"),
         ),

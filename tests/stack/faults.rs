@@ -8,4 +8,5 @@ mod machine;
 mod realtime;
 mod recorder;
 mod soak;
+mod supervisor;
 pub mod trace;

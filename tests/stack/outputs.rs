@@ -91,7 +91,7 @@ fn limited(stack: &StackSandbox, limit: &str) -> FinishedProgram {
         .output()
         .unwrap();
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
-    FinishedProgram { supervisor: 0, code: output.status.code(), out: text(&output.stdout), err: text(&output.stderr) }
+    FinishedProgram { launcher: 0, code: output.status.code(), out: text(&output.stdout), err: text(&output.stderr) }
 }
 
 #[test]

@@ -51,8 +51,13 @@ fn supervisor_halted_nothing_healthy_is_killed() {
     let stack = StackSandbox::new();
     let mut run = stack.start(&[&RUN[..], &["--log", "run.mcap"]].concat());
     run.wait_for(&stack.path("run.mcap"), 200_000);
-    run.signal(Signal::STOP);
+    let supervisor = Pid::from_raw(run.supervisor() as i32).unwrap();
+    kill_process(supervisor, Signal::STOP).unwrap();
     std::thread::sleep(Duration::from_secs(2));
+    kill_process(supervisor, Signal::CONT).unwrap();
+    // Ctrl-Z halts the launcher: nothing depends on it.
+    run.signal(Signal::STOP);
+    std::thread::sleep(Duration::from_secs(1));
     run.signal(Signal::CONT);
     let end = run.finish();
     end.expect(0);

@@ -1,12 +1,13 @@
-//! `hapfic stressor`: a process that keeps cores busy or fills a disk, for an injected fault. It ends with its
-//! supervisor.
+//! `hapfic stressor`: a process that keeps cores busy, fills a disk or halts its supervisor, for an injected fault. It ends
+//! with its supervisor.
 
 use crate::CommandOutcome;
 use anyhow::{Context, Result, bail};
+use rustix::process::{Pid, Signal, kill_process};
 use std::io::Write;
 use std::time::{Duration, Instant};
 
-/// Stresses the machine: `hog MS` keeps a core busy, `fill FILE` writes until the disk is full.
+/// Stresses the machine: `hog MS` keeps a core busy, `fill FILE` writes until the disk is full, `halt MS` halts the supervisor.
 pub fn stressor(supervisor: i32, arguments: &[String]) -> Result<CommandOutcome> {
     hapfic_ipc::tie_to_parent(supervisor).context("cannot join the run")?;
     match arguments.iter().map(String::as_str).collect::<Vec<_>>()[..] {
@@ -26,7 +27,14 @@ pub fn stressor(supervisor: i32, arguments: &[String]) -> Result<CommandOutcome>
             while file.write_all(&block).is_ok() {}
             while file.write_all(&[0; 64]).is_ok() {}
         }
-        _ => bail!("expected `hog MS` or `fill FILE`, found {arguments:?}"),
+        ["halt", ms] => {
+            let length = Duration::from_millis(ms.parse().context("halt: expected milliseconds")?);
+            let supervisor = Pid::from_raw(supervisor).context("halt: expected a process id")?;
+            kill_process(supervisor, Signal::STOP)?;
+            std::thread::sleep(length);
+            kill_process(supervisor, Signal::CONT)?;
+        }
+        _ => bail!("expected `hog MS`, `fill FILE` or `halt MS`, found {arguments:?}"),
     }
     Ok(CommandOutcome::Done)
 }

@@ -123,7 +123,7 @@ impl ScenarioCheck<'_> {
                     &key,
                     kind,
                     &one_of,
-                    "the supervisor can only be killed, gates and recorder killed or halted",
+                    "supervisor, gates and recorder can only be killed or halted",
                 ))
             }
         }

@@ -16,7 +16,7 @@ pub(crate) struct RawFault {
     pub(crate) kind: FaultKind,
 
     /// Target: a process, or a list from which each fault samples one; `controllers` are both together. Not for hog and
-    /// full_disk, whose target is the machine; `supervisor` can only be killed.
+    /// full_disk, whose target is the machine; supervisor, gates and recorder can only be killed or halted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(with = "RawTargets")]
     pub(crate) process: Option<RawTargets>,

@@ -269,6 +269,10 @@ impl<'a> Injections<'a> {
                 let filler = self.filler.to_string_lossy().into_owned();
                 self.start_stressor(&["fill", &filler])?;
             }
+            // It cannot continue by itself.
+            FaultKind::Stop if fault.target == FaultTarget::Supervisor => {
+                self.start_stressor(&["halt", &fault.ticks.to_string()])?
+            }
             FaultKind::Kill if fault.target == FaultTarget::Supervisor => {
                 // Ends this process.
                 let _ = rustix::process::kill_process(rustix::process::getpid(), Signal::KILL);
