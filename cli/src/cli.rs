@@ -165,7 +165,7 @@ pub enum CliCommand {
         /// Kind of stress, and its arguments.
         what: Vec<String>,
     },
-    /// Run one process of a stack; the supervisor starts it.
+    /// Run one process of a stack; launcher and supervisor start it.
     #[command(hide = true)]
     Process {
         /// Role of the process.

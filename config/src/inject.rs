@@ -129,7 +129,10 @@ mod tests {
             (vec!["kind=kill", "process=motor"], vec!["process: found \"motor\"", "\"controllers\", \"supervisor\""]),
             (vec!["kind=kill", "process=machine"], vec!["process: found \"machine\""]),
             (vec!["kind=kill"], vec!["inject kind=kill: process: found nothing beside kind = \"kill\"", "\"planner\""]),
-            (vec!["kind=nan", "process=supervisor"], vec!["found \"supervisor\" beside kind = \"nan\"", "only be killed or halted"]),
+            (
+                vec!["kind=nan", "process=supervisor"],
+                vec!["found \"supervisor\" beside kind = \"nan\"", "only be killed or halted"],
+            ),
             (vec!["kind=stop", "process=[\"plant\", \"planner\"]"], vec!["[\"plant\", \"planner\"]", "expected one process"]),
             (vec!["kind=hog", "process=plant"], vec!["process: found \"plant\" beside kind = \"hog\"", "no process"]),
             (vec!["kind=kill", "process=plant", "for_ms=3"], vec!["for_ms: found 3 beside kind = \"kill\"", "no length"]),

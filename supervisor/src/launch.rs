@@ -4,26 +4,28 @@
 //! leaves behind (`PR_SET_CHILD_SUBREAPER`), and holds what belongs to a run and not to one of its processes: the
 //! registration, the locked log, the latency request to the processor.
 
-use crate::children::{self, describe};
+use crate::children::{self, describe, has_ended};
 use crate::notify::Notify;
 use crate::preflight;
 use crate::privileges::{self, Cores};
-use crate::registry::RunDirectory;
+use crate::registry::{self, RunDirectory};
 use crate::request::RunRequest;
 use crate::supervise::RunResult;
-use crate::watch;
+use crate::watch::{self, WATCH_PRIORITY};
 use anyhow::{Context, Result};
 use hapfic_config::Settings;
 use hapfic_controller::parameters::TipPose;
-use hapfic_ipc::realtime::CpuLatencyGuard;
+use hapfic_gate::restart_policy::{RestartAction, RestartPolicy, RestartSignal, RestartStage, RestartState};
+use hapfic_ipc::realtime::{CpuLatencyGuard, set_own_priority_of};
 use hapfic_ipc::run_status::SharedStatus;
-use hapfic_ipc::{ProcessStart, RecorderPage, RunFile, SupervisorPage};
+use hapfic_ipc::{ProcessStart, RunFile, SupervisorPage};
 use hapfic_log::{LogFile, RunLog};
-use hapfic_messages::{Clock, Detector, Process, RealtimeMode};
+use hapfic_messages::{Clock, Process, RealtimeMode};
 use hapfic_plant::{Plant, PlantError};
 use hapfic_simulation::findings::{Advisor, degrees_hint};
 use rustix::event::{PollFd, PollFlags, poll};
 use rustix::process::{Pid, PidfdFlags, Signal, WaitOptions, kill_process, pidfd_open, set_child_subreaper, wait};
+use signal_hook::iterator::Signals;
 use std::os::fd::OwnedFd;
 use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::Path;
@@ -34,19 +36,12 @@ use std::time::{Duration, Instant};
 
 /// Interval at which the launcher looks for signals and for ended processes.
 const LOOK_INTERVAL: Duration = Duration::from_millis(100);
-/// Exit code of a supervisor that has panicked: its successor goes on.
-const PANICKED: i32 = 101;
-/// Time in which the gates let the drive brake before a run without a supervisor ends.
-const BRAKE_TIME: Duration = Duration::from_millis(300);
-/// Time that the processes of such a run, and then its recorder, may take to end.
-const END_TIMEOUT: Duration = Duration::from_secs(2);
-const RECORDER_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// An invalid run request; no process was started.
 #[derive(Debug)]
 pub struct InvalidRequest(pub anyhow::Error);
 
-/// Runs a scenario. `None`: the run has failed without a summary, and its supervisor has said why.
+/// Runs a scenario. `None`: the run has failed without a summary, and its supervisor or the launcher has said why.
 ///
 /// # Errors
 /// `Ok(Err(InvalidRequest))` if the request is invalid; `Err` if the launcher itself fails.
@@ -66,7 +61,41 @@ struct PreparedRun {
     /// The created log.
     log: LogFile,
     start_unix_ns: u64,
-    stop: Arc<AtomicBool>,
+    requests: EndRequests,
+}
+
+/// Signals that end the run: the first one in order, the second one without its supervisor, the third one immediately.
+struct EndRequests {
+    signals: Signals,
+    count: usize,
+    /// Whether the next signal ends the launcher.
+    last: Arc<AtomicBool>,
+}
+
+impl EndRequests {
+    fn new() -> std::io::Result<Self> {
+        const SIGNALS: [i32; 3] = [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP];
+        let last = Arc::new(AtomicBool::new(false));
+        for signal in SIGNALS {
+            signal_hook::flag::register_conditional_shutdown(signal, 3, Arc::clone(&last))?;
+        }
+        Ok(Self { signals: Signals::new(SIGNALS)?, count: 0, last })
+    }
+
+    /// Number of signals so far.
+    fn count(&mut self) -> usize {
+        self.count += self.signals.pending().count();
+        self.last.store(self.count > 1, Ordering::Relaxed);
+        self.count
+    }
+}
+
+/// End of a supervisor.
+enum SupervisorEnd {
+    /// It has ended: how.
+    Ended(String),
+    /// A second signal has ended it.
+    Forced,
 }
 
 impl PreparedRun {
@@ -85,19 +114,14 @@ impl PreparedRun {
         directory.orphaned_logs().iter().for_each(|log| recover_orphan(log));
         let start_unix_ns = if request.clock == Clock::Realtime { hapfic_ipc::clock::unix_ns() } else { 0 };
         let log = hapfic_log::reserve_run_log(&run_log(request, &plant, start_unix_ns))?;
-        let stop = Arc::new(AtomicBool::new(false));
-        for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP] {
-            // The second signal ends the launcher immediately; the supervisor then brakes and ends the run.
-            signal_hook::flag::register_conditional_shutdown(signal, 3, Arc::clone(&stop)).context("cannot handle signals")?;
-            signal_hook::flag::register(signal, Arc::clone(&stop)).context("cannot handle signals")?;
-        }
+        let requests = EndRequests::new().context("cannot handle signals")?;
         // A scenario may intend what they describe.
         advisor.scenario().iter().for_each(|finding| crate::log_line(&finding.to_string()));
         let start = TipPose::of(&plant.chain().kinematics(&plant.sample().joint_position));
-        Ok(Self { directory, start_pose: [start.position, start.rpy], log, start_unix_ns, stop })
+        Ok(Self { directory, start_pose: [start.position, start.rpy], log, start_unix_ns, requests })
     }
 
-    fn run(self, request: &RunRequest) -> Result<Option<RunResult>> {
+    fn run(mut self, request: &RunRequest) -> Result<Option<RunResult>> {
         let settings = &request.settings;
         let root = self.directory.root();
         let realtime = request.clock == Clock::Realtime && request.realtime != RealtimeMode::Off;
@@ -130,33 +154,61 @@ impl PreparedRun {
         let _idle = if realtime { CpuLatencyGuard::take() } else { None };
         set_child_subreaper(Some(rustix::process::getpid())).context("cannot take over what a lost supervisor leaves behind")?;
         let status = SharedStatus::create(&root)?;
-        let mut losses: Vec<Instant> = Vec::new();
+        let page = SupervisorPage::open(&root)?;
+        let policy = RestartPolicy {
+            budget: settings.supervisor.restart_budget,
+            window_ms: settings.supervisor.restart_window_ms.into(),
+            backoff_ms: settings.supervisor.restart_backoff_ms.into(),
+        };
+        let begun = Instant::now();
+        let mut restart = RestartState::at(RestartStage::Working);
+        let mut start = ProcessStart::default();
         loop {
-            let start = ProcessStart { generation: losses.len() as u32 };
-            let end = self.supervise(&run_file, start)?;
-            let what = match end.code() {
-                Some(code) if code != PANICKED => return Ok(RunResult::read(Path::new(&root))),
-                _ => describe(end),
+            let end = match self.supervise(&run_file, start, &page, realtime) {
+                Ok(end) => end,
+                Err(e) if start.generation == 0 => return Err(e),
+                // Out of memory or processes: handled as one that ends immediately.
+                Err(e) => SupervisorEnd::Ended(format!("cannot be started: {e:#}")),
             };
-            let window = Duration::from_millis(settings.supervisor.restart_window_ms.into());
-            let recent = losses.iter().filter(|at| at.elapsed() < window).count();
-            losses.push(Instant::now());
-            if !status.orders.start.load(Ordering::Acquire) {
-                crate::log_line(&format!("hapfic: the supervisor {what} before the run began"));
-            } else if recent >= settings.supervisor.restart_budget as usize {
-                crate::log_line(&format!("hapfic: the supervisor {what} once more after {recent} restarts: the run ends"));
-            } else {
-                continue;
+            // It may have been lost behind it.
+            if let Some(result) = RunResult::read(Path::new(&root)) {
+                return Ok(Some(result));
             }
-            self.give_up(&status, &root);
-            crate::log_line(&format!("hapfic: the run has no summary; its log is {}", request.log.display()));
+            let started = status.orders.start.load(Ordering::Acquire);
+            let action;
+            (restart, action) = restart.after(RestartSignal::Lost, begun.elapsed().as_millis() as u64, &policy);
+            match end {
+                SupervisorEnd::Forced => crate::log_line("hapfic: the second signal ends the run without its supervisor"),
+                SupervisorEnd::Ended(what) if !started => {
+                    crate::log_line(&format!("hapfic: the supervisor {what} before the run began"))
+                }
+                SupervisorEnd::Ended(what) if action == Some(RestartAction::Stop) => {
+                    let number = restart.restarts();
+                    crate::log_line(&format!("hapfic: the supervisor {what} once more after {number} restarts: the run ends"));
+                }
+                SupervisorEnd::Ended(_) => {
+                    if let RestartStage::BackOff(at_ms) = restart.stage {
+                        std::thread::sleep(Duration::from_millis(at_ms).saturating_sub(begun.elapsed()));
+                    }
+                    (restart, _) = restart.after(RestartSignal::Time, begun.elapsed().as_millis() as u64, &policy);
+                    start.generation += 1;
+                    continue;
+                }
+            }
+            self.give_up(&page, request);
             return Ok(None);
         }
     }
 
     /// Starts a supervisor, and waits for its end. Its standard input is the log, its standard output the registration: it
     /// shares their locks.
-    fn supervise(&self, run_file: &Path, start: ProcessStart) -> Result<ExitStatus> {
+    fn supervise(
+        &mut self,
+        run_file: &Path,
+        start: ProcessStart,
+        page: &SupervisorPage,
+        realtime: bool,
+    ) -> Result<SupervisorEnd> {
         let mut command = children::this_program()?;
         children::mark(&mut command, Process::Supervisor, run_file, start);
         Notify::pass_on(&mut command);
@@ -168,42 +220,59 @@ impl PreparedRun {
             .spawn()
             .context("cannot start the supervisor")?;
         let pid = Pid::from_child(&spawned);
-        let handle = pidfd_open(pid, PidfdFlags::empty()).context("cannot watch the supervisor")?;
+        if realtime && start.generation > 0 {
+            // The others wait for it; without the privilege it waits for a processor.
+            let _ = set_own_priority_of(pid, WATCH_PRIORITY);
+        }
+        let handle = match pidfd_open(pid, PidfdFlags::empty()) {
+            Ok(handle) => handle,
+            Err(e) => {
+                let _ = kill_process(pid, Signal::KILL);
+                return Err(e).context("cannot watch the supervisor");
+            }
+        };
         let mut told = false;
         loop {
-            if self.stop.load(Ordering::Relaxed) && !std::mem::replace(&mut told, true) {
-                // Fails only if it has ended.
-                let _ = kill_process(pid, Signal::TERM);
-                let _ = kill_process(pid, Signal::CONT);
+            match self.requests.count() {
+                0 => {}
+                // Not before it handles signals.
+                1 if told || page.pid.load(Ordering::Acquire) != pid.as_raw_nonzero().get() => {}
+                1 => {
+                    told = true;
+                    // Fails only if it has ended.
+                    let _ = kill_process(pid, Signal::TERM);
+                    let _ = kill_process(pid, Signal::CONT);
+                }
+                _ => {
+                    let _ = kill_process(pid, Signal::KILL);
+                    return Ok(SupervisorEnd::Forced);
+                }
             }
             pause(&handle);
             // Also the processes that a lost supervisor has left behind.
-            while let Ok(Some((ended, status))) = wait(WaitOptions::NOHANG) {
-                if ended == pid {
-                    return Ok(ExitStatus::from_raw(status.as_raw()));
+            loop {
+                match wait(WaitOptions::NOHANG) {
+                    Ok(Some((ended, status))) if ended == pid => {
+                        return Ok(SupervisorEnd::Ended(describe(ExitStatus::from_raw(status.as_raw()))));
+                    }
+                    Ok(Some(_)) => {}
+                    // The one that has started this program has told the kernel to reap its children.
+                    Err(_) if has_ended(&handle) => return Ok(SupervisorEnd::Ended("ended".to_owned())),
+                    Ok(None) | Err(_) => break,
                 }
             }
         }
     }
 
-    /// Ends a run that has no supervisor any more: lets the drive brake, ends the processes, and lets the recorder finish.
-    fn give_up(&self, status: &SharedStatus, root: &str) {
-        let started = status.orders.start.load(Ordering::Acquire);
-        if started {
-            status.orders.stop_latched(Detector::Exit);
-            std::thread::sleep(BRAKE_TIME);
+    /// Ends a run that has no supervisor any more.
+    fn give_up(&self, page: &SupervisorPage, request: &RunRequest) {
+        // A service manager waits for its heartbeats no longer.
+        Notify::from_env().stopping();
+        registry::end_in_order(self.directory.prefix().trim_end_matches('_'));
+        if page.filled.load(Ordering::Relaxed) != 0 {
+            let _ = std::fs::remove_file(request.log.with_extension("filler"));
         }
-        status.orders.stop.store(true, Ordering::Release);
-        let (Ok(page), Ok(recorder)) = (SupervisorPage::open(root), RecorderPage::open(root)) else { return };
-        let noted = |process: &Process| page.process(*process).pid().and_then(Pid::from_raw);
-        let others: Vec<Pid> = Process::ALL.iter().filter(|process| **process != Process::Recorder).filter_map(noted).collect();
-        for pid in &others {
-            let _ = kill_process(*pid, Signal::TERM);
-            let _ = kill_process(*pid, Signal::CONT);
-        }
-        await_end(&others, END_TIMEOUT);
-        recorder.order_drain();
-        await_end(&noted(&Process::Recorder).into_iter().collect::<Vec<_>>(), RECORDER_TIMEOUT);
+        crate::log_line(&format!("hapfic: the run has no summary; its log is {}", request.log.display()));
     }
 }
 
@@ -211,19 +280,6 @@ impl PreparedRun {
 fn pause(handle: &OwnedFd) {
     // An interrupted wait equals a time-out: the caller checks everything anyway.
     let _ = poll(&mut [PollFd::new(handle, PollFlags::IN)], Some(&hapfic_ipc::clock::timespec(LOOK_INTERVAL.as_nanos() as u64)));
-}
-
-/// Waits until child processes have ended, at most for a time.
-fn await_end(pids: &[Pid], timeout: Duration) {
-    let begun = Instant::now();
-    let mut left = pids.to_vec();
-    while !left.is_empty() && begun.elapsed() < timeout {
-        while let Ok(Some((ended, _))) = wait(WaitOptions::NOHANG) {
-            left.retain(|pid| *pid != ended);
-        }
-        left.retain(|pid| rustix::process::test_kill_process(*pid).is_ok());
-        std::thread::sleep(Duration::from_millis(2));
-    }
 }
 
 /// Adds a hint to the error of a plant whose start posture looks like degrees.
@@ -237,7 +293,7 @@ fn with_degrees(error: PlantError, settings: &Settings) -> anyhow::Error {
 /// Largest log of a killed run that a start recovers automatically [bytes]: about 1 s of work.
 const AUTO_RECOVERY_LIMIT: u64 = 64 << 20;
 
-/// Recovers the log of a run whose supervisor was killed, and reports it; a failure does not prevent the start.
+/// Recovers the log of a run that was killed, and reports it; a failure does not prevent the start.
 fn recover_orphan(log: &Path) {
     // Of a log in parts the last one is cut off.
     let last = hapfic_log::parts(log).pop();

@@ -161,6 +161,19 @@ fn detector_name<S: serde::Serializer>(detector: &Detector, serializer: S) -> Re
 }
 
 impl RunFault {
+    /// Faults as text, one JSON list each.
+    pub(crate) fn to_text(faults: &[Self]) -> String {
+        let rows: Vec<_> = faults.iter().map(|f| (&f.process, &f.what, f.detector.code(), f.tick)).collect();
+        serde_json::to_string(&rows).unwrap_or_default()
+    }
+
+    /// Faults of a text; none if it is no such text.
+    pub(crate) fn of_text(text: &[u8]) -> Vec<Self> {
+        let rows: Vec<(String, String, u32, i64)> = serde_json::from_slice(text).unwrap_or_default();
+        let fault = |(process, what, code, tick)| Some(Self { process, what, detector: Detector::from_code(code)?, tick });
+        rows.into_iter().filter_map(fault).collect()
+    }
+
     /// Whether an operator or a signal has ended the run as requested.
     fn is_request(&self) -> bool {
         matches!(self.detector, Detector::Operator | Detector::Signal)

@@ -20,6 +20,7 @@ use hapfic_log::LogFile;
 use hapfic_messages::{Clock, Detector, Process, RealtimeMode};
 use hapfic_simulation::findings::Advisor;
 use rustix::process::{Signal, getppid, set_parent_process_death_signal};
+use rustix::stdio::{dup2_stdin, dup2_stdout};
 use serde::{Deserialize, Serialize};
 use std::fs::File;
 use std::os::fd::AsFd;
@@ -77,9 +78,12 @@ pub fn run(run: &RunFile, run_file: &Path, settings: Settings, start: ProcessSta
     ensure!(launcher_lives(), "cannot join the run: its launcher has ended");
     let registration = std::io::stdout().as_fd().try_clone_to_owned().context("cannot share the registration")?;
     let log = std::io::stdin().as_fd().try_clone_to_owned().context("cannot take the log")?;
+    let null = File::options().read(true).write(true).open("/dev/null").context("cannot open /dev/null")?;
+    // What writes to standard output by mistake must not reach the registration.
+    dup2_stdin(&null).and_then(|()| dup2_stdout(&null)).context("cannot close the standard streams")?;
     let root = Path::new(&run.root);
     let record = SupervisorPage::open(&run.root)?;
-    let last_ns = record.begin(clock::now_ns());
+    let last_ns = record.begin(start.generation, clock::now_ns());
     ensure!(last_ns.is_some() == (start.generation > 0), "cannot join the run: it has a supervisor");
     let age = Duration::from_nanos(clock::now_ns().saturating_sub(run.launched_ns));
     let request = RunRequest {
@@ -95,7 +99,10 @@ pub fn run(run: &RunFile, run_file: &Path, settings: Settings, start: ProcessSta
     let log = LogFile::shared(&run.log_name, log)?;
     let summary = supervise(&request, run, run_file, (&record, last_ns), (log, log_id), stop)?;
     let result = RunResult::of(&summary)?;
-    result.write(root)?;
+    if let Err(e) = result.write(root) {
+        crate::log_line(result.text.trim_end());
+        return Err(e);
+    }
     if !launcher_lives() {
         // Nobody else prints it, and removes the run.
         crate::log_line(result.text.trim_end());
@@ -157,7 +164,40 @@ fn supervise(
     let (inject, fault_requests) = std::sync::mpsc::channel();
     let notify = Notify::from_env();
     let [position, rpy] = run.start_pose;
-    let _operator = OperatorServer::start(operator::OperatorServerStart {
+    if let Some(child) = &mut recorder_process {
+        let ready_timeout = Duration::from_millis(settings.supervisor.ready_timeout_ms.into());
+        recorder::await_ready(child, &shared.heartbeats, ready_timeout)?;
+        preflight::reserve_segments(&run.prefix)?;
+    }
+    let mut watch = Watch::open(
+        &bus,
+        WatchStart {
+            request,
+            shared: Arc::clone(&shared),
+            recorder: (&recorder, recorder_process),
+            record,
+            dead_nodes,
+            launcher_pid: run.launcher_pid,
+            gates: &gates,
+            latest: Arc::clone(&latest),
+            stop,
+            prefix: run.prefix.clone(),
+            root: root.clone(),
+            run_file,
+            cores: Cores {
+                shared: run.core,
+                reserve: run.standby_core,
+                gate: run.gate_core,
+                gate_busy_polls: run.gate_busy_polls,
+                spare: run.spare_core,
+            },
+            fault_requests,
+            notify: &notify,
+        },
+    )?;
+    // The answers of the server are about the present sets.
+    watch.receive_latest()?;
+    let operator = OperatorServer::start(operator::OperatorServerStart {
         domain: domain.clone(),
         run: run.prefix.trim_end_matches('_').to_owned(),
         scenario: request.scenario.clone(),
@@ -179,37 +219,16 @@ fn supervise(
         latest: Arc::clone(&latest),
         root: root.clone(),
         advisor,
-    })?;
-    if let Some(child) = &mut recorder_process {
-        let ready_timeout = Duration::from_millis(settings.supervisor.ready_timeout_ms.into());
-        recorder::await_ready(child, &shared.heartbeats, ready_timeout)?;
-        preflight::reserve_segments(&run.prefix)?;
-    }
-    let mut watch = Watch::open(
-        &bus,
-        WatchStart {
-            request,
-            shared: Arc::clone(&shared),
-            recorder: (&recorder, recorder_process),
-            record,
-            dead_nodes,
-            launcher_pid: run.launcher_pid,
-            gates: &gates,
-            latest,
-            stop,
-            prefix: run.prefix.clone(),
-            run_file,
-            cores: Cores {
-                shared: run.core,
-                reserve: run.standby_core,
-                gate: run.gate_core,
-                gate_busy_polls: run.gate_busy_polls,
-                spare: run.spare_core,
-            },
-            fault_requests,
-            notify: &notify,
-        },
-    )?;
+    });
+    let _operator = match operator {
+        Ok(operator) => Some(operator),
+        // A successor goes on without it.
+        Err(e) if last_ns.is_some() => {
+            crate::log_line(&format!("hapfic: the run goes on without the operator's commands: {e:#}"));
+            None
+        }
+        Err(e) => return Err(e),
+    };
     let followed = match last_ns {
         None => watch.start_and_follow(),
         Some(last_ns) => watch.take_over_and_follow(last_ns),

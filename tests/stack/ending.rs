@@ -71,6 +71,61 @@ fn launcher_kill_brakes_and_ends_run_in_order() {
 }
 
 #[test]
+fn second_signal_ends_run_without_its_supervisor() {
+    let stack = StackSandbox::new();
+    let mut run = stack.start(&[&LONG[..], &["--summary-json", "run.json"]].concat());
+    let supervisor = Pid::from_raw(run.supervisor() as i32).unwrap();
+    run.wait_for(&stack.path("run.mcap"), RUNNING_LOG_BYTES);
+    // It would answer the first one only when it goes on; the launcher wakes it, so it is halted again and again.
+    let halted = std::sync::atomic::AtomicBool::new(true);
+    let end =
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                while halted.load(std::sync::atomic::Ordering::Relaxed) && kill_process(supervisor, Signal::STOP).is_ok() {}
+            });
+            run.signal(Signal::INT);
+            std::thread::sleep(Duration::from_millis(500));
+            run.signal(Signal::INT);
+            let end = run.finish();
+            halted.store(false, std::sync::atomic::Ordering::Relaxed);
+            end
+        });
+    end.expect(3);
+    assert!(end.err.contains("the second signal ends the run without its supervisor"), "{}", end.err);
+    assert!(expect_complete(&stack.path("run.mcap")) > 100);
+    let json = std::fs::read_to_string(stack.path("run.json")).unwrap();
+    assert!(json.contains("\"completed\": false"), "{json}");
+}
+
+#[test]
+fn supervisor_kill_at_the_end_same_result() {
+    let stack = StackSandbox::new();
+    let clock = ["run", "floor", "--clock", "lockstep", "--duration", "1", "--log", "run.mcap", "--summary-json", "run.json"];
+    stack.run(&clock).expect(0);
+    let messages = || {
+        let summary: serde_json::Value = serde_json::from_slice(&std::fs::read(stack.path("run.json")).unwrap()).unwrap();
+        (summary["recorder"]["lost"].as_u64().unwrap(), summary["tracking"].to_string(), summary["completed"].clone())
+    };
+    let undisturbed = messages();
+    // While it ends the run, waits for the recorder, or has left the result: later in each run.
+    for delay_us in (0..60_000).step_by(3000) {
+        let mut run = stack.start(&clock);
+        let supervisor = Pid::from_raw(run.supervisor() as i32).unwrap();
+        let gate = run.children(&["gate"]).into_iter().find(|(name, _)| name == "gate").unwrap().1;
+        while is_running(gate) {
+            std::thread::yield_now();
+        }
+        std::thread::sleep(Duration::from_micros(delay_us));
+        // It may have ended.
+        let _ = kill_process(supervisor, Signal::KILL);
+        let end = run.finish();
+        end.expect(0);
+        assert_eq!(messages(), undisturbed, "{delay_us} us after the end of the gate: {}", end.err);
+        assert_eq!(expect_complete(&stack.path("run.mcap")), 1000);
+    }
+}
+
+#[test]
 fn nobody_within_grace_time_processes_brake_and_end() {
     let stack = StackSandbox::new();
     // An external program does not know how to end by itself.

@@ -10,7 +10,7 @@ use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 
-/// Role of a process that the supervisor starts.
+/// Role of a process that launcher or supervisor starts.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub enum ProcessName {
     /// The simulated robot.

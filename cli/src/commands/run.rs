@@ -146,7 +146,13 @@ pub fn run(args: &RunArgs, since: Instant) -> Result<CommandOutcome> {
             return Ok(CommandOutcome::Rejected(e));
         }
     };
-    let Some(result) = result else { return Ok(CommandOutcome::Failed) };
+    let Some(result) = result else {
+        if let Some(file) = summary_file {
+            // Not the summary of an earlier run.
+            file.write(&serde_json::to_string_pretty(&serde_json::json!({ "completed": false, "log": request.log }))?)?;
+        }
+        return Ok(CommandOutcome::Failed);
+    };
     print(result.text.trim_end());
     if let Some(file) = summary_file {
         file.write(&result.json)?;

@@ -118,13 +118,7 @@ impl ScenarioCheck<'_> {
                     RawTargets::One(_) => "process".to_owned(),
                     RawTargets::Sampled(_) => format!("process[{index}]"),
                 };
-                Err(self.misfit(
-                    path,
-                    &key,
-                    kind,
-                    &one_of,
-                    "supervisor, gates and recorder can only be killed or halted",
-                ))
+                Err(self.misfit(path, &key, kind, &one_of, "supervisor, gates and recorder can only be killed or halted"))
             }
         }
     }

@@ -111,12 +111,16 @@ impl GateNode {
         })
     }
 
-    /// Whether the gate has to end. A run that has had no supervisor for too long first lets the drive brake.
-    pub(super) fn stopped(&mut self) -> bool {
+    /// Looks for the supervisor, in idle time. A run that has had none for too long lets the drive brake.
+    pub(super) fn look_for_owner(&mut self) {
         let before = std::mem::replace(&mut self.orphanhood, self.start.owner.look(clock::now_ns()));
         if self.orphanhood >= Orphanhood::Brake && before < Orphanhood::Brake {
             self.start.shared.orders.stop_latched(Detector::Exit);
         }
+    }
+
+    /// Whether the gate has to end.
+    pub(super) fn stopped(&self) -> bool {
         self.orphanhood >= Orphanhood::GatesEnd
             || self.start.shared.orders.stop.load(Ordering::Acquire)
             || self.start.terminated.load(Ordering::Relaxed)
@@ -271,6 +275,7 @@ impl GateNode {
         };
         self.start.shared.heartbeats.write(&timing, clock::now_ns());
         self.ports.timing.send(&timing)?;
+        self.look_for_owner();
         Ok(())
     }
 }

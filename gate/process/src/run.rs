@@ -77,6 +77,7 @@ impl GateNode {
         // The ports stay until all other processes have done their last tick: a change of ports would delay these.
         while !self.stopped() {
             wait(&[], FLAG_POLL_INTERVAL)?;
+            self.look_for_owner();
         }
         Ok(())
     }

@@ -8,7 +8,7 @@ use crate::doorbell::{Doorbell, DoorbellId, DoorbellPage, Listener};
 use crate::error::IpcError;
 use crate::heartbeat::HeartbeatPage;
 use crate::memory::{self, Senders};
-use crate::message_ring::MessageRing;
+use crate::message_ring::{KeptMessages, MessageRing};
 use crate::ports::{Input, Output};
 use crate::topic::Topic;
 use crate::wire::Wire;
@@ -180,6 +180,19 @@ impl Bus {
     /// [`IpcError::System`] if they cannot be read.
     pub fn kept<T: Message>(&self, topic: &Topic<T>, sender: Process, clock: Clock) -> Result<Vec<T>, IpcError> {
         Ok(MessageRing::open(&self.folder, topic, sender, clock)?.map_or_else(Vec::new, |ring| ring.read()))
+    }
+
+    /// Opens the last messages of a sender; `None` if the topic keeps none with this clock.
+    ///
+    /// # Errors
+    /// [`IpcError::System`] if they cannot be mapped.
+    pub fn kept_messages<T: Message>(
+        &self,
+        topic: &Topic<T>,
+        sender: Process,
+        clock: Clock,
+    ) -> Result<Option<KeptMessages<T>>, IpcError> {
+        Ok(MessageRing::open(&self.folder, topic, sender, clock)?.map(KeptMessages::new))
     }
 
     fn bare_output<T: Message>(&self, topic: &Topic<T>) -> Result<Output<T>, IpcError> {

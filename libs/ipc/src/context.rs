@@ -274,7 +274,8 @@ impl Context {
         Ok(last.last().copied())
     }
 
-    /// Waits until the supervisor ends the process, whose messages exist only as long as it lives.
+    /// Waits until the supervisor ends the process: those of its last messages that others have not received yet exist only as
+    /// long as it lives.
     ///
     /// # Errors
     /// [`IpcError`] if the heartbeat cannot be sent.

@@ -56,6 +56,7 @@ pub use doorbell::{Doorbell, Listener, Wakes, poll, wait};
 pub use error::IpcError;
 pub use gate_page::{GateLock, GatePage, Locked};
 pub use heartbeat::{Heartbeat, HeartbeatPage};
+pub use message_ring::KeptMessages;
 pub use ownership::{Orphanhood, Ownership, tie_to_parent};
 pub use ports::{Input, Output};
 pub use recorder_page::{LogPosition, RecorderPage};

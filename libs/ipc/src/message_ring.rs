@@ -60,8 +60,13 @@ impl<T: Message> MessageRing<T> {
 
     /// The last messages, the oldest first: one less than the capacity, since a writer may be at the oldest place.
     pub(crate) fn read(&self) -> Vec<T> {
+        self.read_last(u64::MAX)
+    }
+
+    /// The same, but at most `count`.
+    fn read_last(&self, count: u64) -> Vec<T> {
         let end = self.words[0].load(Ordering::Acquire);
-        let begin = end.saturating_sub(self.capacity - 1);
+        let begin = end.saturating_sub(count.min(self.capacity - 1));
         let copy = |number| {
             let words: Vec<u64> = self.place(number).iter().map(|word| word.load(Ordering::Relaxed)).collect();
             T::read_from_bytes(words.as_bytes()).ok()
@@ -72,6 +77,22 @@ impl<T: Message> MessageRing<T> {
         let oldest = self.words[0].load(Ordering::Relaxed).saturating_sub(self.capacity - 1);
         messages.drain(..((oldest.saturating_sub(begin)) as usize).min(messages.len()));
         messages
+    }
+}
+
+/// The last messages of a sender, living or dead, for a process that looks now and then.
+#[derive(Debug)]
+pub struct KeptMessages<T>(MessageRing<T>);
+
+impl<T: Message> KeptMessages<T> {
+    pub(crate) fn new(ring: MessageRing<T>) -> Self {
+        Self(ring)
+    }
+
+    /// At most `count` of the last messages, the oldest first. They are not checked yet.
+    #[must_use]
+    pub fn last(&self, count: u32) -> Vec<T> {
+        self.0.read_last(count.into())
     }
 }
 
@@ -101,6 +122,8 @@ mod tests {
             assert_eq!(ticks(&reader), (first..=tick).collect::<Vec<_>>());
             assert!(reader.read().iter().all(|state| state.slipped == 7));
         }
+        let last: Vec<i64> = KeptMessages::new(reader).last(2).iter().map(|state| state.tick).collect();
+        assert_eq!(last, [3 * capacity - 2, 3 * capacity - 1]);
     }
 
     #[test]

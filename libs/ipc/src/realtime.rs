@@ -114,9 +114,14 @@ fn try_set_fifo(priority: i32) -> bool {
 /// # Errors
 /// If the system rejects the call.
 pub fn set_fifo(priority: u32) -> std::io::Result<()> {
+    // 0 names the calling thread.
+    set_scheduler(0, libc::SCHED_FIFO | libc::SCHED_RESET_ON_FORK, priority)
+}
+
+fn set_scheduler(pid: i32, policy: i32, priority: u32) -> std::io::Result<()> {
     let parameters = libc::sched_param { sched_priority: priority as i32 };
-    // SAFETY: `parameters` lives through the call; 0 names the calling thread.
-    let done = unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO | libc::SCHED_RESET_ON_FORK, &raw const parameters) };
+    // SAFETY: `parameters` lives through the call.
+    let done = unsafe { libc::sched_setscheduler(pid, policy, &raw const parameters) };
     if done == 0 { Ok(()) } else { Err(std::io::Error::last_os_error()) }
 }
 
@@ -138,10 +143,15 @@ pub fn pin(pid: Option<rustix::process::Pid>, core: usize) -> std::io::Result<()
 /// # Errors
 /// If the system rejects the call.
 pub fn set_priority_of(pid: rustix::process::Pid, priority: u32) -> std::io::Result<()> {
-    let parameters = libc::sched_param { sched_priority: priority as i32 };
-    // SAFETY: `parameters` lives through the call.
-    let done = unsafe { libc::sched_setscheduler(pid.as_raw_nonzero().get(), libc::SCHED_FIFO, &raw const parameters) };
-    if done == 0 { Ok(()) } else { Err(std::io::Error::last_os_error()) }
+    set_scheduler(pid.as_raw_nonzero().get(), libc::SCHED_FIFO, priority)
+}
+
+/// The same, but the threads and processes that it starts do not inherit it.
+///
+/// # Errors
+/// If the system rejects the call.
+pub fn set_own_priority_of(pid: rustix::process::Pid, priority: u32) -> std::io::Result<()> {
+    set_scheduler(pid.as_raw_nonzero().get(), libc::SCHED_FIFO | libc::SCHED_RESET_ON_FORK, priority)
 }
 
 #[inline(never)]

@@ -38,7 +38,7 @@ pub struct RunStatus {
 unsafe impl PageContent for RunStatus {}
 
 impl SharedStatus {
-    /// Creates the status of a run in its folder. Only the supervisor may call it, before any other process starts.
+    /// Creates the status of a run in its folder. Only the launcher may call it, before any other process starts.
     ///
     /// # Errors
     /// [`IpcError::System`] if the page cannot be created or mapped.

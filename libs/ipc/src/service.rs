@@ -1,6 +1,6 @@
 //! Operator requests to a running stack and their replies: `hapfic set`, `status`, `stop` and other programs send them.
 //!
-//! A request-response service, and a doorbell that wakes the server. The supervisor creates the service and keeps it
+//! A request-response service, and a doorbell that wakes the server. Supervisor and gates create the service and keep it
 //! alive ([`keep_alive`]). Callers only open it, so a caller killed in a call cannot damage it.
 
 use crate::bus::{Bus, service_name};
@@ -28,7 +28,7 @@ const SERVERS: usize = 4;
 const MAX_CALLERS: usize = 16;
 /// Number of callers above which a clean-up of dead ones is due.
 const CLEAN_UP_ABOVE: usize = 4;
-/// Most nodes of the service: callers, the supervisor and its thread.
+/// Most nodes of the service: callers, the supervisor and its thread, and the gates.
 const MAX_NODES: usize = 32;
 /// Poll interval of a caller for its reply.
 const POLL_INTERVAL: Duration = Duration::from_millis(1);
@@ -74,7 +74,7 @@ impl RequestServer {
     /// Opens the service.
     ///
     /// # Errors
-    /// [`IpcError::Messaging`], also when the service already has a server.
+    /// [`IpcError::Messaging`], also when the service has its full number of servers, living and dead.
     pub fn open(bus: &Bus) -> Result<Self, IpcError> {
         let factory = create_service(bus)?;
         let server = factory

@@ -8,8 +8,8 @@ use hapfic_messages::Process;
 
 /// Name of the page in the run's folder.
 const FILE: &str = "supervisor";
-/// Faults of a scenario whose injection is noted: more are injected again by a successor.
-const FAULTS: usize = 4096;
+/// Faults of a scenario, at most.
+const FAULTS: usize = 1 << 20;
 
 /// The page of a run's supervisor. It alone writes; other processes read the process id and the heartbeat.
 #[derive(Debug)]
@@ -98,15 +98,12 @@ impl Deref for SupervisorPage {
 }
 
 impl SupervisorRecord {
-    /// Makes this process the supervisor. A successor counts the loss of its predecessor, and returns the last heartbeat of
-    /// that [ns].
-    pub fn begin(&self, now_ns: u64) -> Option<u64> {
+    /// Makes this process the supervisor, after `losses` others. A successor returns the last heartbeat before its own [ns].
+    pub fn begin(&self, losses: u32, now_ns: u64) -> Option<u64> {
         let before = self.pid.swap(std::process::id() as i32, Ordering::AcqRel);
         let last_ns = self.heartbeat_ns.swap(now_ns, Ordering::AcqRel);
-        (before != 0).then(|| {
-            self.losses.fetch_add(1, Ordering::Relaxed);
-            last_ns
-        })
+        self.losses.store(losses, Ordering::Relaxed);
+        (before != 0).then_some(last_ns)
     }
 
     /// Writes the heartbeat of the supervisor.
@@ -144,15 +141,15 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let open = || SupervisorPage::open(folder.path().to_str().unwrap()).unwrap();
         let first = open();
-        assert_eq!(first.begin(100), None);
+        assert_eq!(first.begin(0, 100), None);
         first.process(Process::Gate).set_pid(Some(17));
         first.set_injected(70);
         first.beat(200);
         let second = open();
-        assert_eq!(second.begin(500), Some(200));
+        assert_eq!(second.begin(1, 500), Some(200));
         assert_eq!((second.losses.load(Ordering::Relaxed), second.heartbeat_ns.load(Ordering::Relaxed)), (1, 500));
         assert_eq!((second.process(Process::Gate).pid(), second.process(Process::Plant).pid()), (Some(17), None));
-        assert_eq!([69, 70, 71, 1 << 20].map(|fault| second.is_injected(fault)), [false, true, false, false]);
-        second.set_injected(1 << 20);
+        assert_eq!([69, 70, 71, 1 << 30].map(|fault| second.is_injected(fault)), [false, true, false, false]);
+        second.set_injected(1 << 30);
     }
 }

@@ -102,8 +102,10 @@ pub const REQUEST: Topic<Request> =
 pub const COMMAND: Topic<Command> =
     Topic::new("command", 7, HISTORY_DEPTH, Some(COMMAND_DOORBELL)).with_subscribers(13).keeping(0, KEPT_FOR_LOG);
 /// gate -> all: parameters in force and to come.
-pub const OPERATOR: Topic<Operator> =
-    Topic { depth: OPERATOR_DEPTH, ..Topic::new("operator", 7, 1, None).with_subscribers(12).keeping(0, OPERATOR_DEPTH) };
+pub const OPERATOR: Topic<Operator> = Topic {
+    depth: OPERATOR_DEPTH,
+    ..Topic::new("operator", 7, 1, None).with_subscribers(12).keeping(KEPT_FOR_SUCCESSOR, OPERATOR_DEPTH)
+};
 /// all -> recorder.
 pub const EVENT: Topic<Event> = Topic::new("event", 12, 0, None).with_subscribers(6).keeping(0, EVENTS_KEPT);
 /// all -> recorder, watchdog.

@@ -87,7 +87,7 @@ fn context_account_reports_allocations_and_page_faults() {
     assert!(reported(&mut timing).page_faults > first.page_faults, "{} bytes", touched.len());
 
     drop((timing, context));
-    // What iceoryx2 keeps of a domain without nodes; in a run the supervisor removes it.
+    // What iceoryx2 keeps of a domain without nodes; in a run the launcher removes it.
     for entry in std::fs::read_dir("/dev/shm").unwrap().flatten() {
         if entry.file_name().to_str().is_some_and(|name| name.starts_with(&run.prefix)) {
             std::fs::remove_file(entry.path()).unwrap();

@@ -23,7 +23,7 @@ impl Namespace {
 
 impl Drop for Namespace {
     fn drop(&mut self) {
-        // What iceoryx2 keeps of a domain without nodes; in a run the supervisor removes it.
+        // What iceoryx2 keeps of a domain without nodes; in a run the launcher removes it.
         for entry in std::fs::read_dir("/dev/shm").unwrap().flatten() {
             if entry.file_name().to_str().is_some_and(|name| name.starts_with(&self.prefix)) {
                 std::fs::remove_file(entry.path()).unwrap();

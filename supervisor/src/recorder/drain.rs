@@ -203,7 +203,8 @@ impl DrainThread {
         Ok(())
     }
 
-    /// Passes a batch to the writer, and waits for it as long as a disk stalls it; `false` if the writer has ended.
+    /// Passes a batch to the writer, and waits for it as long as a disk stalls it; `false` if the writer has ended, or the run
+    /// has no supervisor any more.
     fn pass_on(&mut self, mut batch: Vec<RecordedMessage>) -> bool {
         loop {
             match self.sender.try_send(batch) {
@@ -211,6 +212,9 @@ impl DrainThread {
                 Err(TrySendError::Disconnected(_)) => return false,
                 Err(TrySendError::Full(full)) => {
                     batch = full;
+                    if self.owner.look(clock::now_ns()) == Orphanhood::AllEnd {
+                        return false;
+                    }
                     self.beat(Phase::Waiting);
                     std::thread::sleep(WAIT_INTERVAL);
                 }

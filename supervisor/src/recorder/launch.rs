@@ -90,6 +90,8 @@ impl<'a> Recorder<'a> {
         let (mut generation, mut lost) = (generation, generation > 0);
         let mut ended = match end {
             RecorderEnd::Running(child) => Some(self.wait(child, generation)),
+            // A supervisor that is lost now has waited for it.
+            RecorderEnd::Lost if RecordingOutcome::read(&self.root, generation).is_some() => Some(End::Done),
             RecorderEnd::Lost => Some(End::Lost("was lost at the end".to_owned())),
             RecorderEnd::GivenUp => None,
         };

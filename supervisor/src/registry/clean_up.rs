@@ -2,19 +2,25 @@
 
 use super::lock::{RegistryLock, folder_path, is_alive, is_held};
 use super::{Registration, SHM};
-use hapfic_ipc::RunFile;
-use hapfic_messages::Process;
+use hapfic_ipc::{RecorderPage, RunFile, SharedStatus};
+use hapfic_messages::{Detector, Process};
 use rustix::event::{PollFd, PollFlags, poll};
 use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
 use std::fs::{self, File};
 use std::os::fd::OwnedFd;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
+use std::time::Duration;
 
 /// Time a killed process may take to end [ns].
 const END_TIMEOUT_NS: u64 = 1_000_000_000;
 /// Time in which the processes of an orphaned run end by themselves, and after SIGTERM [ns].
 const OTHERS_TIMEOUT_NS: u64 = 2_000_000_000;
 const TERM_TIMEOUT_NS: u64 = 2_000_000_000;
+/// Time in which the gates let the drive brake before a run without a supervisor ends.
+const BRAKE_TIME: Duration = Duration::from_millis(300);
+/// Time that the recorder of such a run may take to finish the log [ns].
+const FINISH_TIMEOUT_NS: u64 = 10_000_000_000;
 /// Time that a recorder may take to finish the log of such a run [ns].
 const RECORDER_TIMEOUT_NS: u64 = 30_000_000_000;
 
@@ -30,6 +36,7 @@ pub(super) fn clean_up(folder: &Path) -> (usize, Vec<PathBuf>) {
         }
         let run = path.file_stem().and_then(|s| s.to_str()).unwrap_or_default();
         if run.starts_with("hf") && run.len() > 4 && run.chars().all(|c| c.is_ascii_alphanumeric()) {
+            end_in_order(run);
             remove_remains(run);
             // A truncated registration names no log.
             let registered = fs::read(&path).ok().and_then(|text| serde_json::from_slice::<Registration>(&text).ok());
@@ -62,11 +69,39 @@ fn end_processes(run: &str) {
     wait_for(&ended, END_TIMEOUT_NS);
 }
 
+/// Ends the processes of a run that has no supervisor any more: lets the drive brake, ends them, and lets the recorder finish
+/// its log. Those that do not end are left.
+pub(crate) fn end_in_order(run: &str) {
+    if processes(run, &[]).is_empty() {
+        return;
+    }
+    let root = format!("{SHM}/{run}");
+    let (Ok(status), Ok(recorder)) = (SharedStatus::open(&root), RecorderPage::open(&root)) else { return };
+    if status.orders.start.load(Ordering::Acquire) {
+        status.orders.stop_latched(Detector::Exit);
+        std::thread::sleep(BRAKE_TIME);
+    }
+    status.orders.stop.store(true, Ordering::Release);
+    let others = processes(run, &[Process::Recorder]);
+    for handle in &others {
+        let _ = pidfd_send_signal(handle, Signal::TERM);
+        let _ = pidfd_send_signal(handle, Signal::CONT);
+    }
+    wait_for(&others, TERM_TIMEOUT_NS);
+    recorder.order_drain();
+    let recorders = processes(run, &[]);
+    for handle in &recorders {
+        let _ = pidfd_send_signal(handle, Signal::CONT);
+    }
+    wait_for(&recorders, FINISH_TIMEOUT_NS);
+}
+
 /// Ends a run without launcher and supervisor, and removes its remains. The gates call it last: the others end by themselves,
 /// but for external programs, and processes that hang. The recorder finishes the log before.
 pub fn end_orphans(root: &Path) {
     let run = root.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
-    let patient: &[Process] = &[Process::Recorder, Process::Gate, Process::SpareGate];
+    // Also a supervisor that the launcher has started after all.
+    let patient: &[Process] = &[Process::Recorder, Process::Gate, Process::SpareGate, Process::Supervisor];
     wait_for(&processes(&run, patient), OTHERS_TIMEOUT_NS);
     for (signal, timeout_ns) in [(Signal::TERM, TERM_TIMEOUT_NS), (Signal::KILL, END_TIMEOUT_NS)] {
         let left = processes(&run, patient);

@@ -1,4 +1,5 @@
-//! Locks of the registry: one for changes of the whole folder, one in every registration while its supervisor lives.
+//! Locks of the registry: one for changes of the whole folder, one in every registration while its launcher or supervisor
+//! lives.
 
 use super::Registration;
 use anyhow::{Context, Result};
@@ -8,11 +9,11 @@ use std::os::unix::fs::DirBuilderExt;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// Time a lock may outlive its supervisor, and interval at which it is polled.
+/// Time a lock may outlive its owner, and interval at which it is polled.
 const LOCK_TIMEOUT: Duration = Duration::from_secs(1);
 const LOCK_POLL_INTERVAL: Duration = Duration::from_millis(1);
 
-/// Whether the supervisor of a registration lives, that is, holds its lock. The caller holds the [`RegistryLock`].
+/// Whether launcher or supervisor of a registration lives, that is, holds its lock. The caller holds the [`RegistryLock`].
 pub(super) fn is_alive(path: &Path) -> bool {
     File::open(path).is_ok_and(|file| flock(&file, FlockOperation::NonBlockingLockExclusive).is_err())
 }
@@ -98,10 +99,9 @@ pub(super) fn is_ours(folder: &Path) -> Result<bool> {
     Ok(true)
 }
 
-/// Whether a live supervisor holds the lock of a registration.
+/// Whether a live launcher or supervisor holds the lock of a registration.
 ///
-/// A supervisor that is killed while it starts a process leaves its lock to that process, until the process calls exec
-/// or ends.
+/// One that is killed while it starts a process leaves its lock to that process, until the process calls exec or ends.
 pub(super) fn is_held(file: &File, path: &Path) -> bool {
     let begun = Instant::now();
     while flock(file, FlockOperation::NonBlockingLockExclusive).is_err() {

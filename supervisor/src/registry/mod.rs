@@ -7,6 +7,7 @@ mod clean_up;
 mod lock;
 
 use anyhow::{Context, Result};
+pub(crate) use clean_up::end_in_order;
 pub use clean_up::end_orphans;
 use clean_up::{clean_up, remove_remains};
 use hapfic_ipc::Domain;
@@ -153,7 +154,7 @@ impl RunDirectory {
         format!("{}_", self.run)
     }
 
-    /// Logs of runs whose supervisors were killed, and whose remains this run removed when it registered.
+    /// Logs of runs that were killed, and whose remains this run removed when it registered.
     #[must_use]
     pub fn orphaned_logs(&self) -> &[PathBuf] {
         &self.orphaned_logs
@@ -262,7 +263,7 @@ mod tests {
     #[test]
     fn run_directory_next_start_cleans_up_dead_run() {
         let folder = runtime_folder().unwrap();
-        // A killed supervisor: registered, without a lock.
+        // A killed run: registered, without a lock.
         let run = format!("hfdead{}", base36(u64::from(std::process::id())));
         fs::write(folder.join(format!("{run}.json")), "{}").unwrap();
         fs::create_dir(format!("{SHM}/{run}")).unwrap();

@@ -34,6 +34,8 @@ impl Watch<'_> {
             return Ok(false);
         }
         self.evidence.observe(&self.run.shared.heartbeats, now_ns);
+        let delay_ns = self.evidence.largest_delay().as_nanos() as u64;
+        self.run.record.largest_delay_ns.fetch_max(delay_ns, Ordering::Relaxed);
         let healthy = self.check_processes()?;
         if healthy && self.run.shared.orders.start.load(Ordering::Relaxed) {
             self.inject()?;

@@ -136,21 +136,25 @@ pub fn describe(fault: &Fault) -> String {
 
 impl<'a> Injections<'a> {
     /// Creates the faults of a run from its scenario, without those that a lost supervisor has injected, and a channel for
-    /// requested faults.
+    /// requested faults. `gated` is the tick of the last command.
     pub fn new(
         faults: &[Fault],
         requests: Receiver<Fault>,
         output: Output<Injection>,
         log: &Path,
         record: &'a SupervisorRecord,
+        gated: i64,
     ) -> Self {
+        // Published by a lost supervisor, and still to come.
+        let published = faults.iter().copied().enumerate().filter(|(index, f)| record.is_injected(*index) && f.tick > gated + 1);
+        let upcoming = published.map(|(_, f)| f).filter(|f| message_fault(f.kind).is_some()).collect();
         let left = faults.iter().copied().enumerate().filter(|(index, _)| !record.is_injected(*index));
         let (message, system) = left.map(|(index, f)| (Some(index), f)).partition(|(_, f)| message_fault(f.kind).is_some());
         Self {
             system,
             due: Vec::new(),
             message,
-            upcoming: Vec::new(),
+            upcoming,
             requests,
             output,
             published: Vec::new(),

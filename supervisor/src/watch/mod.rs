@@ -32,7 +32,7 @@ use hapfic_messages::{Clock, Credit, Detector, Event, EventKind, Process, Severi
 use inject::Injections;
 use latest_inputs::LatestInputs;
 use slot::ProcessSlot;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -41,8 +41,10 @@ pub use dead_nodes::DeadNodes;
 pub use inject::{check as check_faults, describe as describe_fault, possible as fault_possible};
 pub use recorder::RecorderEnd;
 
+/// Faults of a run, in its folder.
+const FAULTS_FILE: &str = "faults.json";
 /// Priority of the main thread in realtime: below all ticking and all starting processes.
-const WATCH_PRIORITY: u32 = 5;
+pub(crate) const WATCH_PRIORITY: u32 = 5;
 /// Interval at which the supervisor polls its processes.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
 /// The same while a process starts, or an injected fault is near.
@@ -83,6 +85,8 @@ pub struct WatchStart<'a> {
     pub stop: Arc<AtomicBool>,
     /// Prefix of the run's segments in shared memory.
     pub prefix: String,
+    /// The run's folder.
+    pub root: PathBuf,
     /// Path of the run file, which the processes read.
     pub run_file: &'a Path,
     /// Cores of the real-time threads.
@@ -107,6 +111,7 @@ struct RunContext<'a> {
     stop: Arc<AtomicBool>,
     /// Prefix of the run's segments in shared memory.
     prefix: String,
+    root: PathBuf,
     run_file: &'a Path,
     cores: Cores,
     notify: &'a Notify,
@@ -169,6 +174,7 @@ impl<'a> Watch<'a> {
             latest,
             stop,
             prefix,
+            root,
             run_file,
             cores,
             fault_requests,
@@ -182,13 +188,21 @@ impl<'a> Watch<'a> {
             .map(|index| bus.doorbell(*index))
             .collect();
         let settings = &request.settings;
+        let gated = shared.gate.tick.load(Ordering::Acquire);
         Ok(Self {
             slots: recorder_process.into_iter().map(|child| ProcessSlot::new(Process::Recorder, child)).collect(),
             abandoned: Vec::new(),
             primary: shared.gate.primary.load(Ordering::Relaxed),
-            inputs: LatestInputs::open(bus)?,
+            inputs: LatestInputs::open(bus, settings, request.clock)?,
             credit: bus.output(&topic::CREDIT)?,
-            injections: Injections::new(&settings.faults, fault_requests, bus.output(&topic::INJECTION)?, &request.log, record),
+            injections: Injections::new(
+                &settings.faults,
+                fault_requests,
+                bus.output(&topic::INJECTION)?,
+                &request.log,
+                record,
+                gated,
+            ),
             doorbells,
             events: bus.kept_output(&topic::EVENT, Process::Supervisor, request.clock)?,
             begun: Instant::now(),
@@ -210,6 +224,7 @@ impl<'a> Watch<'a> {
                 latest,
                 stop,
                 prefix,
+                root,
                 run_file,
                 cores,
                 notify,
@@ -228,6 +243,14 @@ impl<'a> Watch<'a> {
         let about = Process::from_name(process).unwrap_or(Process::Supervisor);
         self.report(tick, about, kind, Severity::Stopped, detector, &format!("{process} {what}"));
         self.faults.push(RunFault { process: process.to_owned(), what, detector, tick });
+        self.keep_faults();
+    }
+
+    /// Leaves the faults so far in the run's folder, for a successor.
+    fn keep_faults(&self) {
+        let faults = RunFault::to_text(&self.faults);
+        // Without memory the run ends anyway, and what a successor does not know is not in its summary.
+        let _ = crate::recorder::replace(&self.run.root.join(FAULTS_FILE), faults.as_bytes());
     }
 
     /// Sends an event to the log. Sending fails only with the recorder, whose failure `healthy` detects.
@@ -245,8 +268,7 @@ impl<'a> Watch<'a> {
     /// Largest delay of the main thread so far.
     #[must_use]
     pub fn largest_delay(&self) -> Duration {
-        let ns = self.run.record.largest_delay_ns.fetch_max(self.evidence.largest_delay().as_nanos() as u64, Ordering::Relaxed);
-        self.evidence.largest_delay().max(Duration::from_nanos(ns))
+        Duration::from_nanos(self.run.record.largest_delay_ns.load(Ordering::Relaxed))
     }
 
     /// Losses and injected faults of the run.

@@ -62,6 +62,7 @@ impl Watch<'_> {
         if rearms != std::mem::replace(&mut self.rearms, rearms) {
             self.stopped_by_budget = false;
             self.faults.retain(|fault| fault.detector != Detector::Budget);
+            self.keep_faults();
             for index in 0..self.slots.len() {
                 if self.slots[index].process != Process::Recorder || self.run.recorder.can_resume() {
                     self.advance(index, RestartSignal::Rearmed)?;
@@ -280,6 +281,7 @@ impl Watch<'_> {
         slot.kill_pending = false;
         self.run.shared.heartbeats.expect(process, slot.generation);
         self.run.record.process(process).generation.store(slot.generation, Ordering::Release);
+        self.run.record.process(process).given_up.store(0, Ordering::Relaxed);
         let start = ProcessStart { generation: slot.generation };
         let started = match process {
             Process::Recorder => self.run.recorder.start(start),
@@ -311,16 +313,20 @@ impl Watch<'_> {
         let out = slot.lost.take().map_or(Duration::ZERO, |lost| lost.elapsed());
         slot.longest = slot.longest.max(out);
         self.run.record.process(process).longest_ns.store(slot.longest.as_nanos() as u64, Ordering::Relaxed);
-        self.run.shared.presence.present.fetch_or(bit(process), Ordering::AcqRel);
+        // The first gate has the core on which it may poll.
+        let other_gate_lost = process == Process::SpareGate && self.run.shared.presence.is_missing(Process::Gate);
+        let becomes_active = generation > 0 && (process == Process::Gate || other_gate_lost);
+        if becomes_active {
+            self.run.gates.set_active(process);
+        }
         self.run.shared.presence.missing.fetch_and(!bit(process), Ordering::AcqRel);
+        // Last: a successor of this supervisor takes a present process for one that has joined.
+        self.run.shared.presence.present.fetch_or(bit(process), Ordering::AcqRel);
         if generation > 0 {
             if let Err(e) = preflight::reserve_segments(&self.run.prefix) {
                 self.note(process, EventKind::Note, Detector::None, &format!("{e:#}"));
             }
-            // The first gate has the core on which it may poll.
-            let other_gate_lost = process == Process::SpareGate && self.run.shared.presence.is_missing(Process::Gate);
-            if process == Process::Gate || other_gate_lost {
-                self.run.gates.set_active(process);
+            if becomes_active {
                 for doorbell in &self.doorbells {
                     doorbell.notify();
                 }
@@ -345,7 +351,7 @@ impl Watch<'_> {
     /// Gives the primary controller the higher priority and the shared core, the standby the other core.
     ///
     /// A starting controller keeps its priority and core until it does ticks.
-    fn swap_roles(&mut self) {
+    pub(super) fn swap_roles(&mut self) {
         if self.run.clock == Clock::Lockstep {
             return;
         }
@@ -376,6 +382,7 @@ impl Watch<'_> {
     fn trip_latched_stop(&mut self, index: usize) {
         let process = self.slots[index].process;
         self.stopped_by_budget = true;
+        self.run.record.process(process).given_up.store(1, Ordering::Relaxed);
         self.run.shared.orders.stop_latched(Detector::Budget);
         let what = self.budget_spent();
         self.fault(process.name(), what.clone(), Detector::Budget);
@@ -395,7 +402,10 @@ impl Watch<'_> {
     }
 
     /// Receives the latest messages, for operators and for the progress line.
-    fn receive_latest(&mut self) -> Result<()> {
+    ///
+    /// # Errors
+    /// If a connection is damaged.
+    pub fn receive_latest(&mut self) -> Result<()> {
         self.inputs.receive()?;
         if let Some(sets) = self.inputs.operator() {
             self.run.latest.set_operator(sets);

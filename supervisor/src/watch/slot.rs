@@ -76,7 +76,14 @@ impl ProcessSlot {
     /// Creates the slot of a process that a lost supervisor has watched. `child` is the process if it still runs, `present`
     /// whether it did ticks.
     #[must_use]
-    pub fn taken_over(process: Process, child: Option<Child>, record: &ProcessRecord, present: bool) -> Self {
+    pub fn taken_over(
+        process: Process,
+        child: Option<Child>,
+        record: &ProcessRecord,
+        shared: &SharedStatus,
+        present: bool,
+    ) -> Self {
+        let heartbeat = shared.heartbeats.read(process);
         let stage = match () {
             () if record.given_up.load(Ordering::Relaxed) != 0 => RestartStage::BudgetSpent,
             () if present => RestartStage::Working,
@@ -92,6 +99,9 @@ impl ProcessSlot {
             lost,
             losses: record.losses.load(Ordering::Relaxed),
             longest: Duration::from_nanos(record.longest_ns.load(Ordering::Relaxed)),
+            // Known already.
+            failed_connections: heartbeat.failed_connections,
+            rejected: heartbeat.rejected,
             ..Self::without_child(process)
         }
     }

@@ -1,14 +1,17 @@
 //! Course of a run in the successor of a lost supervisor: it takes the processes over, and goes on.
 
 use super::slot::ProcessSlot;
-use super::{RunTimes, Watch, bit};
+use super::{FAULTS_FILE, RunTimes, Watch, bit};
 use crate::children::{Child, has_ended, started};
+use crate::summary::RunFault;
 use anyhow::Result;
 use hapfic_gate::restart_policy::RestartStage;
-use hapfic_ipc::SupervisorRecord;
+use hapfic_ipc::{RunFile, SupervisorRecord};
 use hapfic_messages::{Detector, EventKind, Process};
 use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
 use std::fs;
+use std::os::unix::ffi::OsStrExt;
+use std::path::Path;
 use std::sync::atomic::Ordering;
 
 impl Watch<'_> {
@@ -17,13 +20,18 @@ impl Watch<'_> {
     /// # Errors
     /// If a process cannot be started or polled.
     pub fn take_over_and_follow(&mut self, last_ns: u64) -> Result<RunTimes> {
-        let mut children = adopt(self.run.launcher_pid, self.run.record);
+        let mut children = adopt(self.run.launcher_pid, self.run.record, self.run.run_file);
+        for child in &children {
+            // It may be halted by a fault that its supervisor would have ended.
+            child.signal(Signal::CONT);
+        }
+        self.faults = std::fs::read(self.run.root.join(FAULTS_FILE)).map(|text| RunFault::of_text(&text)).unwrap_or_default();
         let present = self.run.shared.presence.present.load(Ordering::Acquire);
         let mut lost = Vec::new();
         for process in [&[Process::Recorder], started(self.run.settings)].concat() {
             let child = children.iter().position(|child| child.process == process).map(|index| children.swap_remove(index));
             let record = self.run.record.process(process);
-            let slot = ProcessSlot::taken_over(process, child, record, present & bit(process) != 0);
+            let slot = ProcessSlot::taken_over(process, child, record, &self.run.shared, present & bit(process) != 0);
             if slot.child.is_none() && matches!(slot.restart.stage, RestartStage::Working | RestartStage::Starting) {
                 lost.push(process);
             }
@@ -36,6 +44,12 @@ impl Watch<'_> {
         self.note(Process::Supervisor, EventKind::Lost, Detector::Exit, &text);
         self.stall.advanced = (-1, self.evidence.observed_ns());
         self.take_priority();
+        self.swap_roles();
+        let spent = |slot: &ProcessSlot| slot.restart.stage == RestartStage::BudgetSpent;
+        self.stopped_by_budget = self.slots.iter().any(|slot| spent(slot) && slot.process != Process::Recorder);
+        if self.slots.iter().any(|slot| spent(slot) && slot.process == Process::Recorder) {
+            self.grant_all()?;
+        }
         if self.run.shared.orders.stop.load(Ordering::Acquire) {
             return Ok(self.end_begun());
         }
@@ -55,11 +69,8 @@ impl Watch<'_> {
     /// Goes on with the end of a run that a lost supervisor has begun.
     fn end_begun(&mut self) -> RunTimes {
         let completed = self.run.shared.gate.tick.load(Ordering::Acquire) + 1 >= self.run.settings.duration_ticks as i64;
-        if self.run.shared.operator.end_requested.load(Ordering::Relaxed) {
-            self.fault("supervisor", "was asked to end by the operator".to_owned(), Detector::Operator);
-        } else if self.run.stop.load(Ordering::Relaxed) {
-            self.fault("supervisor", "was asked to end by a signal".to_owned(), Detector::Signal);
-        } else if !completed {
+        // The reason of the end is among the faults that it has left.
+        if !completed && self.faults.is_empty() {
             self.fault("supervisor", "was lost while it ended the run".to_owned(), Detector::Exit);
         }
         self.times(completed)
@@ -68,8 +79,9 @@ impl Watch<'_> {
 
 /// Processes that lost supervisors have started, and that still run. The kernel has made them children of the launcher.
 ///
-/// A process that its supervisor has not noted yet is killed: its role takes a successor.
-fn adopt(launcher: i32, record: &SupervisorRecord) -> Vec<Child> {
+/// A process of the run that its supervisor has not noted yet is killed: its role takes a successor.
+fn adopt(launcher: i32, record: &SupervisorRecord, run_file: &Path) -> Vec<Child> {
+    let mark = [RunFile::VARIABLE.as_bytes(), b"=", run_file.as_os_str().as_bytes()].concat();
     let noted: Vec<(Process, i32)> =
         Process::ALL.iter().filter_map(|process| Some((*process, record.process(*process).pid()?))).collect();
     let mut adopted = Vec::new();
@@ -91,7 +103,11 @@ fn adopt(launcher: i32, record: &SupervisorRecord) -> Vec<Child> {
             // What an external program has left behind belongs to its group.
             None if noted.iter().any(|(_, leader)| *leader == group) => {}
             None => {
-                let _ = pidfd_send_signal(&handle, Signal::KILL);
+                // Others than those of the run may be children of the launcher: it may be process 1 of a container.
+                let environment = fs::read(entry.path().join("environ"));
+                if environment.map_or(true, |all| all.split(|b| *b == 0).any(|variable| variable == mark)) {
+                    let _ = pidfd_send_signal(&handle, Signal::KILL);
+                }
             }
         }
     }

@@ -148,7 +148,7 @@ mod tests {
     /// Fails when messages have grown so much that the constant must be measured again.
     #[test]
     fn run_messages_fit_into_needed_memory() {
-        // A full queue for each of twelve subscribers; the supervisor is a second publisher beside plant and planner.
+        // A full queue for each of twelve subscribers.
         let queue = 12 * (RECORDER_DEPTH + 2);
         let operator = 12 * (OPERATOR.depth + 2) * size_of::<Operator>();
         let singles = size_of::<Command>();

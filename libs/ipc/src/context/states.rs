@@ -94,7 +94,7 @@ impl Context {
         Ok(found)
     }
 
-    /// Next state after tick `seen`. States come from the plant and, after its death, also from the supervisor, in no
+    /// Next state after tick `seen`. States come from the plant and, after its death, from its successor, which sends its last ones again, in no
     /// mutual order.
     fn state_after(&mut self, input: &mut Input<State>, seen: i64, gaps: Gaps) -> Result<Option<State>, IpcError> {
         while let Some(state) = input.next()? {
