@@ -78,18 +78,19 @@ fn second_signal_ends_run_without_its_supervisor() {
     run.wait_for(&stack.path("run.mcap"), RUNNING_LOG_BYTES);
     // It would answer the first one only when it goes on; the launcher wakes it, so it is halted again and again.
     let halted = std::sync::atomic::AtomicBool::new(true);
-    let end =
-        std::thread::scope(|scope| {
-            scope.spawn(|| {
-                while halted.load(std::sync::atomic::Ordering::Relaxed) && kill_process(supervisor, Signal::STOP).is_ok() {}
-            });
-            run.signal(Signal::INT);
-            std::thread::sleep(Duration::from_millis(500));
-            run.signal(Signal::INT);
-            let end = run.finish();
-            halted.store(false, std::sync::atomic::Ordering::Relaxed);
-            end
+    let end = std::thread::scope(|scope| {
+        scope.spawn(|| {
+            while halted.load(std::sync::atomic::Ordering::Relaxed) && kill_process(supervisor, Signal::STOP).is_ok() {
+                std::thread::yield_now();
+            }
         });
+        run.signal(Signal::INT);
+        std::thread::sleep(Duration::from_millis(500));
+        run.signal(Signal::INT);
+        let end = run.finish();
+        halted.store(false, std::sync::atomic::Ordering::Relaxed);
+        end
+    });
     end.expect(3);
     assert!(end.err.contains("the second signal ends the run without its supervisor"), "{}", end.err);
     assert!(expect_complete(&stack.path("run.mcap")) > 100);
@@ -137,6 +138,9 @@ fn nobody_within_grace_time_processes_brake_and_end() {
         let children = run.children(&["plant", "controller", "standby", "gate", "spare_gate", "recorder"]);
         if with_planner {
             run.wait_for(&stack.path("run.mcap"), RUNNING_LOG_BYTES);
+        } else {
+            // It never gets ready, so there is no tick; the gates have joined the run by then.
+            std::thread::sleep(Duration::from_secs(2));
         }
         // A halted process wakes, and ends too.
         let (_, halted) = children.iter().find(|(name, _)| name == "standby").unwrap();

@@ -171,6 +171,9 @@ impl Bus {
     /// As [`output`](Self::output), and [`IpcError::System`] if the messages cannot be kept.
     pub fn kept_output<T: Message>(&self, topic: &Topic<T>, sender: Process, clock: Clock) -> Result<Output<T>, IpcError> {
         let ring = MessageRing::open(&self.folder, topic, sender, clock)?;
+        if let Some(ring) = &ring {
+            ring.prefault_writes();
+        }
         Ok(Output { ring, ..self.output(topic)? })
     }
 

@@ -6,7 +6,7 @@
 
 use crate::topic::RECORDER_DEPTH;
 use core::ffi::{c_int, c_void};
-use core::sync::atomic::{AtomicBool, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use iceoryx2::identifiers::UniquePublisherId;
 use iceoryx2::service::header::publish_subscribe::Header;
 use rustix::mm::{Advice, madvise};
@@ -42,6 +42,13 @@ fn prefault(from: usize, bytes: usize, advice: Advice) {
     let ptr = core::ptr::without_provenance_mut::<c_void>(start);
     // SAFETY: the advices passed here change no contents and remove no mapping; an unmapped address is an error.
     let _ = unsafe { madvise(ptr, (from + bytes - start).next_multiple_of(PAGE), advice) };
+}
+
+/// Prefaults shared words for writing.
+pub(crate) fn prefault_shared(words: &[AtomicU64]) {
+    if enabled() {
+        prefault(words.as_ptr() as usize, size_of_val(words), Advice::LinuxPopulateWrite);
+    }
 }
 
 /// Prefaults the program's code, and the libraries as a whole.

@@ -44,6 +44,11 @@ impl<T: Message> MessageRing<T> {
         Ok(Some(Self { words, capacity: capacity as u64, kind: PhantomData }))
     }
 
+    /// Prepares the ring for a writer that is a real-time thread.
+    pub(crate) fn prefault_writes(&self) {
+        self.words.prefault_writes();
+    }
+
     fn place(&self, number: u64) -> &[AtomicU64] {
         let begin = HEADER + (number % self.capacity) as usize * Self::WORDS;
         &self.words[begin..begin + Self::WORDS]

@@ -45,6 +45,11 @@ impl SharedWords {
     pub(crate) fn open(folder: &str, file: &str, words: usize, action: &'static str) -> Result<Self, IpcError> {
         Ok(Self(map(folder, file, words * size_of::<AtomicU64>(), action)?.cast(), words))
     }
+
+    /// Prefaults all words for a writer that is a real-time thread, which may come to some of them late.
+    pub(crate) fn prefault_writes(&self) {
+        crate::memory::prefault_shared(self);
+    }
 }
 
 impl core::ops::Deref for SharedWords {
