@@ -189,11 +189,12 @@ fn expect(end: &RunResult, samples: &[ResourceSample], missing: usize) -> Vec<Ex
         ("resident memory of the recorder, kB", |s| s.recorder.rss_kb, MEMORY_GROWTH_KB),
         ("resident memory of the plant, kB", |s| s.plant.rss_kb, MEMORY_GROWTH_KB),
     ];
+    // A lost recorder takes some 30 ticks with it.
+    let uncounted = missing.saturating_sub(lost.unwrap_or(0.0) as usize);
     let completed = end.completed();
     let mut all = vec![
         Expectation::new("the soak completes", "yes", end.outcome_text(), completed),
-        Expectation::new("ticks lost by the recorder", "0", digits(lost, 0), lost == Some(0.0)),
-        Expectation::new("ticks missing in the log", "0", missing.to_string(), missing == 0),
+        Expectation::new("ticks missing in the log that the summary does not count", "0", uncounted.to_string(), uncounted == 0),
     ];
     for (name, value, growth) in resources {
         let [before, middle, after] =
@@ -207,7 +208,7 @@ fn expect(end: &RunResult, samples: &[ResourceSample], missing: usize) -> Vec<Ex
 
 #[cfg(test)]
 mod tests {
-    use super::{IN_TEN_MINUTES, scenario};
+    use super::{IN_TEN_MINUTES, PART_MB, scenario};
     use hapfic_config::{FaultKind, FaultTarget, Settings};
 
     #[test]
@@ -215,7 +216,7 @@ mod tests {
         let floor = include_str!("../../../../config/scenarios/floor.toml");
         let settings = Settings::from_str(&scenario(floor, 10), "soak", None, &[]).unwrap();
         assert_eq!(settings.duration_ticks, 660_000);
-        assert_eq!(settings.supervisor.restart_budget, 100_000);
+        assert_eq!((settings.supervisor.restart_budget, settings.recorder.part_mb), (100_000, Some(PART_MB)));
         let count = |kind, target: Option<FaultTarget>| {
             settings.faults.iter().filter(|f| f.kind == kind && target.is_none_or(|target| f.target == target)).count() as u64
         };

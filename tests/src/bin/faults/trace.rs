@@ -89,19 +89,21 @@ pub(crate) struct Trace {
 }
 
 impl Trace {
-    /// Reads a log up to its first error.
+    /// Reads all parts of a log, each up to its first error.
     pub(crate) fn read(log: &Path) -> Self {
         let mut trace = Self::default();
-        match Reader::open(log) {
-            Ok(reader) => {
-                for entry in reader {
-                    match entry {
-                        Ok(entry) => trace.add(entry.record),
-                        Err(error) => trace.error = Some(error.to_string()),
+        for part in hapfic_log::parts(log) {
+            match Reader::open(&part) {
+                Ok(reader) => {
+                    for entry in reader {
+                        match entry {
+                            Ok(entry) => trace.add(entry.record),
+                            Err(error) => trace.error = Some(error.to_string()),
+                        }
                     }
                 }
+                Err(error) => trace.error = Some(error.to_string()),
             }
-            Err(error) => trace.error = Some(error.to_string()),
         }
         let active = |tick: &TraceTick| tick.command.as_ref().is_some_and(TraceCommand::active);
         trace.first = trace.ticks.iter().position(active).unwrap_or(trace.ticks.len());
