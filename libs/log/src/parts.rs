@@ -44,14 +44,18 @@ fn later(first: &Path) -> Vec<(u32, PathBuf)> {
 
 /// Paths of the parts of a log that are there, in their order. The path of a later part gives that part alone.
 ///
-/// Only regular files count; parts that a limit of the recorder has removed are left out.
+/// Only regular files count; parts that are missing, and those that a limit of the recorder has removed, are left out.
 #[must_use]
 pub fn parts(path: &Path) -> Vec<PathBuf> {
     let (first, number) = first_of(path);
     if number > 1 {
         return vec![path.to_owned()];
     }
-    numbered(&first).into_iter().map(|(_, path)| path).collect()
+    let mut parts: Vec<_> = numbered(&first).into_iter().map(|(_, path)| path).collect();
+    if parts.len() > 1 && !first.exists() {
+        parts.remove(0);
+    }
+    parts
 }
 
 /// Numbers and paths of the parts of the log `first` that are there.
@@ -97,24 +101,41 @@ pub struct LogParts {
     rest: std::vec::IntoIter<(u32, PathBuf)>,
     /// Part to read after an error about a gap before it.
     waiting: Option<(u32, PathBuf)>,
+    /// Error of a first part that is not a log any more, before the messages of the others.
+    pending: Option<LogError>,
     count: usize,
 }
 
 impl LogParts {
-    /// Opens the parts of a log; only the first has to be readable.
+    /// Opens the parts of a log; one of them has to be readable. Each has all that is needed to read it alone.
     ///
     /// # Errors
-    /// As [`Reader::open`].
+    /// As [`Reader::open`], of the first part.
     pub fn open(path: impl AsRef<Path>) -> Result<Self, LogError> {
         let (first, number) = first_of(path.as_ref());
         let files = if number > 1 { Vec::new() } else { later(&first) };
         let rest: Vec<_> = files.into_iter().filter(|(_, path)| path.is_file()).collect();
-        let reader = Reader::open(&path)?;
+        let count = 1 + rest.len();
+        let mut rest = rest.into_iter();
+        let (reader, number, pending) = match Reader::open(&path) {
+            Ok(reader) => (reader, number, None),
+            Err(error) => {
+                let whole = |(number, path): (u32, PathBuf)| {
+                    let reader = Reader::open(path).ok()?;
+                    let is_part = run_of(&reader).get(PART).is_some_and(|text| *text == number.to_string());
+                    is_part.then_some((reader, number))
+                };
+                match rest.find_map(whole) {
+                    Some((reader, number)) => (reader, number, Some(error)),
+                    None => return Err(error),
+                }
+            }
+        };
         let run = run_of(&reader);
         // A log that has no parts is not searched for them.
-        let rest = if run.contains_key(PART) { rest } else { Vec::new() };
+        let (rest, count) = if run.contains_key(PART) { (rest, count) } else { (Vec::new().into_iter(), 1) };
         let attachments = reader.attachments().to_vec();
-        Ok(Self { reader, run, attachments, first, number, count: 1 + rest.len(), rest: rest.into_iter(), waiting: None })
+        Ok(Self { reader, run, attachments, first, number, count, rest, waiting: None, pending })
     }
 
     /// Number of parts.
@@ -172,6 +193,9 @@ impl Iterator for LogParts {
     type Item = Result<LogMessage, LogError>;
 
     fn next(&mut self) -> Option<Self::Item> {
+        if let Some(error) = self.pending.take() {
+            return Some(Err(error));
+        }
         loop {
             if let Some(entry) = self.reader.next() {
                 return Some(entry);

@@ -97,3 +97,28 @@ fn lost_part_without_message_makes_room() {
     let error = close_last_part(&log, 1, 1 << 40, Remainder::Removed).unwrap_err();
     assert!(error.to_string().contains("shorter"), "{error}");
 }
+
+#[test]
+fn first_part_unreadable_or_missing_others_are_read() {
+    let (log, flushed) = lost("lost-first");
+    close_last_part(&log, 1, flushed, Remainder::Removed).unwrap();
+    let mut writer = Writer::resume(&log, &names(), &header(), &attachments(), &OPTIONS).unwrap();
+    (100..150).for_each(|tick| write_tick(&mut writer, tick).unwrap());
+    writer.finish().unwrap();
+    let second = hapfic_log::part_path(&log, 2);
+    let read = || {
+        let (records, errors): (Vec<_>, Vec<_>) = LogParts::open(&log).unwrap().partition(Result::is_ok);
+        let states = records.into_iter().filter(|entry| matches!(entry.as_ref().unwrap().record, Record::State(_))).count();
+        (states, errors.len())
+    };
+    let mut bytes = std::fs::read(&log).unwrap();
+    bytes[..64].fill(0);
+    std::fs::write(&log, bytes).unwrap();
+    assert_eq!(read(), (50, 1), "an error, then the second part");
+    std::fs::remove_file(&log).unwrap();
+    assert_eq!(read(), (50, 1));
+    assert_eq!(hapfic_log::parts(&log), std::slice::from_ref(&second));
+    std::fs::remove_file(second).unwrap();
+    assert!(LogParts::open(&log).is_err());
+    assert_eq!(hapfic_log::parts(&log), std::slice::from_ref(&log));
+}
