@@ -42,8 +42,12 @@ pub(crate) struct AxisSeries {
     pub(crate) limit: Series,
     /// e_R [degrees], without the searched offset; empty in a position task, as all of the orientation.
     pub(crate) turned: Series,
+    /// x_b,R [degrees].
+    pub(crate) rotation_bound: Series,
     /// Moment of the controller [N m].
     pub(crate) moment: Series,
+    /// T_max [N m].
+    pub(crate) max_moment: Series,
     /// Measured moment [N m].
     pub(crate) measured_moment: Series,
 }
@@ -179,7 +183,10 @@ impl Collected {
 
     fn command(&mut self, command: &proto::Command) {
         let tick = command.tick;
-        let limit = self.sets.in_force(tick).map(|set| set.max_force);
+        let (limit, max_moment, rotation_bound) = match self.sets.in_force(tick) {
+            Some(set) => (Some(set.max_force), set.max_moment, set.rotation_bound),
+            None => (None, None, None),
+        };
         let force = match command.mode.as_str() {
             "active" => vector(&command.force),
             // The command repeats an older request, and its force does not act.
@@ -198,6 +205,10 @@ impl Collected {
             for (i, axis) in self.axes.iter_mut().enumerate() {
                 axis.turned.push(tick, (error[i] - offset[i]).to_degrees());
                 axis.moment.push(tick, moment[i]);
+                if let (Some(max_moment), Some(bound)) = (max_moment, rotation_bound) {
+                    axis.max_moment.push(tick, max_moment[i]);
+                    axis.rotation_bound.push(tick, bound[i].to_degrees());
+                }
             }
         }
         if let Some(limit) = limit {

@@ -107,7 +107,12 @@ fn command(collected: &Collected, axis: usize) -> Panel {
 }
 
 fn orientation(collected: &Collected, axis: usize) -> Panel {
-    let curves = vec![curve("error e_{R}", Color::BLUE, Style::Line, &collected.axes[axis].turned, 1.0)];
+    let series = &collected.axes[axis];
+    let curves = vec![
+        curve("error e_{R}", Color::BLUE, Style::Line, &series.turned, 1.0),
+        curve("± x_{b,R}", Color::VERMILLION, Style::DashedSteps, &series.rotation_bound, 1.0),
+        curve("", Color::VERMILLION, Style::DashedSteps, &series.rotation_bound, -1.0),
+    ];
     let content = PanelContent::Curves { areas: Vec::new(), curves };
     Panel::over_time(format!("turn from tip to reference about {}", AXES[axis]), "e_{R} in degrees", content)
 }
@@ -117,6 +122,8 @@ fn moment(collected: &Collected, axis: usize) -> Panel {
     let curves = vec![
         curve("of the controller", Color::SAND, Style::Wide, &series.moment, 1.0),
         curve("measured", Color::BLUE, Style::Line, &series.measured_moment, 1.0),
+        curve("± T_{max}", Color::VERMILLION, Style::DashedSteps, &series.max_moment, 1.0),
+        curve("", Color::VERMILLION, Style::DashedSteps, &series.max_moment, -1.0),
     ];
     let content = PanelContent::Curves { areas: Vec::new(), curves };
     Panel::over_time(format!("moment about {}", AXES[axis]), "moment in N m", content)

@@ -30,6 +30,9 @@ pub(crate) struct ParameterSet {
     pub(crate) desired_force: [f64; 3],
     pub(crate) max_force: [f64; 3],
     pub(crate) bound: [f64; 3],
+    /// T_max [N m] and x_b,R [rad]; `None` in a position task.
+    pub(crate) max_moment: Option<[f64; 3]>,
+    pub(crate) rotation_bound: Option<[f64; 3]>,
     message: proto::Operator,
 }
 
@@ -44,6 +47,8 @@ impl ParameterSet {
             desired_force: vector(&message.desired_force)?,
             max_force: vector(&message.max_force)?,
             bound: vector(&message.position_bound)?,
+            max_moment: vector(&message.max_moment),
+            rotation_bound: vector(&message.rotation_bound),
             message: message.clone(),
         })
     }
