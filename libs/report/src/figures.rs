@@ -10,6 +10,8 @@ use hapfic_log::Names;
 
 const AXES: [&str; 3] = ["x", "y", "z"];
 const MM_PER_M: f64 = 1e3;
+/// Fraction of a limit from which a figure shows its lines.
+const NEAR_LIMIT: f64 = 0.25;
 /// Value of an empty bin on a logarithmic axis.
 const NO_COUNT: f64 = 0.7;
 /// Modes without a fault.
@@ -108,25 +110,38 @@ fn command(collected: &Collected, axis: usize) -> Panel {
 
 fn orientation(collected: &Collected, axis: usize) -> Panel {
     let series = &collected.axes[axis];
-    let curves = vec![
-        curve("error e_{R}", Color::BLUE, Style::Line, &series.turned, 1.0),
-        curve("± x_{b,R}", Color::VERMILLION, Style::DashedSteps, &series.rotation_bound, 1.0),
-        curve("", Color::VERMILLION, Style::DashedSteps, &series.rotation_bound, -1.0),
-    ];
+    let mut curves = vec![curve("error e_{R}", Color::BLUE, Style::Line, &series.turned, 1.0)];
+    let title = format!("turn from tip to reference about {}", AXES[axis]);
+    let title = with_limit(title, &mut curves, "x_{b,R}", &series.rotation_bound, "°");
     let content = PanelContent::Curves { areas: Vec::new(), curves };
-    Panel::over_time(format!("turn from tip to reference about {}", AXES[axis]), "e_{R} in degrees", content)
+    Panel::over_time(title, "e_{R} in degrees", content)
+}
+
+/// Draws the limit of curves that come near it; of others it is in the title, since its lines would flatten them.
+fn with_limit(title: String, curves: &mut Vec<Curve>, name: &str, limit: &Series, unit: &str) -> String {
+    let largest = |curve: &Curve| curve.points.iter().map(|point| point.1.abs()).fold(0.0, f64::max);
+    let lines = [curve(&format!("± {name}"), Color::VERMILLION, Style::DashedSteps, limit, 1.0)];
+    let value = lines.iter().map(largest).fold(0.0, f64::max);
+    if value == 0.0 {
+        return title;
+    }
+    if curves.iter().map(largest).fold(0.0, f64::max) < NEAR_LIMIT * value {
+        return format!("{title}, {name} = {}{unit}", (value * 1e3).round() / 1e3);
+    }
+    curves.extend(lines);
+    curves.push(curve("", Color::VERMILLION, Style::DashedSteps, limit, -1.0));
+    title
 }
 
 fn moment(collected: &Collected, axis: usize) -> Panel {
     let series = &collected.axes[axis];
-    let curves = vec![
+    let mut curves = vec![
         curve("of the controller", Color::SAND, Style::Wide, &series.moment, 1.0),
         curve("measured", Color::BLUE, Style::Line, &series.measured_moment, 1.0),
-        curve("± T_{max}", Color::VERMILLION, Style::DashedSteps, &series.max_moment, 1.0),
-        curve("", Color::VERMILLION, Style::DashedSteps, &series.max_moment, -1.0),
     ];
+    let title = with_limit(format!("moment about {}", AXES[axis]), &mut curves, "T_{max}", &series.max_moment, " N m");
     let content = PanelContent::Curves { areas: Vec::new(), curves };
-    Panel::over_time(format!("moment about {}", AXES[axis]), "moment in N m", content)
+    Panel::over_time(title, "moment in N m", content)
 }
 
 fn torque(collected: &Collected, names: &Names) -> Vec<Panel> {
