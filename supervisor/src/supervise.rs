@@ -15,7 +15,7 @@ use hapfic_config::{OnFailure, Settings};
 use hapfic_gate_process::change_exchange::ChangeClient;
 use hapfic_ipc::realtime::Prefault;
 use hapfic_ipc::run_status::{GateCounts, SharedStatus};
-use hapfic_ipc::{Bus, ChangePage, Domain, GatePage, ProcessStart, RunFile, SupervisorPage, clock, topic};
+use hapfic_ipc::{Bus, ChangePage, Domain, GatePage, ProcessStart, RunFile, SupervisorPage, clock};
 use hapfic_log::LogFile;
 use hapfic_messages::{Clock, Detector, Process, RealtimeMode};
 use hapfic_simulation::findings::Advisor;
@@ -81,7 +81,6 @@ pub fn run(run: &RunFile, run_file: &Path, settings: Settings, start: ProcessSta
     let null = File::options().read(true).write(true).open("/dev/null").context("cannot open /dev/null")?;
     // What writes to standard output by mistake must not reach the registration.
     dup2_stdin(&null).and_then(|()| dup2_stdout(&null)).context("cannot close the standard streams")?;
-    let root = Path::new(&run.root);
     let record = SupervisorPage::open(&run.root)?;
     let last_ns = record.begin(start.generation, clock::now_ns());
     ensure!(last_ns.is_some() == (start.generation > 0), "cannot join the run: it has a supervisor");
@@ -97,12 +96,7 @@ pub fn run(run: &RunFile, run_file: &Path, settings: Settings, start: ProcessSta
     let log = File::from(log);
     let log_id = log.metadata().ok().map(|metadata| (metadata.dev(), metadata.ino()));
     let log = LogFile::shared(&run.log_name, log)?;
-    let summary = supervise(&request, run, run_file, (&record, last_ns), (log, log_id), stop)?;
-    let result = RunResult::of(&summary)?;
-    if let Err(e) = result.write(root) {
-        crate::log_line(result.text.trim_end());
-        return Err(e);
-    }
+    let result = supervise(&request, run, run_file, (&record, last_ns), (log, log_id), stop)?;
     if !launcher_lives() {
         // Nobody else prints it, and removes the run.
         crate::log_line(result.text.trim_end());
@@ -119,7 +113,7 @@ fn supervise(
     (record, last_ns): (&SupervisorPage, Option<u64>),
     (log, log_id): (LogFile, Option<FileId>),
     stop: Arc<AtomicBool>,
-) -> Result<Summary> {
+) -> Result<RunResult> {
     let settings = &request.settings;
     hapfic_ipc::service::silence_transport_log();
     let domain = Domain::new(&run.prefix, &run.root)?.with_short_timeouts(request.clock);
@@ -139,7 +133,7 @@ fn supervise(
     if last_ns.is_none() {
         registry::close_to_others(&run.prefix)?;
     }
-    let _services = keep_all_alive(&bus)?;
+    let _services = bus.keep_all_alive()?;
     let shared = Arc::new(SharedStatus::open(&run.root)?);
     let latest = Arc::new(LatestMessages::default());
     let root = Path::new(&run.root).to_owned();
@@ -248,33 +242,17 @@ fn supervise(
     drop(watch);
     let recorded = recorder.finish(recorder_end);
     let own = OwnCounts { gate: shared.gate.counts(), supervisor_delay };
-    Ok(summarise(request, times, faults, losses, own, recorded, log_id))
+    let result = RunResult::of(&summarise(request, times, faults, losses, own, recorded, log_id))?;
+    // Before the services end: a supervisor that is lost while it ends them leaves them unusable for a successor.
+    if let Err(e) = result.write(&root) {
+        crate::log_line(result.text.trim_end());
+        return Err(e);
+    }
+    Ok(result)
 }
 
 /// Size of the file table: a supervisor has some 250 files open with all processes connected, and more after restarts.
 const FD_TABLE_SIZE: u64 = 1024;
-fn keep_all_alive(bus: &Bus) -> Result<Vec<Box<dyn std::any::Any>>> {
-    Ok(vec![
-        bus.keep_alive(&topic::STATE)?,
-        bus.keep_alive(&topic::REFERENCE)?,
-        bus.keep_alive(&topic::REQUEST)?,
-        bus.keep_alive(&topic::COMMAND)?,
-        bus.keep_alive(&topic::OPERATOR)?,
-        bus.keep_alive(&topic::EVENT)?,
-        bus.keep_alive(&topic::TIMING)?,
-        bus.keep_alive(&topic::CREDIT)?,
-        bus.keep_alive(&topic::INJECTION)?,
-        bus.keep_alive(&topic::view::STATE)?,
-        bus.keep_alive(&topic::view::REFERENCE)?,
-        bus.keep_alive(&topic::view::REQUEST)?,
-        bus.keep_alive(&topic::view::COMMAND)?,
-        bus.keep_alive(&topic::view::OPERATOR)?,
-        bus.keep_alive(&topic::view::EVENT)?,
-        bus.keep_alive(&topic::view::TIMING)?,
-        hapfic_ipc::service::keep_alive(bus)?,
-    ])
-}
-
 /// Counts of the gate and of the main thread.
 struct OwnCounts {
     gate: GateCounts,

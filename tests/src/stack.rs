@@ -173,13 +173,13 @@ impl StartedProgram {
     pub fn kill_with_supervisor(self) -> FinishedProgram {
         let supervisors: Vec<u32> =
             children_of(self.pid()).into_iter().filter(|(name, _)| name == "supervisor").map(|(_, pid)| pid).collect();
-        // The launcher first: it would start another.
-        let end = self.kill();
+        // The launcher first: it would start another. At once: a supervisor without its launcher ends the run.
+        self.signal(rustix::process::Signal::KILL);
         for pid in supervisors.into_iter().filter_map(|pid| rustix::process::Pid::from_raw(pid as i32)) {
             // Fails only if it has ended.
             let _ = rustix::process::kill_process(pid, rustix::process::Signal::KILL);
         }
-        end
+        self.kill()
     }
 
     /// Kills the program and waits for its end. Discards the output, since orphans may still hold it open.
@@ -187,7 +187,8 @@ impl StartedProgram {
     pub fn kill(mut self) -> FinishedProgram {
         let launcher = self.pid();
         let mut child = self.child.take().expect("a running program");
-        child.kill().expect("the program still runs");
+        // It may have been killed before.
+        let _ = child.kill();
         let status = child.wait().expect("a status");
         FinishedProgram { launcher, code: status.code(), out: String::new(), err: String::new() }
     }

@@ -153,6 +153,36 @@ impl Bus {
         Ok(Box::new(self.service(topic)?))
     }
 
+    /// Keeps all services of a run alive, until what is returned is dropped.
+    ///
+    /// Supervisor and gates do: a service that loses its last process is removed, and one that is lost while it removes it
+    /// leaves it unusable.
+    ///
+    /// # Errors
+    /// [`IpcError::Messaging`] with the cause from iceoryx2.
+    pub fn keep_all_alive(&self) -> Result<Vec<Box<dyn core::any::Any>>, IpcError> {
+        use crate::topic;
+        Ok(vec![
+            self.keep_alive(&topic::STATE)?,
+            self.keep_alive(&topic::REFERENCE)?,
+            self.keep_alive(&topic::REQUEST)?,
+            self.keep_alive(&topic::COMMAND)?,
+            self.keep_alive(&topic::OPERATOR)?,
+            self.keep_alive(&topic::EVENT)?,
+            self.keep_alive(&topic::TIMING)?,
+            self.keep_alive(&topic::CREDIT)?,
+            self.keep_alive(&topic::INJECTION)?,
+            self.keep_alive(&topic::view::STATE)?,
+            self.keep_alive(&topic::view::REFERENCE)?,
+            self.keep_alive(&topic::view::REQUEST)?,
+            self.keep_alive(&topic::view::COMMAND)?,
+            self.keep_alive(&topic::view::OPERATOR)?,
+            self.keep_alive(&topic::view::EVENT)?,
+            self.keep_alive(&topic::view::TIMING)?,
+            crate::service::keep_alive(self)?,
+        ])
+    }
+
     /// Opens a sender.
     ///
     /// # Errors

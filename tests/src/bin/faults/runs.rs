@@ -133,10 +133,10 @@ impl RunningProgram {
         let now = hapfic_ipc::clock::now_ns();
         // Both may have ended already.
         let _ = self.child.kill();
-        let _ = self.child.wait();
         if let Some(pid) = supervisor.and_then(|(_, pid)| Pid::from_raw(pid as i32)) {
             let _ = kill_process(pid, Signal::KILL);
         }
+        let _ = self.child.wait();
         self.ended = true;
         now
     }
