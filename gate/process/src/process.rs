@@ -51,8 +51,8 @@ pub fn run(run: &RunFile, settings: &Settings, own: Process, start: ProcessStart
     let domain = Domain::new(&run.prefix, &run.root)?.with_short_timeouts(run.clock);
     let chain = Chain::from_settings(&settings.robot)?;
     let bus = Bus::open(&domain, own.name())?;
-    // A service that supervisor and recorder alone hold would be removed when both are lost.
-    let _services = bus.keep_all_alive()?;
+    // A service that only the supervisor holds would be made anew by each successor, and may be left unusable by one.
+    let _operator_service = hapfic_ipc::service::keep_alive(&bus)?;
     let page = Arc::new(ChangePage::open(&run.root)?);
     let [position, rpy] = run.start_pose;
     let (_changes, change_server) = ChangeThread::start(page)?;

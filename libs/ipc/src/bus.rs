@@ -155,8 +155,7 @@ impl Bus {
 
     /// Keeps all services of a run alive, until what is returned is dropped.
     ///
-    /// Supervisor and gates do: a service that loses its last process is removed, and one that is lost while it removes it
-    /// leaves it unusable.
+    /// The supervisor does: a service that loses its last process is removed.
     ///
     /// # Errors
     /// [`IpcError::Messaging`] with the cause from iceoryx2.

@@ -85,7 +85,8 @@ impl Ownership {
             self.looked_ns = now_ns;
             let pid = self.page.pid.load(Ordering::Acquire);
             if pid != self.supervisor.0 {
-                self.supervisor = (pid, open(pid));
+                // Another one has come since: its loss counts anew.
+                (self.supervisor, self.lost_ns) = ((pid, open(pid)), None);
             }
             self.lost_ns = match &self.supervisor.1 {
                 Some(handle) if !has_ended(handle) => None,
