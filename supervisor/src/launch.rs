@@ -220,6 +220,8 @@ impl PreparedRun {
             .spawn()
             .context("cannot start the supervisor")?;
         let pid = Pid::from_child(&spawned);
+        // However long its start takes, it owns the run.
+        page.pid.store(pid.as_raw_nonzero().get(), Ordering::Release);
         if realtime && start.generation > 0 {
             // The others wait for it; without the privilege it waits for a processor.
             let _ = set_own_priority_of(pid, WATCH_PRIORITY);
@@ -236,7 +238,7 @@ impl PreparedRun {
             match self.requests.count() {
                 0 => {}
                 // Not before it handles signals.
-                1 if told || page.pid.load(Ordering::Acquire) != pid.as_raw_nonzero().get() => {}
+                1 if told || !page.has_begun(start.generation) => {}
                 1 => {
                     told = true;
                     // Fails only if it has ended.

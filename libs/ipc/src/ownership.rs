@@ -1,7 +1,7 @@
 //! Ownership of a process by a run: a supervisor that lives, or comes within the grace time.
 //!
 //! A supervisor that is lost has a successor, which the launcher starts. Until then the processes go on. A supervisor that is
-//! only late, or halted, still owns them. If no successor comes within the grace time, the gates let the drive brake, and half
+//! only late, halted, or still starting, owns them. If no successor comes within the grace time, the gates let the drive brake, and half
 //! a second later every process ends.
 
 use crate::error::IpcError;
@@ -144,10 +144,11 @@ mod tests {
         use Orphanhood::{AllEnd, Brake, GatesEnd, Owned};
         assert_eq!(seen, [Owned, Owned, Owned, Brake, Brake, GatesEnd, GatesEnd, AllEnd]);
         supervisor.wait().unwrap();
-        // A successor.
+        // A successor owns them before its first heartbeat.
         page.pid.store(std::process::id() as i32, Ordering::Release);
-        page.beat(ms(62_070));
-        assert_eq!([62_080, 70_000].map(|at| owner.look(ms(at))), [Owned; 2]);
+        assert_eq!(owner.look(ms(62_150)), Owned);
+        page.beat(ms(62_170));
+        assert_eq!([62_180, 70_000].map(|at| owner.look(ms(at))), [Owned; 2]);
         assert_eq!(owner.supervisor.0, std::process::id() as i32);
     }
 }

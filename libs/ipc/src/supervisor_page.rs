@@ -11,7 +11,8 @@ const FILE: &str = "supervisor";
 /// Faults of a scenario, at most.
 const FAULTS: usize = 1 << 20;
 
-/// The page of a run's supervisor. It alone writes; other processes read the process id and the heartbeat.
+/// The page of a run's supervisor. It alone writes, and the launcher its process id; other processes read this and the
+/// heartbeat.
 #[derive(Debug)]
 pub struct SupervisorPage(SharedPage<SupervisorRecord>);
 
@@ -19,7 +20,7 @@ pub struct SupervisorPage(SharedPage<SupervisorRecord>);
 #[derive(Debug)]
 #[repr(C)]
 pub struct SupervisorRecord {
-    /// Process id of the present supervisor; 0 before the first.
+    /// Process id of the present supervisor, from its start on; 0 before the first.
     pub pid: AtomicI32,
     /// Supervisors that were lost before it.
     pub losses: AtomicU32,
@@ -98,12 +99,20 @@ impl Deref for SupervisorPage {
 }
 
 impl SupervisorRecord {
-    /// Makes this process the supervisor, after `losses` others. A successor returns the last heartbeat before its own [ns].
+    /// Begins the work of this process as the supervisor, after `losses` others. A successor returns the last heartbeat before
+    /// its own [ns].
     pub fn begin(&self, losses: u32, now_ns: u64) -> Option<u64> {
-        let before = self.pid.swap(std::process::id() as i32, Ordering::AcqRel);
-        let last_ns = self.heartbeat_ns.swap(now_ns, Ordering::AcqRel);
+        // The launcher may be late.
+        self.pid.store(std::process::id() as i32, Ordering::Release);
         self.losses.store(losses, Ordering::Relaxed);
-        (before != 0).then_some(last_ns)
+        let last_ns = self.heartbeat_ns.swap(now_ns, Ordering::AcqRel);
+        (last_ns != 0).then_some(last_ns)
+    }
+
+    /// Whether the supervisor after `losses` others has begun its work.
+    #[must_use]
+    pub fn has_begun(&self, losses: u32) -> bool {
+        self.heartbeat_ns.load(Ordering::Acquire) != 0 && self.losses.load(Ordering::Relaxed) == losses
     }
 
     /// Writes the heartbeat of the supervisor.
@@ -141,7 +150,9 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let open = || SupervisorPage::open(folder.path().to_str().unwrap()).unwrap();
         let first = open();
+        assert!(!first.has_begun(0));
         assert_eq!(first.begin(0, 100), None);
+        assert_eq!([0, 1].map(|losses| first.has_begun(losses)), [true, false]);
         first.process(Process::Gate).set_pid(Some(17));
         first.set_injected(70);
         first.beat(200);
