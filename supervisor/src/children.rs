@@ -1,6 +1,7 @@
 //! The processes that a supervisor starts, watches and ends.
 
 use crate::notify::Notify;
+use crate::reaper;
 use anyhow::{Context, Result};
 use hapfic_config::{ExternalProcesses, Settings};
 use hapfic_ipc::{ProcessStart, RunFile};
@@ -10,7 +11,7 @@ use rustix::process::{Pid, PidfdFlags, Signal, kill_process_group, pidfd_open};
 use std::os::fd::OwnedFd;
 use std::os::unix::process::CommandExt;
 use std::path::Path;
-use std::process::{Child as Spawned, Command, ExitStatus, Stdio};
+use std::process::{Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
 /// Time a process may take to end after SIGTERM.
@@ -24,8 +25,8 @@ pub struct Child {
     /// Role of the process.
     pub process: Process,
     pid: Pid,
-    /// `None`: a lost supervisor has started it, and the launcher gets its exit status.
-    spawned: Option<Spawned>,
+    /// A lost supervisor has started it, and the launcher gets its exit status.
+    adopted: bool,
     handle: OwnedFd,
     ended: Option<End>,
 }
@@ -69,13 +70,13 @@ impl Child {
                 return Err(e).with_context(|| format!("cannot watch the {process}"));
             }
         };
-        Ok(Self { process, pid, spawned: Some(spawned), handle, ended: None })
+        Ok(Self { process, pid, adopted: false, handle, ended: None })
     }
 
     /// Takes over a process that a lost supervisor has started.
     #[must_use]
     pub fn adopted(process: Process, pid: Pid, handle: OwnedFd) -> Self {
-        Self { process, pid, spawned: None, handle, ended: None }
+        Self { process, pid, adopted: true, handle, ended: None }
     }
 
     /// Returns the process id.
@@ -90,12 +91,11 @@ impl Child {
     /// If the system does not report it.
     pub fn ended(&mut self) -> Result<Option<End>> {
         if self.ended.is_none() {
-            self.ended = match &mut self.spawned {
-                Some(spawned) => {
-                    let status = spawned.try_wait().with_context(|| format!("cannot wait for the {}", self.process))?;
-                    status.map(End::Status)
-                }
-                None => has_ended(&self.handle).then_some(End::Unknown),
+            self.ended = if self.adopted {
+                has_ended(&self.handle).then_some(End::Unknown)
+            } else {
+                let status = reaper::exit_status(self.pid).with_context(|| format!("cannot wait for the {}", self.process))?;
+                status.map(End::Status)
             };
         }
         Ok(self.ended)

@@ -8,6 +8,7 @@ use crate::children::{self, describe, has_ended};
 use crate::notify::Notify;
 use crate::preflight;
 use crate::privileges::{self, Cores};
+use crate::reaper;
 use crate::registry::{self, RunDirectory};
 use crate::request::RunRequest;
 use crate::supervise::RunResult;
@@ -24,18 +25,21 @@ use hapfic_messages::{Clock, Process, RealtimeMode};
 use hapfic_plant::{Plant, PlantError};
 use hapfic_simulation::findings::{Advisor, degrees_hint};
 use rustix::event::{PollFd, PollFlags, poll};
-use rustix::process::{Pid, PidfdFlags, Signal, WaitOptions, kill_process, pidfd_open, set_child_subreaper, wait};
+use rustix::process::{Pid, PidfdFlags, Signal, kill_process, pidfd_open, set_child_subreaper};
 use signal_hook::iterator::Signals;
 use std::os::fd::OwnedFd;
-use std::os::unix::process::{CommandExt, ExitStatusExt};
+use std::os::unix::process::CommandExt;
 use std::path::Path;
-use std::process::{ExitStatus, Stdio};
+use std::process::Stdio;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 /// Interval at which the launcher looks for signals and for ended processes.
 const LOOK_INTERVAL: Duration = Duration::from_millis(100);
+
+/// Interval at which the launcher reaps the processes that a lost supervisor has left behind.
+const ORPHANS_INTERVAL: Duration = Duration::from_secs(1);
 
 /// An invalid run request; no process was started.
 #[derive(Debug)]
@@ -153,6 +157,7 @@ impl PreparedRun {
         .write(&run_file)?;
         let _idle = if realtime { CpuLatencyGuard::take() } else { None };
         set_child_subreaper(Some(rustix::process::getpid())).context("cannot take over what a lost supervisor leaves behind")?;
+        reaper::start()?;
         let status = SharedStatus::create(&root)?;
         let page = SupervisorPage::open(&root)?;
         let policy = RestartPolicy {
@@ -234,6 +239,7 @@ impl PreparedRun {
             }
         };
         let mut told = false;
+        let mut orphans_looked = Instant::now();
         loop {
             match self.requests.count() {
                 0 => {}
@@ -251,17 +257,15 @@ impl PreparedRun {
                 }
             }
             pause(&handle);
-            // Also the processes that a lost supervisor has left behind.
-            loop {
-                match wait(WaitOptions::NOHANG) {
-                    Ok(Some((ended, status))) if ended == pid => {
-                        return Ok(SupervisorEnd::Ended(describe(ExitStatus::from_raw(status.as_raw()))));
-                    }
-                    Ok(Some(_)) => {}
-                    // The one that has started this program has told the kernel to reap its children.
-                    Err(_) if has_ended(&handle) => return Ok(SupervisorEnd::Ended("ended".to_owned())),
-                    Ok(None) | Err(_) => break,
-                }
+            match reaper::exit_status(pid) {
+                Ok(Some(status)) => return Ok(SupervisorEnd::Ended(describe(status))),
+                // The one that has started this program has told the kernel to reap its children.
+                Err(_) if has_ended(&handle) => return Ok(SupervisorEnd::Ended("ended".to_owned())),
+                Ok(None) | Err(_) => {}
+            }
+            if orphans_looked.elapsed() >= ORPHANS_INTERVAL {
+                reaper::reap_orphans();
+                orphans_looked = Instant::now();
             }
         }
     }

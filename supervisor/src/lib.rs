@@ -13,6 +13,7 @@ pub mod operator;
 mod preflight;
 pub mod privileges;
 mod progress;
+mod reaper;
 pub mod recorder;
 pub mod registry;
 mod request;

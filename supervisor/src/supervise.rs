@@ -5,6 +5,7 @@ use crate::notify::Notify;
 use crate::operator::{self, OperatorServer};
 use crate::preflight;
 use crate::privileges::Cores;
+use crate::reaper;
 use crate::recorder::{self, Recorder, RecorderStart, RecordingOutcome};
 use crate::registry::{self, RunDirectory};
 use crate::request::RunRequest;
@@ -72,6 +73,7 @@ pub fn run(run: &RunFile, run_file: &Path, settings: Settings, start: ProcessSta
         signal_hook::flag::register(signal, Arc::clone(&stop)).context("cannot handle signals")?;
     }
     rustix::thread::set_name(c"hapfic-watch").context("cannot set the process's name")?;
+    reaper::start()?;
     // Wakes a halted supervisor: without the launcher it ends the run.
     set_parent_process_death_signal(Some(Signal::CONT)).context("cannot join the run")?;
     let launcher_lives = || getppid().is_some_and(|parent| parent.as_raw_nonzero().get() == run.launcher_pid);

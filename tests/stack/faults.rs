@@ -7,6 +7,7 @@ mod lockstep;
 mod machine;
 mod realtime;
 mod recorder;
+pub mod runs;
 mod soak;
 mod supervisor;
 pub mod trace;

@@ -1,5 +1,6 @@
 //! The watcher has no faults of its own: late observers, halted supervisors and frozen processes lose nothing healthy.
 
+use crate::faults::runs::summary;
 use crate::realtime::realtime_lock;
 use crate::running;
 use hapfic_ipc::{Bus, Domain, topic::view};
@@ -8,10 +9,6 @@ use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use std::io::Read;
 use std::time::{Duration, Instant};
-
-fn summary(stack: &StackSandbox) -> Value {
-    serde_json::from_slice(&std::fs::read(stack.path("summary.json")).unwrap()).unwrap()
-}
 
 /// Asserts that a completed run has lost no process.
 fn expect_no_losses(stack: &StackSandbox) -> Value {

@@ -6,6 +6,7 @@
 //! the clean-up runs in a process that can be killed. docs/decisions/0015-watching.md has the cause and a reproduction.
 
 use crate::children::{describe, this_program};
+use crate::reaper;
 use anyhow::{Context, Result};
 use hapfic_ipc::{RunFile, realtime};
 use rustix::process::Pid;
@@ -65,19 +66,22 @@ impl CleanUp {
 
     /// Starts a requested clean-up, and returns what has become of the running one.
     pub fn poll(&mut self, run_file: &Path, priority: Option<u32>) -> CleanUpState {
-        self.killed.retain_mut(|helper| matches!(helper.try_wait(), Ok(None)));
-        if let Some((helper, since)) = &mut self.running {
-            let ended = match helper.try_wait() {
-                Ok(None) if since.elapsed() < CLEAN_UP_TIMEOUT => return CleanUpState::Running,
+        self.killed.retain(|helper| matches!(reaper::exit_status(Pid::from_child(helper)), Ok(None)));
+        if let Some((mut helper, since)) = self.running.take() {
+            let ended = match reaper::exit_status(Pid::from_child(&helper)) {
+                Ok(None) if since.elapsed() < CLEAN_UP_TIMEOUT => {
+                    self.running = Some((helper, since));
+                    return CleanUpState::Running;
+                }
                 Ok(None) => {
                     let _ = helper.kill();
+                    self.killed.push(helper);
                     Err("did not end in time and was killed".to_owned())
                 }
                 Ok(Some(status)) if status.success() => Ok(()),
                 Ok(Some(status)) => Err(describe(status)),
                 Err(e) => Err(format!("cannot be waited for: {e}")),
             };
-            self.killed.extend(self.running.take().map(|(helper, _)| helper));
             match ended {
                 Ok(()) if !self.requested => return CleanUpState::Done,
                 Ok(()) => {}
@@ -124,7 +128,7 @@ impl Drop for CleanUp {
         self.killed.extend(self.running.take().map(|(helper, _)| helper));
         let begun = Instant::now();
         while !self.killed.is_empty() && begun.elapsed() < END_TIMEOUT {
-            self.killed.retain_mut(|helper| matches!(helper.try_wait(), Ok(None)));
+            self.killed.retain(|helper| matches!(reaper::exit_status(Pid::from_child(helper)), Ok(None)));
             std::thread::sleep(LOOK_INTERVAL);
         }
     }

@@ -5,12 +5,13 @@
 
 use super::slot::ProcessSlot;
 use crate::children::this_program;
+use crate::reaper;
 use anyhow::{Context, Result, bail};
 use hapfic_config::{Fault, FaultKind, FaultTarget};
 use hapfic_ipc::SharedStatus;
 use hapfic_ipc::{IpcError, Output, SupervisorRecord};
 use hapfic_messages::{Injection, MessageFault, Process};
-use rustix::process::{Resource, Rlimit, Signal, prlimit};
+use rustix::process::{Pid, Resource, Rlimit, Signal, prlimit};
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Stdio};
@@ -318,7 +319,7 @@ impl<'a> Injections<'a> {
             }
             false
         });
-        self.stressors.retain_mut(|stressor| matches!(stressor.try_wait(), Ok(None)));
+        self.stressors.retain(|stressor| matches!(reaper::exit_status(Pid::from_child(stressor)), Ok(None)));
     }
 
     /// Starts this program as a stressor.

@@ -1,13 +1,12 @@
 //! The gates are killed and halted: the other one continues from the last command.
 
 use super::lockstep::expect_undisturbed;
+use super::runs::UNLIMITED_RESTARTS;
 use super::trace::EventTrace;
 use crate::log_file::{expect_complete, streams};
 use crate::realtime::realtime_lock;
 use hapfic_tests::StackSandbox;
 
-/// Settings for runs with many losses.
-const UNLIMITED_RESTARTS: [&str; 4] = ["--set", "supervisor.restart_budget=100000", "--set", "supervisor.restart_backoff_ms=0"];
 const LOCKSTEP: [&str; 6] = ["run", "floor", "--clock", "lockstep", "--duration", "8"];
 
 #[test]

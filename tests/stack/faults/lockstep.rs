@@ -1,13 +1,12 @@
 //! Lockstep: the loss of a process only pauses the clock.
 
+use super::runs::UNLIMITED_RESTARTS;
 use super::trace::EventTrace;
 use crate::log_file::{Streams, expect_complete, streams};
 use hapfic_tests::StackSandbox;
 use prost::Message;
 
 const BASE: [&str; 4] = ["run", "floor", "--clock", "lockstep"];
-/// Settings for runs with many losses.
-const UNLIMITED_RESTARTS: [&str; 4] = ["--set", "supervisor.restart_budget=100000", "--set", "supervisor.restart_backoff_ms=0"];
 
 fn run(stack: &StackSandbox, log: &str, more: &[&str]) -> Streams {
     stack.run(&[&BASE[..], &["--log", log], more].concat()).expect(0);

@@ -1,29 +1,12 @@
 //! The recorder is killed or halted, or has no log to write: control goes on, and what is missing is counted.
 
 use super::lockstep::expect_undisturbed;
+use super::runs::{UNLIMITED_RESTARTS, losses, run, summary};
 use crate::log_file::{Streams, streams};
 use crate::realtime::realtime_lock;
-use hapfic_tests::{FinishedProgram, StackSandbox};
+use hapfic_tests::StackSandbox;
 use prost::Message;
 use serde_json::Value;
-
-/// Settings for runs with many losses.
-const UNLIMITED_RESTARTS: [&str; 4] = ["--set", "supervisor.restart_budget=100000", "--set", "supervisor.restart_backoff_ms=0"];
-
-fn run(stack: &StackSandbox, log: &str, more: &[&str]) -> FinishedProgram {
-    let base = ["run", "floor", "--log", log, "--summary-json", "summary.json"];
-    stack.run(&[&base[..], more].concat())
-}
-
-fn summary(stack: &StackSandbox) -> Value {
-    serde_json::from_slice(&std::fs::read(stack.path("summary.json")).unwrap()).unwrap()
-}
-
-/// Losses of a process in the summary.
-fn losses(summary: &Value, process: &str) -> u64 {
-    let all = summary["losses"]["processes"].as_array().unwrap();
-    all.iter().find(|loss| loss["process"] == process).map_or(0, |loss| loss["times"].as_u64().unwrap())
-}
 
 /// Events that are not about a fault and what follows from it.
 fn plain_events(streams: &Streams) -> Vec<Vec<u8>> {
@@ -38,9 +21,9 @@ fn plain_events(streams: &Streams) -> Vec<Vec<u8>> {
 fn lockstep_recorder_kills_lose_nothing() {
     let stack = StackSandbox::new();
     let clock = ["--clock", "lockstep", "--duration", "6"];
-    run(&stack, "undisturbed.mcap", &clock).expect(0);
+    run(&stack, "floor", "undisturbed.mcap", &clock).expect(0);
     let faults = "fault=[{kind=\"kill\",process=\"recorder\",random={count=20,from_s=0.0,to_s=5.5}}]";
-    run(&stack, "disturbed.mcap", &[&clock[..], &UNLIMITED_RESTARTS, &["--set", faults]].concat()).expect(0);
+    run(&stack, "floor", "disturbed.mcap", &[&clock[..], &UNLIMITED_RESTARTS, &["--set", faults]].concat()).expect(0);
     let summary = summary(&stack);
     assert_eq!((losses(&summary, "recorder"), &summary["recorder"]["lost"]), (20, &Value::from(0)), "{summary}");
     let parts = summary["recorder"]["parts"].as_u64().unwrap();
@@ -59,13 +42,13 @@ fn lockstep_recorder_kills_lose_nothing() {
 fn lockstep_recorder_and_others_kills_same_torque() {
     let stack = StackSandbox::new();
     let clock = ["--clock", "lockstep", "--duration", "8"];
-    run(&stack, "undisturbed.mcap", &clock).expect(0);
+    run(&stack, "floor", "undisturbed.mcap", &clock).expect(0);
     let faults = "fault=[{kind=\"kill\",process=\"recorder\",at_s=1.0},{kind=\"kill\",process=\"controllers\",at_s=1.0},\
                   {kind=\"kill\",process=\"planner\",at_s=1.0},{kind=\"kill\",process=\"plant\",at_s=1.0},\
                   {kind=\"kill\",process=[\"recorder\",\"controller\",\"standby\",\"planner\",\"plant\"],\
                   random={count=40,from_s=0.0,to_s=6.0}}]";
     let more = ["--set", "plant.on_loss=restart", "--set", faults];
-    run(&stack, "disturbed.mcap", &[&clock[..], &UNLIMITED_RESTARTS, &more].concat()).expect(0);
+    run(&stack, "floor", "disturbed.mcap", &[&clock[..], &UNLIMITED_RESTARTS, &more].concat()).expect(0);
     assert_eq!(summary(&stack)["recorder"]["lost"], 0);
     expect_undisturbed(&streams(&stack.path("disturbed.mcap")), &streams(&stack.path("undisturbed.mcap")));
 }
@@ -76,7 +59,7 @@ fn realtime_recorder_killed_and_halted_control_goes_on() {
     let stack = StackSandbox::new();
     let faults =
         "fault=[{kind=\"kill\",process=\"recorder\",at_s=1.0},{kind=\"stop\",process=\"recorder\",at_s=2.0,for_ms=600000}]";
-    run(&stack, "run.mcap", &["--duration", "5", "--set", faults]).expect(0);
+    run(&stack, "floor", "run.mcap", &["--duration", "5", "--set", faults]).expect(0);
     let summary = summary(&stack);
     assert_eq!(losses(&summary, "recorder"), 2, "{summary}");
     for process in ["plant", "planner", "controller", "standby"] {
@@ -98,14 +81,14 @@ fn recorder_lost_too_often_ends_run_or_goes_on_without_log() {
     let stack = StackSandbox::new();
     let faults = "fault=[{kind=\"kill\",process=\"recorder\",random={count=9,from_s=0.1,to_s=1.0}}]";
     let more = ["--clock", "lockstep", "--duration", "3", "--set", "supervisor.restart_budget=2", "--set", faults];
-    let end = run(&stack, "run.mcap", &more);
+    let end = run(&stack, "floor", "run.mcap", &more);
     end.expect(3);
     assert!(
         end.err.contains("recorder was lost once more after 2 restarts") || end.out.contains("after 2 restarts"),
         "{}",
         end.out
     );
-    let end = run(&stack, "run.mcap", &[&more[..], &["--set", "recorder.on_failure=continue"]].concat());
+    let end = run(&stack, "floor", "run.mcap", &[&more[..], &["--set", "recorder.on_failure=continue"]].concat());
     end.expect(0);
     assert!(end.err.contains("the run goes on without a log"), "{}", end.err);
     let summary = summary(&stack);

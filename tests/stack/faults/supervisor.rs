@@ -1,31 +1,15 @@
 //! The supervisor is killed: the launcher starts another, which takes the processes over.
 
 use super::lockstep::expect_undisturbed;
+use super::runs::{UNLIMITED_RESTARTS, losses, run, summary};
 use super::trace::EventTrace;
 use crate::log_file::{expect_complete, streams};
 use crate::realtime::realtime_lock;
 use crate::running::{self, status_at};
-use hapfic_tests::{FinishedProgram, StackSandbox};
+use hapfic_tests::StackSandbox;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use std::time::Instant;
-
-/// Settings for runs with many losses.
-const UNLIMITED_RESTARTS: [&str; 4] = ["--set", "supervisor.restart_budget=100000", "--set", "supervisor.restart_backoff_ms=0"];
-
-fn run(stack: &StackSandbox, scenario: &str, log: &str, more: &[&str]) -> FinishedProgram {
-    let base = ["run", scenario, "--log", log, "--summary-json", "summary.json"];
-    stack.run(&[&base[..], more].concat())
-}
-
-fn summary(stack: &StackSandbox) -> Value {
-    serde_json::from_slice(&std::fs::read(stack.path("summary.json")).unwrap()).unwrap()
-}
-
-fn losses(summary: &Value, process: &str) -> u64 {
-    let all = summary["losses"]["processes"].as_array().unwrap();
-    all.iter().find(|loss| loss["process"] == process).map_or(0, |loss| loss["times"].as_u64().unwrap())
-}
 
 #[test]
 fn lockstep_kills_of_all_but_the_plant_same_torque() {
