@@ -73,6 +73,9 @@ pub fn run(run: &RunFile, run_file: &Path, settings: Settings, start: ProcessSta
         signal_hook::flag::register(signal, Arc::clone(&stop)).context("cannot handle signals")?;
     }
     rustix::thread::set_name(c"hapfic-watch").context("cannot set the process's name")?;
+    // A table that grows during the run delays a tick. Before the first thread: threads that share it wait, on a loaded
+    // machine for seconds.
+    let _ = hapfic_ipc::realtime::reserve_fd_table(FD_TABLE_SIZE);
     reaper::start()?;
     // Wakes a halted supervisor: without the launcher it ends the run.
     set_parent_process_death_signal(Some(Signal::CONT)).context("cannot join the run")?;
@@ -124,8 +127,6 @@ fn supervise(
     if realtime {
         hapfic_ipc::realtime::lock_memory(Prefault::All);
     }
-    // A table that grows during the run delays a tick.
-    let _ = hapfic_ipc::realtime::reserve_fd_table(FD_TABLE_SIZE);
     let mut dead_nodes = DeadNodes::new(&run.prefix)?;
     if last_ns.is_some() {
         dead_nodes.clean_up_predecessor(run_file, None);

@@ -221,8 +221,8 @@ pub fn lock_memory(prefault: Prefault) {
 /// Reserves `count` entries in the process's table of open files, or as many as its limit allows. To be called before
 /// the process has threads.
 ///
-/// The kernel doubles a full table. If threads share the table, the thread that exceeds it waits some 10 ms,
-/// until all processors have passed a quiescent state (`synchronize_rcu`). The gate did so when it connected to the
+/// The kernel doubles a full table. If threads share the table, the thread that exceeds it waits some 10 ms, on a loaded
+/// machine up to 13 s, until all processors have passed a quiescent state (`synchronize_rcu`). The gate did so when it connected to the
 /// first restarted process.
 ///
 /// # Errors
