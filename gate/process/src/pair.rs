@@ -96,9 +96,16 @@ impl GateNode {
         self.ports.operator.send_again(self.start.schedule.operator())?;
         for command in commands {
             let stamp_ns = if self.start.clock == Clock::Realtime { clock::now_ns() } else { 0 };
-            self.ports.command.send_again(&Command { stamp_ns, ..*command })?;
+            let command = Command { stamp_ns, ..*command };
+            let published = self.start.gates.published();
+            // One that the other gate may not have sent is in no ring yet.
+            if command.tick > published {
+                self.ports.command.send(&command)?;
+            } else {
+                self.ports.command.send_again(&command)?;
+            }
             self.ports.preloan();
-            self.start.gates.set_published(command.tick.max(self.start.gates.published()));
+            self.start.gates.set_published(command.tick.max(published));
         }
         self.ports.command_sent.notify();
         Ok(())

@@ -2,14 +2,15 @@
 
 use super::position::{identity, is_plausible, ticked};
 use super::views::Views;
+use super::write::WriterOrder;
 use super::{RecordedMessage, journal};
 use hapfic_ipc::{Bus, Domain, Input, IpcError, Orphanhood, Output, Ownership, RecorderPage, SharedStatus, clock, topic};
 use hapfic_messages::{Check, Clock, Command, Credit, Event, Operator, Phase, Process, Reference, Request, State, Timing};
 use std::collections::HashMap;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
-use std::sync::mpsc::{Receiver, SyncSender, TrySendError};
-use std::time::Duration;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
+use std::time::{Duration, Instant};
 
 /// Interval at which shared memory is drained.
 ///
@@ -25,6 +26,13 @@ const fn drain_interval(clock: Clock) -> Duration {
 /// Interval at which a full queue to the writer is looked at.
 const WAIT_INTERVAL: Duration = Duration::from_millis(1);
 
+/// Interval at which the journal is read while a topic lags behind the others.
+const LAG_INTERVAL: Duration = Duration::from_millis(50);
+/// Ticks that states, references and commands are apart at most, while the others wait for a process.
+const USUAL_LAG: i64 = 2;
+/// Index in [`ticked`] of the messages that every tick has: states, references, commands.
+const EVERY_TICK: [usize; 3] = [0, 1, 4];
+
 /// Arguments of [`DrainThread::open`].
 pub(super) struct DrainStart<'a> {
     pub(super) domain: &'a Domain,
@@ -36,7 +44,7 @@ pub(super) struct DrainStart<'a> {
     pub(super) owner: Ownership,
     pub(super) page: Arc<RecorderPage>,
     pub(super) status: Arc<SharedStatus>,
-    pub(super) sender: SyncSender<Vec<RecordedMessage>>,
+    pub(super) sender: SyncSender<WriterOrder>,
     /// Batches to reuse: allocating each would cost more than draining.
     pub(super) empty_batches: Receiver<Vec<RecordedMessage>>,
 }
@@ -49,7 +57,7 @@ pub(super) struct DrainThread {
     owner: Ownership,
     page: Arc<RecorderPage>,
     status: Arc<SharedStatus>,
-    sender: SyncSender<Vec<RecordedMessage>>,
+    sender: SyncSender<WriterOrder>,
     empty_batches: Receiver<Vec<RecordedMessage>>,
     /// Received messages, topic by topic, and their indices in the order of ticks.
     received: Vec<Option<RecordedMessage>>,
@@ -68,6 +76,8 @@ pub(super) struct DrainThread {
     newest: i64,
     /// Newest tick of states, references, both controllers' requests, and commands.
     last: [i64; 5],
+    /// Time of the last look into the journal.
+    journal_read: Instant,
     /// Newest wake-up in the timing of each process in the journal [ns].
     journal_timing_ns: [u64; Process::ALL.len()],
     /// Identities of the events in the journal, until the messages that may be in both are received.
@@ -110,6 +120,7 @@ impl DrainThread {
             // What the predecessors have flushed grants credit, too.
             newest: if generation == 0 { -1 } else { last[0] },
             last,
+            journal_read: Instant::now(),
             journal_timing_ns: [0; Process::ALL.len()],
             journal_events: HashMap::new(),
             page,
@@ -120,7 +131,8 @@ impl DrainThread {
         Ok(drain)
     }
 
-    /// Takes the messages that the predecessors have not written, in lockstep.
+    /// Takes the messages that are not in the log, in lockstep: those that the predecessors have not written, and those of
+    /// senders whose connections have failed. What the writer has is flushed.
     ///
     /// # Errors
     /// [`IpcError`] if the journal cannot be read.
@@ -128,6 +140,7 @@ impl DrainThread {
         if self.clock == Clock::Realtime {
             return Ok(());
         }
+        self.journal_read = Instant::now();
         let mut batch = journal::read(&self.bus, &self.page, &self.status)?;
         batch.retain(|record| self.is_new(record));
         for record in &batch {
@@ -155,10 +168,16 @@ impl DrainThread {
     /// # Errors
     /// [`IpcError`] if a connection is damaged.
     pub(super) fn run(&mut self) -> Result<(), IpcError> {
+        let mut last_look = self.clock == Clock::Realtime;
         loop {
             // Read before draining, so that all messages sent before the order are received.
             let end = self.page.drain_ordered() || self.owner.look(clock::now_ns()) == Orphanhood::AllEnd;
-            let batch = self.receive_all()?;
+            self.receive_all()?;
+            if self.is_behind() {
+                self.flush();
+                self.take_journal()?;
+            }
+            let batch = self.new_ones();
             // What was sent before the journal was read is received now.
             self.journal_events.clear();
             for record in &batch {
@@ -175,7 +194,13 @@ impl DrainThread {
                 return Ok(());
             }
             if end && empty {
-                return Ok(());
+                if last_look {
+                    return Ok(());
+                }
+                // Nobody sends any more, so nothing is both in the journal and on its way.
+                last_look = true;
+                self.flush();
+                self.take_journal()?;
             }
             self.beat(Phase::Running);
             if self.clock == Clock::Lockstep {
@@ -205,13 +230,30 @@ impl DrainThread {
 
     /// Passes a batch to the writer, and waits for it as long as a disk stalls it; `false` if the writer has ended, or the run
     /// has no supervisor any more.
-    fn pass_on(&mut self, mut batch: Vec<RecordedMessage>) -> bool {
+    fn pass_on(&mut self, batch: Vec<RecordedMessage>) -> bool {
+        self.order_writer(WriterOrder::Write(batch))
+    }
+
+    /// Waits until all that was passed on is flushed, or the writer has ended.
+    fn flush(&mut self) {
+        let (sender, answer) = sync_channel(1);
+        if !self.order_writer(WriterOrder::Flush(sender)) {
+            return;
+        }
+        while answer.recv_timeout(WAIT_INTERVAL) == Err(RecvTimeoutError::Timeout)
+            && self.owner.look(clock::now_ns()) < Orphanhood::AllEnd
+        {
+            self.beat(Phase::Waiting);
+        }
+    }
+
+    fn order_writer(&mut self, mut order: WriterOrder) -> bool {
         loop {
-            match self.sender.try_send(batch) {
+            match self.sender.try_send(order) {
                 Ok(()) => return true,
                 Err(TrySendError::Disconnected(_)) => return false,
                 Err(TrySendError::Full(full)) => {
-                    batch = full;
+                    order = full;
                     if self.owner.look(clock::now_ns()) == Orphanhood::AllEnd {
                         return false;
                     }
@@ -250,8 +292,8 @@ impl DrainThread {
             + self.credit.failed_connections()
     }
 
-    /// Receives all new messages; returns them in the order of ticks, causes first.
-    fn receive_all(&mut self) -> Result<Vec<RecordedMessage>, IpcError> {
+    /// Receives all messages, and brings them into the order of ticks, causes first.
+    fn receive_all(&mut self) -> Result<(), IpcError> {
         let received = &mut self.received;
         received.clear();
         // Effects before their causes: this batch or an earlier batch then holds the messages that led to a command.
@@ -271,6 +313,33 @@ impl DrainThread {
         }
         // A stable sort keeps the order within a tick.
         self.order.sort_by_key(|(tick, _)| *tick);
+        Ok(())
+    }
+
+    /// Whether messages are missing, in lockstep: a tick before a received one, or the last ones of a topic.
+    fn is_behind(&self) -> bool {
+        if self.clock == Clock::Realtime {
+            return false;
+        }
+        if self.order.is_empty() {
+            let last = EVERY_TICK.map(|kind| self.last[kind]);
+            let lag = last.iter().max().zip(last.iter().min()).map_or(0, |(newest, oldest)| newest - oldest);
+            return lag > USUAL_LAG && self.journal_read.elapsed() >= LAG_INTERVAL;
+        }
+        let mut last = self.last;
+        self.order.iter().any(|(_, index)| {
+            let Some((kind, tick)) = self.received[*index].as_ref().and_then(ticked) else { return false };
+            if !is_plausible(tick, &self.status) {
+                return false;
+            }
+            let gap = EVERY_TICK.contains(&kind) && tick > last[kind] + 1;
+            last[kind] = last[kind].max(tick);
+            gap
+        })
+    }
+
+    /// The new ones of the received messages.
+    fn new_ones(&mut self) -> Vec<RecordedMessage> {
         let mut batch = self.empty_batches.try_recv().unwrap_or_default();
         for i in 0..self.order.len() {
             if let Some(record) = self.received[self.order[i].1].take()
@@ -279,7 +348,7 @@ impl DrainThread {
                 batch.push(record);
             }
         }
-        Ok(batch)
+        batch
     }
 
     /// Whether a message is not recorded yet: the last messages of a lost process are republished, and those of the journal

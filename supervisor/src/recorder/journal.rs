@@ -2,7 +2,8 @@
 //!
 //! It lies in the rings in which the senders keep their last messages before they send them, so it outlives every process.
 //! The credit of the plant keeps it smaller than the rings. A message is in the rings, or it reaches the inputs of the
-//! recorder, if these were open before the rings were read; what is both is dropped there.
+//! recorder, if these were open before the rings were read; what is both is dropped there. A sender whose connection to the
+//! recorder fails reaches the log through the rings alone, until its ports connect again.
 
 use super::RecordedMessage;
 use super::position::{identity, is_plausible, request_index};

@@ -1,11 +1,11 @@
 //! The process of the recorder: joins a run, begins or continues the log, and leaves its result in the run's folder.
 
+use super::RecordingOutcome;
 use super::disk::Disk;
 use super::drain::{DrainStart, DrainThread};
 use super::incident::PostMortem;
 use super::viewer_frames::ViewerFrames;
-use super::write::WriterThread;
-use super::{RecordedMessage, RecordingOutcome};
+use super::write::{WriterOrder, WriterThread};
 use anyhow::{Context, Result};
 use hapfic_config::Settings;
 use hapfic_ipc::{Domain, LogPosition, Ownership, ProcessStart, RecorderPage, RunFile, SharedStatus, realtime};
@@ -66,7 +66,7 @@ fn record(
         start_unix_ns: run.start_unix_ns,
     };
     let domain = Domain::new(&run.prefix, &run.root)?.with_short_timeouts(run.clock);
-    let (sender, receiver) = sync_channel::<Vec<RecordedMessage>>(match run.clock {
+    let (sender, receiver) = sync_channel::<WriterOrder>(match run.clock {
         Clock::Lockstep => QUEUE_LOCKSTEP,
         Clock::Realtime => QUEUE_REALTIME,
     });

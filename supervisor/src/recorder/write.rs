@@ -20,6 +20,14 @@ const TASKS_INTERVAL: Duration = Duration::from_millis(100);
 /// Ticks after which the log is flushed in any case: in lockstep the plant waits for it.
 const MAX_UNFLUSHED: i64 = 512;
 
+/// What the writer gets.
+pub(super) enum WriterOrder {
+    /// Messages to write.
+    Write(Vec<RecordedMessage>),
+    /// To flush what is written, and to answer.
+    Flush(SyncSender<()>),
+}
+
 /// Writer of the log, with the metrics and the viewer frames of the run.
 pub(super) struct WriterThread {
     pub(super) writer: Writer,
@@ -49,7 +57,7 @@ impl WriterThread {
     /// Writes what it receives until the channel is closed.
     pub(super) fn run(
         mut self,
-        receiver: &Receiver<Vec<RecordedMessage>>,
+        receiver: &Receiver<WriterOrder>,
         recycle: &SyncSender<Vec<RecordedMessage>>,
         flush_every: Duration,
     ) -> RecordingOutcome {
@@ -59,7 +67,7 @@ impl WriterThread {
         loop {
             match receiver.recv_timeout(flush_every) {
                 // After a write error only the metrics continue.
-                Ok(mut batch) => {
+                Ok(WriterOrder::Write(mut batch)) => {
                     let mut sync = false;
                     for record in &batch {
                         self.page.count_written();
@@ -74,6 +82,12 @@ impl WriterThread {
                     batch.clear();
                     // A full channel drops the batch and frees its memory.
                     let _ = recycle.try_send(batch);
+                }
+                Ok(WriterOrder::Flush(answer)) => {
+                    if failed.is_none() {
+                        failed = self.flush(Writer::flush).err();
+                    }
+                    let _ = answer.try_send(());
                 }
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => break,
