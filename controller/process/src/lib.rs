@@ -54,14 +54,6 @@ impl ControllerPorts {
             self.spare_gate.notify();
         }
     }
-
-    fn failed_connections(&self) -> u32 {
-        self.request.failed_connections()
-            + self.state.failed_connections()
-            + self.reference.failed_connections()
-            + self.command.failed_connections()
-            + self.operator.failed_connections()
-    }
 }
 
 /// Buffers of the received messages.
@@ -214,7 +206,6 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), ControllerE
         ports.preloan();
         // Messages that follow the request are received now, not while the gate waits for the next request.
         read_ahead(context, &mut ports, &mut buffers)?;
-        context.report_failed_connections(ports.failed_connections());
         ports.injector.listen()?;
         if state.tick >= last_tick {
             context.finish(state.tick)?;

@@ -270,7 +270,7 @@ impl GateNode {
             rejected: self.rejections.count,
             page_faults: self.faults,
             realtime: self.granted.0,
-            failed_connections: self.ports.failed_connections(),
+            failed_connections: hapfic_ipc::failed_connections(),
             ..*timing
         };
         self.start.shared.heartbeats.write(&timing, clock::now_ns());

@@ -43,13 +43,4 @@ impl GatePorts {
         self.request.update_connections();
         self.state.update_connections();
     }
-
-    /// Number of failed connections.
-    pub(super) fn failed_connections(&self) -> u32 {
-        self.command.failed_connections()
-            + self.operator.failed_connections()
-            + self.request.failed_connections()
-            + self.state.failed_connections()
-            + self.timing.failed_connections()
-    }
 }

@@ -60,7 +60,7 @@ impl Domain {
     /// The same namespace with short time-outs, for processes that keep running while others die.
     ///
     /// A process that is killed while it connects never completes the connection. By default iceoryx2 would wait a
-    /// second for it, in the middle of a tick. Such a connection counts as [failed](Output::failed_connections); every
+    /// second for it, in the middle of a tick. Such a connection counts as [failed](crate::failed_connections); every
     /// join or leave of a process retries it.
     #[must_use]
     pub fn with_short_timeouts(&self, clock: Clock) -> Self {
@@ -236,7 +236,7 @@ impl Bus {
             .create()
             .map_err(|e| IpcError::messaging("publish on", topic.name, e))?;
         let doorbell = topic.doorbell.map(|id| self.doorbell(id));
-        let mut output = Output { publisher, doorbell, loan: None, topic: topic.name, failed_connections: 0, ring: None };
+        let mut output = Output { publisher, doorbell, loan: None, topic: topic.name, ring: None };
         output.preloan();
         Ok(output)
     }
@@ -250,7 +250,7 @@ impl Bus {
             .history_request(topic.history)
             .create()
             .map_err(|e| IpcError::messaging("subscribe to", topic.name, e))?;
-        Ok(Input { subscriber, listener, topic: topic.name, failed_connections: 0, senders: Senders::default() })
+        Ok(Input { subscriber, listener, topic: topic.name, senders: Senders::default() })
     }
 
     /// Opens a receiver for control: a short buffer, of which the newest message counts.

@@ -90,7 +90,6 @@ pub struct Context {
     timing: Output<Timing>,
     heartbeats: Arc<HeartbeatPage>,
     rejected: u32,
-    failed_connections: u32,
     /// Time of the last heartbeat [ns].
     heartbeat_ns: u64,
     faults_at_start: u64,
@@ -145,7 +144,6 @@ impl Context {
             timing,
             heartbeats,
             rejected: 0,
-            failed_connections: 0,
             heartbeat_ns: 0,
             faults_at_start: 0,
             faults: 0,
@@ -302,11 +300,6 @@ impl Context {
         self.rejected = self.rejected.saturating_add(1);
     }
 
-    /// Reports the failed connections of the process's ports: the supervisor then forces a reconnect.
-    pub fn report_failed_connections(&mut self, failed_connections: u32) {
-        self.failed_connections = failed_connections;
-    }
-
     /// Starts counting allocations. The process calls it at a wake-up with work to do.
     pub fn begin(&mut self) {
         self.allocations_at_wake = allocations::count();
@@ -372,7 +365,7 @@ impl Context {
             page_faults: self.faults,
             realtime: self.granted.0,
             generation: self.start.generation,
-            failed_connections: self.failed_connections,
+            failed_connections: crate::failed_connections(),
             ..*timing
         };
         // First: the supervisor must see it, whatever becomes of the message.

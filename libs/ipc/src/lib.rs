@@ -58,7 +58,7 @@ pub use gate_page::{GateLock, GatePage, Locked};
 pub use heartbeat::{Heartbeat, HeartbeatPage};
 pub use message_ring::KeptMessages;
 pub use ownership::{Orphanhood, Ownership, tie_to_parent};
-pub use ports::{Input, Output};
+pub use ports::{Input, Output, failed_connections};
 pub use recorder_page::{LogPosition, RecorderPage};
 pub use run::RunFile;
 pub use run_status::SharedStatus;

@@ -7,6 +7,7 @@ use crate::memory::Senders;
 use crate::message_ring::MessageRing;
 use crate::wire::Wire;
 use core::mem::MaybeUninit;
+use core::sync::atomic::{AtomicU32, Ordering};
 use hapfic_messages::Message;
 use iceoryx2::port::ReceiveError;
 use iceoryx2::port::publisher::Publisher;
@@ -17,13 +18,28 @@ use iceoryx2::sample_mut_uninit::SampleMutUninit;
 
 type Service = ipc::Service;
 
+/// Failed connections of this process.
+static FAILED_CONNECTIONS: AtomicU32 = AtomicU32::new(0);
+
+/// Number of failed connections of the ports of this process. Its heartbeat reports them, and the supervisor lets all ports
+/// connect again.
+#[must_use]
+pub fn failed_connections() -> u32 {
+    FAILED_CONNECTIONS.load(Ordering::Relaxed)
+}
+
+fn count_failed(failed: bool) {
+    if failed {
+        FAILED_CONNECTIONS.fetch_add(1, Ordering::Relaxed);
+    }
+}
+
 /// Sender of a topic.
 pub struct Output<T: Message> {
     pub(crate) publisher: Publisher<Service, Wire<T>, ()>,
     pub(crate) doorbell: Option<Doorbell>,
     pub(crate) loan: Option<SampleMutUninit<Service, MaybeUninit<Wire<T>>, ()>>,
     pub(crate) topic: &'static str,
-    pub(crate) failed_connections: u32,
     /// Last messages, which outlive the sender.
     pub(crate) ring: Option<MessageRing<T>>,
 }
@@ -63,13 +79,7 @@ impl<T: Message> Output<T> {
     }
 
     fn update_connections(&mut self) {
-        self.failed_connections += u32::from(self.publisher.update_connections().is_err());
-    }
-
-    /// Number of failed connections to receivers.
-    #[must_use]
-    pub fn failed_connections(&self) -> u32 {
-        self.failed_connections
+        count_failed(self.publisher.update_connections().is_err());
     }
 
     /// Sends a message and wakes the threads waiting for it. What outlives the sender is written first.
@@ -113,7 +123,6 @@ pub struct Input<T: Message> {
     pub(crate) subscriber: Subscriber<Service, Wire<T>, ()>,
     pub(crate) listener: Option<Listener>,
     pub(crate) topic: &'static str,
-    pub(crate) failed_connections: u32,
     pub(crate) senders: Senders,
 }
 
@@ -130,7 +139,7 @@ impl<T: Message> Input<T> {
         let received = match self.subscriber.receive() {
             // As in sending: a failed connection must not cost the messages of other senders.
             Err(ReceiveError::ConnectionFailure(_)) => {
-                self.failed_connections += 1;
+                count_failed(true);
                 self.subscriber.receive()
             }
             received => received,
@@ -149,7 +158,7 @@ impl<T: Message> Input<T> {
     /// Idle-time work.
     pub fn update_connections(&mut self) {
         self.senders.prefault::<T>();
-        self.failed_connections += u32::from(self.subscriber.update_connections().is_err());
+        count_failed(self.subscriber.update_connections().is_err());
     }
 
     /// Discards earlier notifications: they do not end the next wait.
@@ -157,12 +166,6 @@ impl<T: Message> Input<T> {
         if let Some(listener) = &self.listener {
             listener.discard_notifications();
         }
-    }
-
-    /// Number of failed connections to senders.
-    #[must_use]
-    pub fn failed_connections(&self) -> u32 {
-        self.failed_connections
     }
 
     /// Takes the newest message, if any came since the last call.

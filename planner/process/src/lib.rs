@@ -86,11 +86,6 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), IpcError> {
         ports.reference.preloan();
         ports.state.update_connections();
         ports.command.update_connections();
-        let failed_connections = ports.reference.failed_connections()
-            + ports.state.failed_connections()
-            + ports.command.failed_connections()
-            + ports.operator.failed_connections();
-        context.report_failed_connections(failed_connections);
         ports.injector.listen()?;
         if state.tick >= last_tick {
             context.finish(state.tick)?;

@@ -47,12 +47,9 @@ impl PlantPorts {
     }
 
     /// Work of the idle time after a tick.
-    fn idle_work(&mut self, context: &mut Context) -> Result<(), IpcError> {
+    fn idle_work(&mut self) -> Result<(), IpcError> {
         self.state.preloan();
         self.command.update_connections();
-        context.report_failed_connections(
-            self.state.failed_connections() + self.command.failed_connections() + self.credit.failed_connections(),
-        );
         self.injector.listen()
     }
 
@@ -158,7 +155,7 @@ fn realtime(
         }
         plant.advance()?;
         context.account(TickTimes { tick, due_ns: due, wake_ns: wake, publish_ns: published, latency_ns })?;
-        ports.idle_work(context)?;
+        ports.idle_work()?;
         if !context.running() {
             return Ok(());
         }
@@ -241,7 +238,7 @@ fn lockstep(
         ports.pass_command(plant, tick);
         plant.advance()?;
         context.account(TickTimes { tick, due_ns: due, wake_ns: due, publish_ns: published, latency_ns: 0 })?;
-        ports.idle_work(context)?;
+        ports.idle_work()?;
     }
     Ok(())
 }

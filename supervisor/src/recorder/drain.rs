@@ -274,22 +274,10 @@ impl DrainThread {
             due_ns: now,
             wake_ns: now,
             generation: self.generation,
-            failed_connections: self.failed_connections(),
+            failed_connections: hapfic_ipc::failed_connections(),
             ..Timing::default()
         };
         self.status.heartbeats.write(&timing, now);
-    }
-
-    fn failed_connections(&self) -> u32 {
-        let inputs = self.state.failed_connections()
-            + self.reference.failed_connections()
-            + self.request.failed_connections()
-            + self.command.failed_connections();
-        inputs
-            + self.operator.failed_connections()
-            + self.event.failed_connections()
-            + self.timing.failed_connections()
-            + self.credit.failed_connections()
     }
 
     /// Receives all messages, and brings them into the order of ticks, causes first.

@@ -94,7 +94,6 @@ impl Watch<'_> {
     fn reconnect_all(&mut self) -> Result<()> {
         let mut more = false;
         for slot in &mut self.slots {
-            // A restarted process counts from zero.
             let failed_connections = self.run.shared.heartbeats.read(slot.process).failed_connections;
             more |= failed_connections > std::mem::replace(&mut slot.failed_connections, failed_connections);
         }
@@ -277,7 +276,7 @@ impl Watch<'_> {
         slot.generation += 1;
         slot.started_observed_ns = self.evidence.observed_ns();
         slot.suspicion = None;
-        slot.rejected = 0;
+        (slot.rejected, slot.failed_connections) = (0, 0);
         slot.kill_pending = false;
         self.run.shared.heartbeats.expect(process, slot.generation);
         self.run.record.process(process).generation.store(slot.generation, Ordering::Release);

@@ -99,8 +99,7 @@ impl ProcessSlot {
             lost,
             losses: record.losses.load(Ordering::Relaxed),
             longest: Duration::from_nanos(record.longest_ns.load(Ordering::Relaxed)),
-            // Known already.
-            failed_connections: heartbeat.failed_connections,
+            // Known already. Of failed connections nobody knows whether they are repaired.
             rejected: heartbeat.rejected,
             ..Self::without_child(process)
         }
