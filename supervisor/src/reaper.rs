@@ -1,7 +1,7 @@
 //! Reaping of ended processes, apart from the threads that watch them.
 //!
-//! When a process is reaped, the kernel removes its entries below `/proc`, and waits without a limit for whoever is just
-//! letting go of them: on a loaded machine, where a monitor had to wait for a processor meanwhile, a parent was held up
+//! When a process is reaped, the kernel removes its entries below `/proc`, and waits without a limit for those who use one of
+//! them at the moment: on a loaded machine, where a monitor had to wait for a processor meanwhile, a parent was held up
 //! for 2.7 s. So exit statuses are read without reaping, and a thread of ordinary priority reaps.
 
 use anyhow::{Context, Result};

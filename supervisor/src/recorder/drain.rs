@@ -1,6 +1,6 @@
 //! The drain thread: receives all messages, sorts them by tick, and passes them to the writer.
 
-use super::position::{identity, is_plausible, ticked};
+use super::position::{has_gap, has_lag, identity, is_plausible, ticked};
 use super::views::Views;
 use super::write::WriterOrder;
 use super::{RecordedMessage, journal};
@@ -28,10 +28,6 @@ const WAIT_INTERVAL: Duration = Duration::from_millis(1);
 
 /// Interval at which the journal is read while a topic lags behind the others.
 const LAG_INTERVAL: Duration = Duration::from_millis(50);
-/// Ticks that states, references and commands are apart at most, while the others wait for a process.
-const USUAL_LAG: i64 = 2;
-/// Index in [`ticked`] of the messages that every tick has: states, references, commands.
-const EVERY_TICK: [usize; 3] = [0, 1, 4];
 
 /// Arguments of [`DrainThread::open`].
 pub(super) struct DrainStart<'a> {
@@ -310,20 +306,10 @@ impl DrainThread {
             return false;
         }
         if self.order.is_empty() {
-            let last = EVERY_TICK.map(|kind| self.last[kind]);
-            let lag = last.iter().max().zip(last.iter().min()).map_or(0, |(newest, oldest)| newest - oldest);
-            return lag > USUAL_LAG && self.journal_read.elapsed() >= LAG_INTERVAL;
+            return has_lag(&self.last) && self.journal_read.elapsed() >= LAG_INTERVAL;
         }
-        let mut last = self.last;
-        self.order.iter().any(|(_, index)| {
-            let Some((kind, tick)) = self.received[*index].as_ref().and_then(ticked) else { return false };
-            if !is_plausible(tick, &self.status) {
-                return false;
-            }
-            let gap = EVERY_TICK.contains(&kind) && tick > last[kind] + 1;
-            last[kind] = last[kind].max(tick);
-            gap
-        })
+        let received = self.order.iter().filter_map(|(_, index)| self.received[*index].as_ref().and_then(ticked));
+        has_gap(self.last, received.filter(|(_, tick)| is_plausible(*tick, &self.status)))
     }
 
     /// The new ones of the received messages.

@@ -32,6 +32,28 @@ pub(super) fn is_plausible(tick: i64, status: &RunStatus) -> bool {
     tick <= status.gate.tick.load(Ordering::Acquire) + MAX_TICKS_AHEAD
 }
 
+/// Index in [`ticked`] of the messages that every tick has: states, references, commands.
+const EVERY_TICK: [usize; 3] = [0, 1, 4];
+/// Ticks that these are apart at most while all wait for a process.
+const USUAL_LAG: i64 = 2;
+
+/// Whether a tick is missing between the newest messages of each kind and received ones, in their order.
+pub(super) fn has_gap(mut newest: [i64; 5], received: impl Iterator<Item = (usize, i64)>) -> bool {
+    for (kind, tick) in received {
+        if EVERY_TICK.contains(&kind) && tick > newest[kind] + 1 {
+            return true;
+        }
+        newest[kind] = newest[kind].max(tick);
+    }
+    false
+}
+
+/// Whether one kind of message has come less far than the others.
+pub(super) fn has_lag(newest: &[i64; 5]) -> bool {
+    let ticks = EVERY_TICK.map(|kind| newest[kind]);
+    ticks.iter().any(|tick| ticks.iter().any(|other| other - tick > USUAL_LAG))
+}
+
 /// Identity of an event, the same in every process of this program.
 pub(super) fn identity(event: &Event) -> u64 {
     let mut hasher = DefaultHasher::new();
@@ -49,5 +71,21 @@ pub(super) fn advance(position: &mut LogPosition, record: &RecordedMessage, stat
         && let Some(newest) = position.timing_ns.get_mut(m.process as usize)
     {
         *newest = m.wake_ns.max(*newest);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gap_and_lag_of_what_every_tick_has() {
+        let newest = [10, 11, 3, -1, 9];
+        let gap = |received: &[(usize, i64)]| has_gap(newest, received.iter().copied());
+        assert!(!gap(&[(0, 11), (1, 12), (0, 12), (4, 10), (0, 9)]), "in order, or old");
+        assert!(!gap(&[(2, 12), (3, 12)]), "a controller need not answer every tick");
+        assert!(gap(&[(0, 11), (0, 13)]) && gap(&[(1, 13)]) && gap(&[(4, 11)]));
+        assert!(!has_lag(&newest) && !has_lag(&[-1, -1, -1, -1, -2]));
+        assert!(has_lag(&[10, 7, 3, -1, 9]) && has_lag(&[10, 11, 9, 9, 8]));
     }
 }
