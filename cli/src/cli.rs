@@ -41,8 +41,12 @@ pub enum CliCommand {
         /// Scenario to print, as a start for your own.
         name: Option<String>,
     },
-    /// Print the JSON Schema of scenario files, for editors.
-    Schema,
+    /// Print the JSON Schema of scenario files, for editors; or the messages, for programs in other languages.
+    Schema {
+        /// The layouts of the messages, the meanings of the codes, and the topics, in a language.
+        #[arg(long, value_name = "LANGUAGE")]
+        messages: Option<Language>,
+    },
     /// Change parameters of a running stack: all of one command take effect together, at one tick on all processes. The
     /// answer warns of what is unwise, and a dangerous change needs --force.
     Set {
@@ -174,4 +178,15 @@ pub enum CliCommand {
         #[arg(last = true)]
         external: Vec<String>,
     },
+}
+
+/// Language of the layouts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Language {
+    /// Data for any program.
+    Json,
+    /// A module of `ctypes` structures.
+    Python,
+    /// A header with static assertions.
+    C,
 }

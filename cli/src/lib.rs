@@ -36,8 +36,8 @@ pub fn main() -> ExitCode {
         cli::CliCommand::Check { scenario, set } => commands::check::check(&scenario, &set),
         cli::CliCommand::Calibrate(args) => commands::calibrate::calibrate(&args),
         cli::CliCommand::Scenarios { name } => commands::scenarios::scenarios(name.as_deref()),
-        cli::CliCommand::Schema => {
-            print(&hapfic_config::json_schema());
+        cli::CliCommand::Schema { messages } => {
+            print(&messages.map_or_else(hapfic_config::json_schema, commands::schema::messages));
             Ok(CommandOutcome::Done)
         }
         cli::CliCommand::Set { run, force, dry_run, changes } => {

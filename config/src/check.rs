@@ -94,6 +94,7 @@ pub(crate) fn settings(mut raw: RawScenario, tree: &Node, urdf: Urdf) -> Result<
         plant: PlantSettings {
             contact_substep_us: raw.plant.contact_substep_us,
             flight_substep_us: raw.plant.flight_substep_us,
+            engine: at.engine(&raw.plant)?,
             command_timeout_ticks: raw.plant.command_timeout_ticks,
             force_noise: raw.plant.force_noise_n,
             brake_damping_n_m_s_per_rad: raw.plant.brake_damping_n_m_s_per_rad,

@@ -45,7 +45,7 @@ pub use parameters::{JointSpaceSettings, OperatorChange, ParameterSettings, Rota
 pub use policy::{Fidelity, OnFailure, OnLoss, Placement, ResetPolicy, Saturation, Search, Task, TorqueSaturation};
 pub use schema::json_schema;
 pub use settings::{
-    ExternalProcesses, Floor, Foot, JointValues, MAX_JOINTS, MAX_OBJECTS, MAX_SPHERES, MIN_SPACING_TICKS, Object, ObjectShape,
-    PERIOD_S, PlantSettings, RealtimeSettings, RecorderSettings, RobotSettings, Settings, SupervisorSettings, Surface, Urdf,
-    WorldSettings,
+    EngineSettings, ExternalProcesses, Floor, Foot, JointValues, MAX_JOINTS, MAX_OBJECTS, MAX_SPHERES, MIN_SPACING_TICKS, Object,
+    ObjectShape, PERIOD_S, PlantSettings, RapierSettings, RealtimeSettings, RecorderSettings, RobotSettings, Settings,
+    SupervisorSettings, Surface, Urdf, WorldSettings,
 };

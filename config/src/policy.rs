@@ -90,6 +90,17 @@ pub enum OnFailure {
     Continue,
 }
 
+/// Physics engine of the plant.
+#[derive(Clone, Copy, Debug, Default, Deserialize, Eq, JsonSchema, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum EngineKind {
+    /// The plant's own engine, with the contact laws of the surfaces.
+    #[default]
+    Hapfic,
+    /// rapier, with one softness for all contacts.
+    Rapier,
+}
+
 /// Reaction of a run to the loss of its plant.
 #[derive(Clone, Copy, Debug, Default, Deserialize, Eq, JsonSchema, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]

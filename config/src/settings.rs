@@ -208,6 +208,8 @@ pub struct PlantSettings {
     pub contact_substep_us: u32,
     /// Longest step in free flight [us]; need not divide the period.
     pub flight_substep_us: u32,
+    /// Physics engine.
+    pub engine: EngineSettings,
     /// Ticks without a command after which the drive brakes.
     pub command_timeout_ticks: u32,
     /// Damping while braking [N m s/rad].
@@ -216,6 +218,26 @@ pub struct PlantSettings {
     pub force_noise: f64,
     /// Reaction of the run to the loss of the plant.
     pub on_loss: OnLoss,
+}
+
+/// Physics engine of the plant.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum EngineSettings {
+    /// The plant's own.
+    Hapfic,
+    /// rapier.
+    Rapier(RapierSettings),
+}
+
+/// Settings of the engine rapier.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RapierSettings {
+    /// Longest step [us].
+    pub substep_us: u32,
+    /// Natural frequency of the contacts [Hz].
+    pub frequency_hz: f64,
+    /// Damping ratio of the contacts.
+    pub damping_ratio: f64,
 }
 
 /// The torque gate and the watchdog.

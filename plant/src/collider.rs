@@ -41,6 +41,11 @@ impl Collider {
         Self { parent, shape, name_index, index, local, local_rotation, bounding_radius: shape.bounding_radius().unwrap_or(0.0) }
     }
 
+    /// Pose in the frame of the body.
+    pub(crate) fn local(&self) -> Isometry3<f64> {
+        self.local
+    }
+
     /// The same collider with another shape and index.
     pub(crate) fn with(&self, shape: ContactShape, index: usize) -> Self {
         Self::new(self.parent, shape, self.local, self.name_index, index)

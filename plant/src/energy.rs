@@ -82,6 +82,11 @@ impl EnergyAccount {
         self.tick.work_j -= loss_j;
     }
 
+    /// Counts as work of the contacts what the other works of a tick do not explain, where an engine reports none of it.
+    pub(crate) fn contact_rest(&mut self, start_j: f64, end_j: f64) {
+        self.contact_work(end_j - start_j - self.tick.work_j);
+    }
+
     /// Ends a tick that has changed the energy of all bodies from `start_j` to `end_j` [J].
     pub(crate) fn finish(&mut self, start_j: f64, end_j: f64) {
         self.energy_j = end_j;

@@ -11,6 +11,7 @@ mod contact_step;
 mod cut_step;
 mod drive;
 mod energy;
+mod engine;
 mod error;
 mod force_noise;
 mod free_step;
@@ -21,6 +22,7 @@ mod pair_cache;
 #[allow(clippy::module_inception)]
 mod plant;
 mod point;
+mod rapier;
 mod scene;
 mod step_scope;
 mod velocities;

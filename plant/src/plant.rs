@@ -3,15 +3,16 @@
 use crate::account::TickResult;
 use crate::collider::{BodyId, Collider};
 use crate::drive::DriveState;
-use crate::energy::EnergyAccount;
+use crate::engine::Engine;
 use crate::error::PlantError;
 use crate::force_noise::ForceNoise;
 use crate::object::FreeBody;
+use crate::rapier::RapierEngine;
 use crate::scene::CollisionScene;
 use crate::world::{PhysicsWorld, Substeps};
-use hapfic_config::Settings;
-use hapfic_messages::{Command, Drive, MAX_JOINTS, State};
-use hapfic_robot::Chain;
+use hapfic_config::{EngineSettings, Settings};
+use hapfic_messages::{Command, Drive, MAX_JOINTS, MAX_OBJECTS, ObjectState, State};
+use hapfic_robot::{Chain, JointVector};
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
 // A message holds as many objects as a scenario.
@@ -23,7 +24,7 @@ const TICK_US: u32 = 1000;
 /// A robot with its drive and sensors, in its world.
 #[derive(Clone, Debug)]
 pub struct Plant {
-    world: PhysicsWorld,
+    engine: Box<dyn Engine>,
     drive: DriveState,
     applied: Drive,
     command_timeout_ticks: u32,
@@ -51,10 +52,16 @@ impl Plant {
         let objects: Vec<_> = settings.world.objects.iter().map(FreeBody::new).collect();
         let gravity = Vector3::from(settings.world.gravity_m_per_s2);
         reject_penetration(&mut scene, &q, &objects, &gravity)?;
-        let mut world = PhysicsWorld::new(scene, q, objects, gravity, damping, effort, substeps);
-        world.start_account();
+        let engine: Box<dyn Engine> = match &settings.plant.engine {
+            EngineSettings::Hapfic => {
+                let mut world = PhysicsWorld::new(scene, q, objects, gravity, damping, effort, substeps);
+                world.start_account();
+                Box::new(world)
+            }
+            EngineSettings::Rapier(rapier) => Box::new(RapierEngine::new(scene, q, objects, gravity, (damping, effort), rapier)),
+        };
         Ok(Self {
-            world,
+            engine,
             drive: DriveState::default(),
             applied: Drive::Held,
             command_timeout_ticks: settings.plant.command_timeout_ticks,
@@ -70,17 +77,13 @@ impl Plant {
     /// # Errors
     /// [`PlantError::Resume`] if the state is of another robot or world.
     pub fn resume(&mut self, state: &State) -> Result<(), PlantError> {
-        let expected = (self.world.scene.chain.dof(), self.world.objects.len());
+        let mut objects = [ObjectState::default(); MAX_OBJECTS];
+        let expected = (self.chain().dof(), self.engine.objects(&mut objects));
         let found = (state.joints as usize, state.object_count as usize);
         if found != expected {
             return Err(PlantError::Resume { found, expected });
         }
-        self.world.q = state.joint_position;
-        self.world.qd = state.joint_velocity;
-        for (body, at) in self.world.objects.iter_mut().zip(&state.objects) {
-            body.resume(at);
-        }
-        self.world.account = EnergyAccount::resumed(&state.physics);
+        self.engine.resume(state);
         self.applied = Drive::from_code(state.drive).unwrap_or(Drive::Held);
         self.drive = DriveState::resumed(self.applied != Drive::Held);
         self.tick = state.tick;
@@ -96,22 +99,33 @@ impl Plant {
         Ok(())
     }
 
-    /// The world, to inspect or set its state.
+    /// The world of the plant's own engine, to inspect or set its state.
+    ///
+    /// # Panics
+    /// If another engine moves the robot.
     #[must_use]
+    #[allow(clippy::expect_used)]
     pub fn world(&mut self) -> &mut PhysicsWorld {
-        &mut self.world
+        self.engine.own().expect("plant.engine is hapfic")
+    }
+
+    /// Adds to the velocities of the joints [rad/s or m/s], as a short blow does.
+    pub fn kick(&mut self, change: &JointVector) {
+        let (q, mut qd) = self.engine.joints();
+        qd.iter_mut().zip(change).for_each(|(rate, change)| *rate += change);
+        self.engine.set_joints(&q, &qd);
     }
 
     /// The robot's model.
     #[must_use]
     pub fn chain(&self) -> &Chain {
-        &self.world.scene.chain
+        &self.engine.scene().chain
     }
 
     /// Names of the bodies, by the indices in [`hapfic_messages::ContactState`].
     #[must_use]
     pub fn body_names(&self) -> &[String] {
-        &self.world.scene.names
+        &self.engine.scene().names
     }
 
     /// Result of the last tick.
@@ -123,24 +137,25 @@ impl Plant {
     /// State at the present tick, without wall-clock times.
     #[must_use]
     pub fn sample(&self) -> State {
-        let world = &self.world;
-        let n = world.scene.chain.dof();
-        let kin = world.kinematics();
-        let jacobian = world.scene.chain.jacobian(&kin);
+        let (q, qd) = self.engine.joints();
+        let chain = self.chain();
+        let n = chain.dof();
+        let kin = chain.kinematics(&q);
+        let jacobian = chain.jacobian(&kin);
         let mut state = State {
             tick: self.tick,
             time_ns: self.tick as u64 * u64::from(TICK_US) * 1000,
             command_tick: self.drive.command_tick(),
             joints: n as u32,
             drive: self.applied.code(),
-            joint_position: world.q,
-            joint_velocity: world.qd,
+            joint_position: q,
+            joint_velocity: qd,
             joint_torque: self.last.torque,
             foot_position: kin.tip_position().into(),
-            foot_velocity: jacobian.linear_mul(&world.qd[..n]).into(),
+            foot_velocity: jacobian.linear_mul(&qd[..n]).into(),
             foot_force: (self.last.sensed_force + Vector3::from(self.noise.at(self.tick))).into(),
             foot_orientation: quaternion(&kin.tip_rotation()),
-            foot_angular_velocity: jacobian.angular_mul(&world.qd[..n]).into(),
+            foot_angular_velocity: jacobian.angular_mul(&qd[..n]).into(),
             foot_moment: self.last.sensed_moment.into(),
             contact_count: self.last.contact_count as u32,
             limbs: 1,
@@ -148,12 +163,8 @@ impl Plant {
             physics: self.last.physics,
             ..State::default()
         };
-        world.account.write(&mut state.physics);
-        state.physics.energy_j = world.energy();
-        state.object_count = world.objects.len() as u32;
-        for (object, body) in state.objects.iter_mut().zip(&world.objects) {
-            *object = body.state();
-        }
+        self.engine.write_energy(&mut state.physics);
+        state.object_count = self.engine.objects(&mut state.objects) as u32;
         state
     }
 
@@ -175,15 +186,17 @@ impl Plant {
     pub fn advance(&mut self) -> Result<(), PlantError> {
         let (drive, action) = self.drive.act(self.tick, self.command_timeout_ticks, self.brake_damping);
         self.applied = drive;
-        self.last = self.world.advance(action, TICK_US);
-        let world = &self.world;
-        if !world.is_finite() {
-            let n = world.scene.chain.dof();
+        self.last = self.engine.advance(action, TICK_US);
+        if !self.engine.is_finite() {
+            let n = self.chain().dof();
+            let (q, qd) = self.engine.joints();
+            let mut objects = [ObjectState::default(); MAX_OBJECTS];
+            let count = self.engine.objects(&mut objects);
             return Err(PlantError::NotFinite {
                 tick: self.tick,
-                position: world.q[..n].to_vec(),
-                velocity: world.qd[..n].to_vec(),
-                objects: world.objects.iter().map(|body| body.position.into()).collect(),
+                position: q[..n].to_vec(),
+                velocity: qd[..n].to_vec(),
+                objects: objects[..count].iter().map(|body| body.position).collect(),
             });
         }
         self.tick += 1;

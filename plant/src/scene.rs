@@ -53,6 +53,8 @@ pub(crate) struct CollisionScene {
     pair_caches: Vec<PairCache>,
     finder: ContactFinder,
     hulls: Vec<ConvexPolyhedron>,
+    /// Surfaces of floor and objects, each with the index of its collider.
+    surfaces: Vec<(usize, Surface)>,
 }
 
 /// Contact points, each with the index of its pair.
@@ -119,6 +121,7 @@ impl CollisionScene {
             pair_caches: Vec::new(),
             finder: ContactFinder::default(),
             hulls: Vec::new(),
+            surfaces: Vec::new(),
         };
         let link_colliders = scene.link_colliders()?;
         let mut environment = Vec::new();
@@ -133,6 +136,7 @@ impl CollisionScene {
         for (index, object) in settings.world.objects.iter().enumerate() {
             environment.push(scene.object(index, object)?);
         }
+        scene.surfaces = environment.iter().map(|body| (body.collider.index, *body.surface)).collect();
         if !environment.is_empty() && !link_colliders.iter().any(|(_, collision)| scene.is_foot(collision)) {
             return Err(PlantError::NoFoot { link: scene.chain.tip_link().to_owned() });
         }
@@ -163,6 +167,21 @@ impl CollisionScene {
         }
         scene.pair_caches = vec![PairCache::new(); scene.pairs.len()];
         Ok(scene)
+    }
+
+    /// All colliders, in the order of their indices.
+    pub(crate) fn colliders(&self) -> &[Collider] {
+        &self.colliders
+    }
+
+    /// A convex hull by its index.
+    pub(crate) fn hull(&self, index: usize) -> &ConvexPolyhedron {
+        &self.hulls[index]
+    }
+
+    /// Sliding friction of a collider's surface; `None` for a link, which has none of its own.
+    pub(crate) fn friction(&self, collider: &Collider) -> Option<f64> {
+        self.surfaces.iter().find(|(index, _)| *index == collider.index).map(|(_, surface)| surface.friction_dynamic)
     }
 
     fn is_foot(&self, collision: &Collision) -> bool {

@@ -10,6 +10,7 @@ pub mod recover;
 pub mod report;
 pub mod run;
 pub mod scenarios;
+pub mod schema;
 pub mod simulate;
 pub mod status;
 pub mod stop;

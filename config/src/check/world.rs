@@ -2,9 +2,9 @@
 
 use super::ScenarioCheck;
 use crate::error::ConfigError;
-use crate::policy::ShapeKind;
-use crate::raw::{RawObject, RawWorld};
-use crate::settings::{Floor, MAX_OBJECTS, Object, ObjectShape, Surface, WorldSettings};
+use crate::policy::{EngineKind, OnLoss, ShapeKind};
+use crate::raw::{RawObject, RawPlant, RawWorld};
+use crate::settings::{EngineSettings, Floor, MAX_OBJECTS, Object, ObjectShape, RapierSettings, Surface, WorldSettings};
 use crate::tree::describe_number;
 
 /// Longest gravity vector [m/s^2].
@@ -52,6 +52,40 @@ impl ScenarioCheck<'_> {
             objects.push(object);
         }
         Ok(WorldSettings { gravity_m_per_s2: raw.gravity_m_per_s2, floor, objects })
+    }
+
+    /// The engine of the plant, with what it can represent.
+    pub(super) fn engine(&self, raw: &RawPlant) -> Result<EngineSettings, ConfigError> {
+        let wrong = |key: &str, found: &str, expected: &str, help: &str| {
+            Err(ConfigError::Combination(self.diagnostic(key, found, expected, help)))
+        };
+        match (raw.engine, raw.softness) {
+            (EngineKind::Hapfic, None) => Ok(EngineSettings::Hapfic),
+            (EngineKind::Hapfic, Some(_)) => wrong(
+                "plant.softness",
+                "a softness of all contacts",
+                "none with plant.engine = \"hapfic\"",
+                "each surface has its own stiffness_n_per_m and damping_n_s_per_m",
+            ),
+            (EngineKind::Rapier, None) => wrong(
+                "plant.engine",
+                "rapier without plant.softness",
+                "plant.softness = { frequency_hz = 100, damping_ratio = 1 } or the like",
+                "rapier has one softness for all contacts, and cannot represent stiffness_n_per_m, damping_n_s_per_m, \
+                 transition_width_m and critical_speed_m_per_s of the surfaces",
+            ),
+            (EngineKind::Rapier, Some(_)) if raw.on_loss == OnLoss::Restart => wrong(
+                "plant.on_loss",
+                "restart",
+                "fail with plant.engine = \"rapier\"",
+                "rapier remembers its contacts from step to step, and a state does not hold them",
+            ),
+            (EngineKind::Rapier, Some(softness)) => Ok(EngineSettings::Rapier(RapierSettings {
+                substep_us: raw.rapier_substep_us,
+                frequency_hz: softness.frequency_hz,
+                damping_ratio: softness.damping_ratio,
+            })),
+        }
     }
 
     fn object(&self, path: &str, raw: RawObject) -> Result<Object, ConfigError> {

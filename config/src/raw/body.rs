@@ -1,7 +1,7 @@
 //! Robot, world and plant as written.
 
 use super::PerJoint;
-use crate::policy::{OnLoss, ShapeKind};
+use crate::policy::{EngineKind, OnLoss, ShapeKind};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -234,6 +234,18 @@ pub(crate) struct RawPlant {
     /// Longest integration step in free flight [us], an integer in [1, 200]. Raising it saves time and loses accuracy.
     pub(crate) flight_substep_us: u32,
 
+    /// Physics engine: "hapfic", or "rapier", which needs `softness`.
+    pub(crate) engine: EngineKind,
+
+    /// With `engine = "rapier"`: softness of all contacts, in place of stiffness, damping, transition width and critical speed
+    /// of the surfaces; their friction is the dynamic one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) softness: Option<RawSoftness>,
+
+    /// With `engine = "rapier"`: longest integration step [us], an integer in [20, 1000]. Raising it saves time and loses
+    /// accuracy; friction holds up to 500.
+    pub(crate) rapier_substep_us: u32,
+
     /// Ticks without a command after which the drive brakes by itself, an integer in [1, 100]. Raising it tolerates longer
     /// gaps, with an old torque.
     pub(crate) command_timeout_ticks: u32,
@@ -248,11 +260,24 @@ pub(crate) struct RawPlant {
     pub(crate) on_loss: OnLoss,
 }
 
+/// Softness of a contact: of a spring and damper between two bodies of their effective mass.
+#[derive(Clone, Copy, Debug, Deserialize, JsonSchema, Serialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RawSoftness {
+    /// Natural frequency [Hz], in (0, 1000]. Raising it makes contacts harder.
+    pub(crate) frequency_hz: f64,
+    /// Damping ratio, in (0, 100]. Raising it makes impacts softer and lets contacts sink in.
+    pub(crate) damping_ratio: f64,
+}
+
 impl Default for RawPlant {
     fn default() -> Self {
         Self {
             contact_substep_us: 20,
             flight_substep_us: 100,
+            engine: EngineKind::default(),
+            softness: None,
+            rapier_substep_us: 250,
             command_timeout_ticks: 3,
             brake_damping_n_m_s_per_rad: 2.0,
             force_noise_n: 0.0,

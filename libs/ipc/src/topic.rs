@@ -2,7 +2,7 @@
 
 use crate::doorbell::DoorbellId;
 use core::marker::PhantomData;
-use hapfic_messages::{Command, Credit, Event, Injection, Operator, Reference, Request, State, Timing};
+use hapfic_messages::{Command, Credit, Event, Injection, Message, Operator, Reference, Request, State, Timing};
 
 /// Samples handed over to a late joiner.
 ///
@@ -126,6 +126,56 @@ pub const OPERATOR_REQUEST: DoorbellId = DoorbellId(6);
 pub const SPARE_GATE: DoorbellId = DoorbellId(7);
 /// supervisor -> processes: faults to inject.
 pub const INJECTION: Topic<Injection> = Topic::new("injection", 4, 0, None);
+
+/// A topic as data, for programs in other languages.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TopicLayout {
+    /// Name of the service.
+    pub name: &'static str,
+    /// Name of the message's type.
+    pub message: &'static str,
+    /// Number of the doorbell that sending notifies.
+    pub doorbell: Option<usize>,
+    /// Samples kept for late joiners.
+    pub history: usize,
+    /// Messages of each sender that outlive it, in realtime and in lockstep; 0: there is no ring.
+    pub kept: [usize; 2],
+}
+
+impl<T: Message> Topic<T> {
+    const fn layout(&self) -> TopicLayout {
+        let doorbell = match self.doorbell {
+            Some(id) => Some(id.0),
+            None => None,
+        };
+        let kept = [self.kept_realtime, self.kept_lockstep];
+        TopicLayout { name: self.name, message: T::NAME, doorbell, history: self.history, kept }
+    }
+}
+
+/// All topics.
+pub const TOPICS: &[TopicLayout] = &[
+    STATE.layout(),
+    REFERENCE.layout(),
+    REQUEST.layout(),
+    COMMAND.layout(),
+    OPERATOR.layout(),
+    EVENT.layout(),
+    TIMING.layout(),
+    CREDIT.layout(),
+    INJECTION.layout(),
+    view::STATE.layout(),
+    view::REFERENCE.layout(),
+    view::REQUEST.layout(),
+    view::COMMAND.layout(),
+    view::OPERATOR.layout(),
+    view::EVENT.layout(),
+    view::TIMING.layout(),
+];
+
+/// Doorbells without a topic of their own, by name.
+pub const DOORBELLS: &[(&str, usize)] =
+    &[("COMMAND_SENT", COMMAND_SENT.0), ("OPERATOR_REQUEST", OPERATOR_REQUEST.0), ("SPARE_GATE", SPARE_GATE.0)];
 
 /// Topics for observers, which the recorder republishes from what it has received.
 ///

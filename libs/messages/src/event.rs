@@ -3,30 +3,32 @@
 use crate::codes::{Detector, EventKind, Process, Severity};
 use crate::limits::EVENT_TEXT;
 use crate::message::Message;
+use crate::wire_struct::wire_struct;
 use zerocopy::{FromBytes, Immutable, IntoBytes};
 
-/// Event of the stack.
-#[derive(Clone, Copy, Debug, PartialEq, FromBytes, IntoBytes, Immutable)]
-#[repr(C)]
-pub struct Event {
-    /// Publication time [ns].
-    pub stamp_ns: u64,
-    /// Tick of the event.
-    pub tick: i64,
-    /// Code of the [`Process`] concerned.
-    pub process: u32,
-    /// Code of [`EventKind`].
-    pub kind: u32,
-    /// Code of [`Severity`].
-    pub severity: u32,
-    /// Code of [`Detector`].
-    pub detector: u32,
-    /// Bytes of `text` that count.
-    pub text_len: u32,
-    /// Not used; zero.
-    pub reserved: u32,
-    /// Text in UTF-8.
-    pub text: [u8; EVENT_TEXT],
+wire_struct! {
+    /// Event of the stack.
+    #[derive(Clone, Copy, Debug, PartialEq, FromBytes, IntoBytes, Immutable)]
+    pub struct Event {
+        /// Publication time [ns].
+        pub stamp_ns: u64,
+        /// Tick of the event.
+        pub tick: i64,
+        /// Code of the [`Process`] concerned.
+        pub process: u32,
+        /// Code of [`EventKind`].
+        pub kind: u32,
+        /// Code of [`Severity`].
+        pub severity: u32,
+        /// Code of [`Detector`].
+        pub detector: u32,
+        /// Bytes of `text` that count.
+        pub text_len: u32,
+        /// Not used; zero.
+        pub reserved: u32,
+        /// Text in UTF-8.
+        pub text: [u8; EVENT_TEXT],
+    }
 }
 
 impl Event {

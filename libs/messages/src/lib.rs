@@ -13,6 +13,7 @@ mod check;
 mod codes;
 mod command;
 mod event;
+pub mod layout;
 mod limits;
 mod message;
 mod operator_request;
@@ -24,6 +25,7 @@ mod state;
 mod tick_buffer;
 mod timing;
 mod wire_enum;
+mod wire_struct;
 
 pub use check::{Check, ValidationError};
 pub use codes::{

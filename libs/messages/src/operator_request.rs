@@ -3,6 +3,7 @@
 use crate::check::{Check, ValidationError};
 use crate::message::Message;
 use crate::wire_enum::wire_enum;
+use crate::wire_struct::wire_struct;
 use zerocopy::{FromBytes, Immutable, IntoBytes};
 
 /// Most bytes of text in an [`OperatorRequest`].
@@ -44,36 +45,38 @@ wire_enum! {
     }
 }
 
-/// Request of an operator to a running stack.
-#[derive(Clone, Copy, Debug, PartialEq, FromBytes, IntoBytes, Immutable)]
-#[repr(C)]
-pub struct OperatorRequest {
-    /// Code of [`OperatorKind`].
-    pub kind: u32,
-    /// Bytes of `text` that count.
-    pub text_len: u32,
-    /// Text in UTF-8.
-    pub text: [u8; REQUEST_TEXT],
+wire_struct! {
+    /// Request of an operator to a running stack.
+    #[derive(Clone, Copy, Debug, PartialEq, FromBytes, IntoBytes, Immutable)]
+    pub struct OperatorRequest {
+        /// Code of [`OperatorKind`].
+        pub kind: u32,
+        /// Bytes of `text` that count.
+        pub text_len: u32,
+        /// Text in UTF-8.
+        pub text: [u8; REQUEST_TEXT],
+    }
 }
 
-/// Reply to an operator's request.
-#[derive(Clone, Copy, Debug, PartialEq, FromBytes, IntoBytes, Immutable)]
-#[repr(C)]
-pub struct OperatorReply {
-    /// Version of the new parameters; zero if there are none.
-    pub version: u64,
-    /// First tick at which they are in force; -1 if there are none.
-    pub tick: i64,
-    /// Tick that was due when the request arrived at the supervisor.
-    pub arrived_tick: i64,
-    /// Tick that was due when the gate took the request; -1 if it did not.
-    pub taken_tick: i64,
-    /// Code of [`ReplyCode`].
-    pub code: u32,
-    /// Bytes of `text` that count.
-    pub text_len: u32,
-    /// Text in UTF-8.
-    pub text: [u8; REPLY_TEXT],
+wire_struct! {
+    /// Reply to an operator's request.
+    #[derive(Clone, Copy, Debug, PartialEq, FromBytes, IntoBytes, Immutable)]
+    pub struct OperatorReply {
+        /// Version of the new parameters; zero if there are none.
+        pub version: u64,
+        /// First tick at which they are in force; -1 if there are none.
+        pub tick: i64,
+        /// Tick that was due when the request arrived at the supervisor.
+        pub arrived_tick: i64,
+        /// Tick that was due when the gate took the request; -1 if it did not.
+        pub taken_tick: i64,
+        /// Code of [`ReplyCode`].
+        pub code: u32,
+        /// Bytes of `text` that count.
+        pub text_len: u32,
+        /// Text in UTF-8.
+        pub text: [u8; REPLY_TEXT],
+    }
 }
 
 fn length(found: usize, most: usize) -> Result<(), ValidationError> {

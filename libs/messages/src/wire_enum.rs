@@ -15,6 +15,12 @@ macro_rules! wire_enum {
             /// Every variant, in the order of its code.
             pub const ALL: &'static [Self] = &[$(Self::$variant),+];
 
+            /// Its variants, as data.
+            pub const LAYOUT: $crate::layout::EnumLayout = $crate::layout::EnumLayout {
+                name: stringify!($name),
+                variants: &[$((stringify!($variant), $text, $code)),+],
+            };
+
             /// The code on the wire.
             #[must_use]
             pub const fn code(self) -> u32 { self as u32 }

@@ -142,15 +142,15 @@ impl Simulation {
 
     /// Gives the tip an impulse [N s], world frame: the joints change their speed by `M^-1 J^T p`, as after a short blow.
     pub fn push_tip(&mut self, impulse: &Vector3<f64>) {
-        let kin = self.plant.world().kinematics();
         let chain = self.plant.chain();
+        let kin = chain.kinematics(&self.plant.sample().joint_position);
         let n = chain.dof();
         let mut root: [JointVector; MAX_JOINTS] = chain.mass_matrix(&kin).into();
         let mut change = chain.jacobian(&kin).linear_transpose_mul(impulse);
         // Positive definite at every posture: the description was checked.
         if cholesky::factor(&mut root, n) {
             cholesky::substitute(&root, &mut change, n);
-            self.plant.world().qd.iter_mut().zip(change).for_each(|(rate, change)| *rate += change);
+            self.plant.kick(&change);
         }
     }
 

@@ -8,6 +8,7 @@
 
 use crate::{DeadTime, Simulation, SimulationError};
 use hapfic_config::{ParameterSettings, Settings};
+use hapfic_messages::MAX_JOINTS;
 
 /// Duration of the test [s].
 pub(crate) const TEST_S: u32 = 3;
@@ -103,9 +104,11 @@ fn kick_and_observe(
         }
         if tick == KICK_TICK {
             let joints = state.joints as usize;
-            for (joint, speed) in simulation.plant().world().qd[..joints].iter_mut().enumerate() {
-                *speed += if joint % 2 == 0 { KICK } else { -KICK };
+            let mut kick = [0.0; MAX_JOINTS];
+            for (joint, change) in kick[..joints].iter_mut().enumerate() {
+                *change = if joint % 2 == 0 { KICK } else { -KICK };
             }
+            simulation.plant().kick(&kick);
         }
     }
     let amplitude_m = (0..3).map(|axis| highest[axis] - lowest[axis]).fold(0.0, f64::max);
