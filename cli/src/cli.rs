@@ -2,6 +2,7 @@
 
 use crate::commands::bench::Bench;
 use crate::commands::calibrate::CalibrateArgs;
+use crate::commands::cross_check::CrossCheckArgs;
 use crate::commands::process::ProcessName;
 use crate::commands::report::ReportArgs;
 use crate::commands::run::RunArgs;
@@ -34,6 +35,8 @@ pub enum CliCommand {
         #[arg(long = "set", value_name = "KEY=VALUE")]
         set: Vec<String>,
     },
+    /// Simulate scenarios in both physics engines, and print what came out side by side.
+    CrossCheck(CrossCheckArgs),
     /// Find gains that a robot bears: print a [controller] section with reasons, verified by short simulations.
     Calibrate(CalibrateArgs),
     /// List the embedded scenarios, or print the file of one.

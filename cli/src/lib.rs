@@ -34,6 +34,7 @@ pub fn main() -> ExitCode {
         cli::CliCommand::Run(args) => commands::run::run(&args, since),
         cli::CliCommand::Simulate(args) => commands::simulate::simulate(&args),
         cli::CliCommand::Check { scenario, set } => commands::check::check(&scenario, &set),
+        cli::CliCommand::CrossCheck(args) => commands::cross_check::cross_check(&args),
         cli::CliCommand::Calibrate(args) => commands::calibrate::calibrate(&args),
         cli::CliCommand::Scenarios { name } => commands::scenarios::scenarios(name.as_deref()),
         cli::CliCommand::Schema { messages } => {

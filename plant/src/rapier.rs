@@ -11,7 +11,7 @@ use crate::world::{DriveAction, seconds};
 use hapfic_config::RapierSettings;
 use hapfic_messages::{MAX_OBJECTS, ObjectState, Physics, State};
 use hapfic_plant_rapier::{
-    JointAction, ObjectMotion, Parent, RapierCollider, RapierObject, RapierShape, RapierStart, RapierWorld, Softness,
+    JointDrive, ObjectMotion, Parent, RapierCollider, RapierObject, RapierShape, RapierStart, RapierWorld, Softness,
 };
 use hapfic_robot::{JointVector, MAX_JOINTS};
 use nalgebra::{Isometry3, Translation3, Vector3};
@@ -122,13 +122,14 @@ impl Engine for RapierEngine {
             torque[i] = torque[i].clamp(-self.effort[i], self.effort[i]);
             damping[i] += extra;
         }
-        let joint_action = if action == DriveAction::Held { JointAction::Held } else { JointAction::Torque(torque, damping) };
+        let drive = JointDrive { torque, damping };
+        let drive = (action != DriveAction::Held).then_some(&drive);
         let substeps = duration_us.div_ceil(self.substep_us);
         self.sums.clear();
         self.sums.tip = self.scene.chain.kinematics(&before).tip_position();
         self.sums.physics.substeps = substeps;
         let (sums, pairs) = (&mut self.sums, &self.scene.pairs);
-        self.world.advance(&joint_action, duration, substeps, |contact, h| {
+        self.world.advance(drive, duration, substeps, |contact, h| {
             let point = ContactPoint { point: contact.point, normal: contact.normal, depth: contact.depth };
             sums.add(contact.pair, pairs[contact.pair].sensed, &point, contact.force, h);
             sums.peak_normal = sums.peak_normal.max(contact.force.dot(&contact.normal));

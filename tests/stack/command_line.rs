@@ -17,6 +17,33 @@ fn scenarios_printed_text_passes_check() {
 }
 
 #[test]
+fn layouts_for_c_compile_and_match() {
+    let stack = StackSandbox::new();
+    let header = stack.run(&["schema", "--messages", "c"]).expect(0).out.clone();
+    std::fs::write(stack.path("messages.h"), header).unwrap();
+    // The static assertions of the header compare the compiler's layout with Rust's.
+    std::fs::write(stack.path("test.c"), "#include \"messages.h\"\nint main(void) { return 0; }\n").unwrap();
+    let mut compile = std::process::Command::new("cc");
+    compile.args(["-std=c11", "-Wall", "-Werror", "-o", "test", "test.c"]).current_dir(stack.path(""));
+    assert!(compile.status().unwrap().success());
+    let json: Value = serde_json::from_str(&stack.run(&["schema", "--messages", "json"]).expect(0).out).unwrap();
+    let state = json["structs"].as_array().unwrap().iter().find(|layout| layout["wire_name"] == "hapfic.State").unwrap();
+    assert_eq!(state["size"], std::mem::size_of::<hapfic_messages::State>());
+}
+
+#[test]
+fn cross_check_prints_both_engines() {
+    let stack = StackSandbox::new();
+    let table = stack.run(&["cross-check", "floor", "--duration", "4"]).expect(0).out.clone();
+    let row = table.lines().find(|line| line.contains("settled force on z")).unwrap();
+    let values: Vec<f64> = row.split('|').filter_map(|cell| cell.trim().parse().ok()).collect();
+    assert!(values.len() == 2 && values.iter().all(|percent| *percent < 0.2), "{table}");
+    let refused = stack.run(&["cross-check", "floor", "--set", "plant.rapier_substep_us=5"]);
+    refused.expect(2);
+    assert!(refused.err.contains("plant.rapier_substep_us"), "{}", refused.err);
+}
+
+#[test]
 fn summary_json_fields_present() {
     let stack = StackSandbox::new();
     let end = stack.run(&["run", "floor", "--clock", "lockstep", "--log", "run.mcap", "--summary-json", "summary.json"]);

@@ -4,6 +4,7 @@ pub mod bench;
 pub mod calibrate;
 pub mod check;
 pub mod control;
+pub mod cross_check;
 pub mod doctor;
 pub mod process;
 pub mod recover;

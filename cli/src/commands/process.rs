@@ -4,8 +4,9 @@ use crate::CommandOutcome;
 use anyhow::{Context as _, Result};
 use clap::ValueEnum;
 use hapfic_config::Settings;
+use hapfic_ipc::realtime::{SchedRequest, apply_to_current_thread};
 use hapfic_ipc::{Bus, Context, Domain, Orphanhood, Ownership, ProcessStart, RunFile, SupervisorPage};
-use hapfic_messages::Process;
+use hapfic_messages::{Clock, Process, RealtimeMode};
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
@@ -55,6 +56,9 @@ pub fn process(name: ProcessName, external: &[String]) -> Result<CommandOutcome>
     if let [program, arguments @ ..] = external {
         // It goes on without a supervisor, as the others do; its successor, or the last gate, ends it.
         let _ = Ownership::join(&run, settings.supervisor.grace_ms)?;
+        if run.clock == Clock::Realtime && run.realtime != RealtimeMode::Off {
+            take_scheduling(&run, &settings, process);
+        }
         let failed = std::process::Command::new(program).args(arguments).exec();
         return Err(failed).with_context(|| format!("processes.{process}: cannot start '{program}'"));
     }
@@ -74,6 +78,19 @@ pub fn process(name: ProcessName, external: &[String]) -> Result<CommandOutcome>
         _ => run_tick_by_tick(&run, &settings, process, start)?,
     }
     Ok(CommandOutcome::Done)
+}
+
+/// Takes priority and core of a role, which the program that is executed next keeps. What is not granted shows in the
+/// heartbeats of that program, if anywhere.
+fn take_scheduling(run: &RunFile, settings: &Settings, process: Process) {
+    let realtime = &settings.realtime;
+    let (priority, core) = match process {
+        Process::Plant => (realtime.priority_plant, realtime.core_plant),
+        Process::Planner => (realtime.priority_planner, realtime.core_planner),
+        Process::Standby => (realtime.priority_controller - 1, realtime.core_standby.or(run.standby_core)),
+        _ => (realtime.priority_controller, realtime.core_controller),
+    };
+    let _ = apply_to_current_thread(SchedRequest::new(priority, core.or(run.core)));
 }
 
 /// Runs a process that answers each state.

@@ -12,4 +12,4 @@ mod start;
 mod world;
 
 pub use start::{Parent, RapierCollider, RapierObject, RapierShape, RapierStart, Softness};
-pub use world::{JointAction, ObjectMotion, RapierContact, RapierWorld};
+pub use world::{JointDrive, ObjectMotion, RapierContact, RapierWorld};

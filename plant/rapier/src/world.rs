@@ -18,13 +18,13 @@ const PREDICTION: f64 = 2e-3;
 /// Damping of the joints under the brakes [N m s/rad]: what creeps nevertheless is put back after each sub-step.
 const HELD_DAMPING: f64 = 1e9;
 
-/// Action on the joints, constant over an advance.
+/// What drives the joints, constant over an advance.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum JointAction {
-    /// The joints stay where they are.
-    Held,
-    /// A torque on each joint, [N m] or [N], and a damping of each, [N m s/rad] or [N s/m].
-    Torque(JointVector, JointVector),
+pub struct JointDrive {
+    /// Torque of each joint, [N m] or [N].
+    pub torque: JointVector,
+    /// Damping of each joint, [N m s/rad] or [N s/m].
+    pub damping: JointVector,
 }
 
 /// Pose and velocities of a free body.
@@ -224,21 +224,25 @@ impl RapierWorld {
     }
 
     /// Advances by `duration` [s] in `substeps` equal sub-steps, and reports the contact points that acted in each, with its
-    /// length [s].
-    pub fn advance(&mut self, action: &JointAction, duration: f64, substeps: u32, mut report: impl FnMut(&RapierContact, f64)) {
+    /// length [s]. Without a drive the joints stay where they are.
+    pub fn advance(
+        &mut self,
+        drive: Option<&JointDrive>,
+        duration: f64,
+        substeps: u32,
+        mut report: impl FnMut(&RapierContact, f64),
+    ) {
         self.parameters.dt = duration / f64::from(substeps);
         let (held, _) = self.joints();
         let still = [0.0; MAX_JOINTS];
-        let (torque, damping) = match action {
-            JointAction::Held => (still, [HELD_DAMPING; MAX_JOINTS]),
-            JointAction::Torque(torque, damping) => (*torque, *damping),
-        };
-        self.robot.set_damping(&damping, &mut self.joints);
-        if *action == JointAction::Held {
+        let held_drive = JointDrive { torque: still, damping: [HELD_DAMPING; MAX_JOINTS] };
+        let JointDrive { torque, damping } = drive.unwrap_or(&held_drive);
+        self.robot.set_damping(damping, &mut self.joints);
+        if drive.is_none() {
             self.set_joints(&held, &still);
         }
         for _ in 0..substeps {
-            self.robot.apply(&torque, &mut self.bodies);
+            self.robot.apply(torque, &mut self.bodies);
             self.pipeline.step(
                 self.gravity,
                 &self.parameters,
@@ -254,7 +258,7 @@ impl RapierWorld {
                 &self.pairs,
                 &(),
             );
-            if *action == JointAction::Held {
+            if drive.is_none() {
                 self.set_joints(&held, &still);
             }
             self.report_contacts(&mut report);

@@ -41,7 +41,7 @@ class Client:
         """Messages of a topic since the last call, the oldest first: "state", "reference", "request", "command",
         "operator", "event" or "timing". The first call gets those from then on."""
         if topic not in self._inputs:
-            self._inputs[topic] = self._bus.input(f"view/{topic}", 64)
+            self._inputs[topic] = _patiently(lambda: self._bus.input(f"view/{topic}", 64))
         return self._inputs[topic].all()
 
     def follow(self, topic: str, seconds: float = float("inf")) -> Iterator:
@@ -70,14 +70,14 @@ class Client:
     def set(self, *, force: bool = False, dry_run: bool = False, **changes: Any) -> str:
         """Changes parameters, all at one tick; returns what the stack says of it, with its warnings.
 
-        Keys are those of an operator entry: `desired_force=[0, 0, 60]`; axes by `{"stiffness.z": 9000}` as `**` keys.
+        Keys are those of an operator entry: `desired_force=[0, 0, 60]`; single axes as `**{"stiffness.z": 9000}`.
         Raises Refused if the change is invalid, or dangerous without `force`.
         """
         kind = OperatorKind.SET_DRY_RUN if dry_run else OperatorKind.SET_FORCED if force else OperatorKind.SET
         return self._ask(kind, "\0".join(f"{key}={_toml(value)}" for key, value in changes.items()))
 
     def get(self, *keys: str) -> dict:
-        """The parameters in force, all or some."""
+        """The parameters in force, all or some, by their names with units: `desired_force_n`."""
         import tomllib
 
         return tomllib.loads(self._ask(OperatorKind.GET, "\0".join(keys)))
@@ -104,16 +104,18 @@ class Client:
 
     def _ask(self, kind: OperatorKind, text: str = "", timeout: float = 5.0) -> str:
         if self._caller is None:
-            self._caller = self._bus.client(OperatorRequest, OperatorReply)
+            self._caller = _patiently(lambda: self._bus.client(OperatorRequest, OperatorReply))
         data = text.encode()
         most = OperatorRequest.text.size
         if len(data) > most:
             raise HapficError(f"found a request of {len(data)} bytes, expected at most {most}")
         request = OperatorRequest(kind=kind, text_len=len(data))
         request.text[: len(data)] = data
-        pending = self._caller.send_copy(request)
-        self._bus.doorbells[DOORBELLS["OPERATOR_REQUEST"]].notify()
         until = time.monotonic() + timeout
+        # The supervisor of a run that starts, or that has a new one, answers a moment later.
+        while (pending := self._caller.send_copy(request)).number_of_server_connections == 0 and time.monotonic() < until:
+            time.sleep(0.01)
+        self._bus.doorbells[DOORBELLS["OPERATOR_REQUEST"]].notify()
         while time.monotonic() < until:
             response = pending.receive()
             if response is not None:
@@ -124,6 +126,18 @@ class Client:
                 return answer
             time.sleep(0.0005)
         raise HapficError(f"the run has not answered within {timeout} s: its supervisor hangs, or it has ended")
+
+
+def _patiently(open_port, timeout: float = 2.0):
+    """Opens a port of a run that may still be starting."""
+    until = time.monotonic() + timeout
+    while True:
+        try:
+            return open_port()
+        except HapficError:
+            if time.monotonic() > until:
+                raise
+            time.sleep(0.02)
 
 
 def _alive(run: Run) -> list[Run]:

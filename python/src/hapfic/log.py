@@ -22,13 +22,16 @@ def read_log(path: str, topics: list[str] | None = None) -> dict[str, dict[str, 
     Numbers and lists of the same length become arrays; nested messages have dotted names; texts become arrays of objects.
     Raises HapficError if a file cannot be read.
     """
-    from mcap_protobuf.reader import read_protobuf_messages
+    from mcap.reader import make_reader
+    from mcap_protobuf.decoder import DecoderFactory
 
     rows: dict[str, list] = {}
     for file in parts(path):
         try:
-            for message in read_protobuf_messages(file, topics=topics):
-                rows.setdefault(message.topic, []).append((message.log_time_ns, message.proto_msg))
+            with open(file, "rb") as opened:
+                reader = make_reader(opened, decoder_factories=[DecoderFactory()])
+                for _, channel, message, content in reader.iter_decoded_messages(topics=topics):
+                    rows.setdefault(channel.topic, []).append((message.log_time, content))
         except Exception as cause:
             raise HapficError(f"{file}: found {cause}, expected a log. Hint: `hapfic recover` mends one that was cut off") from cause
     return {topic: _columns(messages) for topic, messages in rows.items()}

@@ -81,7 +81,7 @@ class _Loop:
         self.timing = bus.output("timing", "plant", self.run.lockstep)
         self.command, self.credit = bus.input("command"), bus.input("credit")
         # Before the first message, so that no notification is missed.
-        self.command_bell, self.credit_bell = bus.doorbells[3], bus.doorbells[4]
+        self.command_doorbell, self.credit_doorbell = bus.doorbells[3], bus.doorbells[4]
         self.commands: dict[int, Command] = {}
         self.drive = _Drive(settings["plant"]["command_timeout_ticks"])
         self.last_drive = Drive.HELD
@@ -161,7 +161,7 @@ class _Loop:
             self.read_commands()
             if self.commands:
                 break
-            self.command_bell.wait(_WAIT_S)
+            self.command_doorbell.wait(_WAIT_S)
             self.state.connect()
         return first
 
@@ -172,7 +172,7 @@ class _Loop:
                 found = self.credit.all()
                 credit = max([credit, *(message.tick for message in found)])
                 if credit < tick:
-                    self.credit_bell.wait(_WAIT_S)
+                    self.credit_doorbell.wait(_WAIT_S)
                     self.beat(Phase.WAITING, tick)
                     self.state.connect()
             if self.stop:
@@ -184,7 +184,7 @@ class _Loop:
                 if tick - 1 in self.commands:
                     break
                 self.state.connect()
-                self.command_bell.wait(_WAIT_S)
+                self.command_doorbell.wait(_WAIT_S)
                 self.beat(Phase.WAITING, tick)
             if self.stop:
                 return

@@ -148,3 +148,19 @@ fn lockstep_restart_budget_spent_ends_run() {
     let report = std::fs::read_to_string(stack.path("run.incidents.md")).unwrap();
     assert!(report.contains("planner was lost once more"), "{report}");
 }
+
+#[test]
+fn rapier_kills_change_no_byte() {
+    let stack = StackSandbox::new();
+    let softness = "plant.softness={ frequency_hz = 100.0, damping_ratio = 1.0 }";
+    let engine = ["--duration", "4", "--set", "plant.engine=rapier", "--set", softness];
+    let undisturbed = run(&stack, "undisturbed.mcap", &engine);
+    let again = run(&stack, "again.mcap", &engine);
+    let faults = "fault=[{kind=\"kill\",process=[\"controller\",\"standby\",\"planner\",\"gate\",\"recorder\",\"supervisor\"],\
+                  random={count=15,from_s=0.0,to_s=3.5}}]";
+    let disturbed = run(&stack, "disturbed.mcap", &[&engine[..], &UNLIMITED_RESTARTS, &["--set", faults]].concat());
+    for topic in ["/state", "/reference"] {
+        assert!(undisturbed[topic] == again[topic], "{topic} differs from run to run");
+    }
+    expect_undisturbed(&disturbed, &undisturbed);
+}
