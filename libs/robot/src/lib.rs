@@ -48,6 +48,7 @@
 mod build;
 mod chain;
 pub mod cholesky;
+mod collada;
 mod collision;
 mod definite;
 mod drives;

@@ -43,7 +43,7 @@ pub(crate) fn hull(link: &str, mesh: Element<'_>, urdf: &str) -> Result<Hull, Ro
 fn corners(name: &str, urdf: &str, scale: &Vector3<f64>) -> Result<Hull, String> {
     let path = find(name, Path::new(urdf)).ok_or("found no such file")?;
     let kind = path.extension().map(|kind| kind.to_string_lossy().to_lowercase()).unwrap_or_default();
-    if kind != "stl" && kind != "obj" {
+    if !["stl", "obj", "dae"].contains(&kind.as_str()) {
         return Err(format!("found a file of kind '{kind}'"));
     }
     let mut bytes = Vec::new();
@@ -52,16 +52,15 @@ fn corners(name: &str, urdf: &str, scale: &Vector3<f64>) -> Result<Hull, String>
     if bytes.len() as u64 > LARGEST {
         return Err(format!("found more than {LARGEST} bytes"));
     }
-    // The materials of an OBJ are other files, and are not read.
-    let scene = mesh_loader::Loader::default().load_from_slice_with_reader(&bytes, &path, |_| Ok(Vec::new()));
-    let scene = scene.map_err(|error| error.to_string())?;
-    let vertices = scene.meshes.iter().flat_map(|mesh| &mesh.vertices);
-    let points: Vec<Vector> = vertices
-        .map(|vertex| {
-            let [x, y, z] = vertex.map(f64::from);
-            Vector::new(scale.x * x, scale.y * y, scale.z * z)
-        })
-        .collect();
+    let vertices: Vec<[f64; 3]> = if kind == "dae" {
+        crate::collada::points(core::str::from_utf8(&bytes).map_err(|error| error.to_string())?)?
+    } else {
+        // The materials of an OBJ are other files, and are not read.
+        let scene = mesh_loader::Loader::default().load_from_slice_with_reader(&bytes, &path, |_| Ok(Vec::new()));
+        let scene = scene.map_err(|error| error.to_string())?;
+        scene.meshes.iter().flat_map(|mesh| &mesh.vertices).map(|vertex| vertex.map(f64::from)).collect()
+    };
+    let points: Vec<Vector> = vertices.iter().map(|[x, y, z]| Vector::new(scale.x * x, scale.y * y, scale.z * z)).collect();
     if let Some(far) = points.iter().find(|point| !point.is_finite() || point.abs().max_element() > FARTHEST) {
         return Err(format!("found a corner at {:.3e} m, expected all within {FARTHEST} m", far.abs().max_element()));
     }

@@ -54,12 +54,14 @@ fn mesh_is_its_hull() {
     std::fs::write(package.join("meshes/far.obj"), cube().replace("v 1", "v 1e9")).unwrap();
     std::fs::write(package.join("meshes/broken.stl"), "solid but not quite").unwrap();
     std::fs::write(package.join("meshes/part.dae"), "<COLLADA/>").unwrap();
+    std::fs::write(package.join("meshes/part.3ds"), "MM").unwrap();
     for (name, reason) in [
         ("package://arm/meshes/none.stl", "found no such file"),
         ("../meshes/flat.obj", "volume"),
         ("../meshes/far.obj", "expected all within 100 m"),
         ("../meshes/broken.stl", "broken.stl"),
-        ("../meshes/part.dae", "found a file of kind 'dae'"),
+        ("../meshes/part.dae", "found no vertices"),
+        ("../meshes/part.3ds", "found a file of kind '3ds'"),
         ("", "found no such file"),
     ] {
         let mesh = format!(r#"<mesh filename="{name}"/>"#);
