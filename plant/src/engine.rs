@@ -29,6 +29,16 @@ pub(crate) trait Engine: core::fmt::Debug + Send + Sync {
     /// Restores a published state. Joints and objects are as many as here.
     fn resume(&mut self, state: &State);
 
+    /// What this world remembers beside its state; `None`: nothing.
+    fn memory(&self) -> Option<Vec<u8>> {
+        None
+    }
+
+    /// Restores that, before the state; returns whether it could.
+    fn remember(&mut self, _memory: &[u8]) -> bool {
+        true
+    }
+
     /// A copy.
     fn boxed_clone(&self) -> Box<dyn Engine>;
 

@@ -11,6 +11,9 @@ pub enum PlantError {
         /// Joints and objects of robot and world.
         expected: (usize, usize),
     },
+    /// What the engine remembered at the tick of the last state is not there.
+    #[error("cannot resume from the last state: found no memory of the engine at its tick, or another world's")]
+    Memory,
     /// The robot description is invalid.
     #[error(transparent)]
     Robot(#[from] hapfic_robot::RobotError),

@@ -72,16 +72,26 @@ impl Plant {
         })
     }
 
-    /// Resumes from a state that a predecessor has published. The state is all that the world remembers.
+    /// What the engine remembers beside a state; `None` if a state is all.
+    #[must_use]
+    pub fn memory(&self) -> Option<Vec<u8>> {
+        self.engine.memory()
+    }
+
+    /// Resumes from a state that a predecessor has published, and from what its engine remembered at that tick.
     ///
     /// # Errors
-    /// [`PlantError::Resume`] if the state is of another robot or world.
-    pub fn resume(&mut self, state: &State) -> Result<(), PlantError> {
+    /// [`PlantError::Resume`] if the state is of another robot or world; [`PlantError::Memory`] if an engine that remembers
+    /// more gets nothing that it knows.
+    pub fn resume(&mut self, state: &State, memory: Option<&[u8]>) -> Result<(), PlantError> {
         let mut objects = [ObjectState::default(); MAX_OBJECTS];
         let expected = (self.chain().dof(), self.engine.objects(&mut objects));
         let found = (state.joints as usize, state.object_count as usize);
         if found != expected {
             return Err(PlantError::Resume { found, expected });
+        }
+        if self.engine.memory().is_some() && !memory.is_some_and(|memory| self.engine.remember(memory)) {
+            return Err(PlantError::Memory);
         }
         self.engine.resume(state);
         self.applied = Drive::from_code(state.drive).unwrap_or(Drive::Held);

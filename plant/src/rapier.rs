@@ -29,6 +29,8 @@ pub(crate) struct RapierEngine {
     substep_us: u32,
     sums: TickSums,
     account: EnergyAccount,
+    /// Whether the world is a saved one, until its state is restored.
+    remembers: bool,
 }
 
 impl RapierEngine {
@@ -53,8 +55,18 @@ impl RapierEngine {
         let world = RapierWorld::new(&start);
         let sums = TickSums::new(scene.pairs.len());
         let substep_us = settings.substep_us;
-        let mut engine =
-            Self { scene, world, objects, gravity, damping, effort, substep_us, sums, account: EnergyAccount::default() };
+        let mut engine = Self {
+            scene,
+            world,
+            objects,
+            gravity,
+            damping,
+            effort,
+            substep_us,
+            sums,
+            account: EnergyAccount::default(),
+            remembers: false,
+        };
         engine.account.begin();
         let energy_j = engine.energy();
         engine.account.finish(energy_j, energy_j);
@@ -127,13 +139,14 @@ impl Engine for RapierEngine {
         let substeps = duration_us.div_ceil(self.substep_us);
         self.sums.clear();
         self.sums.tip = self.scene.chain.kinematics(&before).tip_position();
-        self.sums.physics.substeps = substeps;
         let (sums, pairs) = (&mut self.sums, &self.scene.pairs);
-        self.world.advance(drive, duration, substeps, |contact, h| {
+        self.world.advance(drive, duration, substeps, |contact, number, h| {
+            sums.physics.substeps = number;
             let point = ContactPoint { point: contact.point, normal: contact.normal, depth: contact.depth };
             sums.add(contact.pair, pairs[contact.pair].sensed, &point, contact.force, h);
             sums.peak_normal = sums.peak_normal.max(contact.force.dot(&contact.normal));
         });
+        self.sums.physics.substeps = substeps;
         let (after, _) = self.world.joints();
         let mut result = self.sums.finish(&self.scene.pairs, duration);
         self.account.begin();
@@ -152,7 +165,21 @@ impl Engine for RapierEngine {
         result
     }
 
+    fn memory(&self) -> Option<Vec<u8>> {
+        Some(self.world.save())
+    }
+
+    fn remember(&mut self, memory: &[u8]) -> bool {
+        self.remembers = self.world.load(memory);
+        self.remembers
+    }
+
     fn resume(&mut self, state: &State) {
+        self.account = EnergyAccount::resumed(&state.physics);
+        if std::mem::take(&mut self.remembers) {
+            // Bit for bit, with its contacts.
+            return;
+        }
         self.world.set_joints(&state.joint_position, &state.joint_velocity);
         for (index, at) in state.objects.iter().enumerate().take(self.objects.len()) {
             let mut body = self.objects[index];
@@ -161,7 +188,6 @@ impl Engine for RapierEngine {
             let motion = ObjectMotion { pose, velocity: body.velocity, angular_velocity: body.angular_velocity };
             self.world.set_object(index, &motion);
         }
-        self.account = EnergyAccount::resumed(&state.physics);
     }
 
     fn boxed_clone(&self) -> Box<dyn Engine> {

@@ -50,7 +50,7 @@ fn successor_resumed_matches_predecessor_bits() {
             // Not every tick: building a successor is slow.
             if tick % 60 == 7 && tick > 0 {
                 let mut successor = plant(scenario);
-                successor.resume(&before).unwrap();
+                successor.resume(&before, None).unwrap();
                 let mut other = first.clone();
                 let mut states = (drive(&mut successor, tick), state);
                 for next in tick + 1..tick + 20 {
@@ -78,7 +78,7 @@ fn successor_resumed_among_cut_substeps_matches_predecessor_bits() {
         cut += state.physics.cut_substeps;
         if tick > 2010 {
             let mut successor = build();
-            successor.resume(&before).unwrap();
+            successor.resume(&before, None).unwrap();
             successor.advance().unwrap();
             assert_eq!(bits(&successor.sample()), bits(&state), "from tick {tick}");
         }

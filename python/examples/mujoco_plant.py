@@ -31,10 +31,29 @@ class MujocoPlant(hapfic.Plant):
         for geom in spec.geoms:
             geom.contype, geom.conaffinity, geom.friction, geom.solref = 1, 2, [0, 0, 0], SOFTNESS
         joints = [joint for joint in spec.joints if joint.type != mujoco.mjtJoint.mjJNT_FREE]
-        damping = robot.get("joint_damping_n_m_s_per_rad")
-        for number, joint in enumerate(joints):
-            if damping is not None:
-                joint.damping = damping[number] if isinstance(damping, list) else damping
+        for key, attribute in (
+            ("joint_damping_n_m_s_per_rad", "damping"),
+            ("joint_friction_n_m", "frictionloss"),
+            ("armature_kg_m2", "armature"),
+        ):
+            for number, joint in enumerate(joints):
+                if key in robot:
+                    setattr(joint, attribute, robot[key][number] if isinstance(robot[key], list) else robot[key])
+        if "radius_m" in robot.get("foot", {}):
+            foot = robot["foot"]
+            tip = spec.body(robot["tip_link"])
+            for geom in list(tip.geoms):
+                spec.delete(geom)
+            tip.add_geom(
+                type=mujoco.mjtGeom.mjGEOM_SPHERE,
+                size=[foot["radius_m"], 0, 0],
+                pos=foot.get("offset_m", [0, 0, 0]),
+                mass=0,
+                contype=1,
+                conaffinity=2,
+                friction=[0, 0, 0],
+                solref=SOFTNESS,
+            )
         self.names = []
         if "floor" in world:
             floor = world["floor"]

@@ -1,13 +1,14 @@
-//! `hapfic cross-check`: the same scenario in both physics engines.
+//! `hapfic cross-check`: the same scenario in both physics engines, and in an external plant.
 
 use crate::{CommandOutcome, print};
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use clap::Args;
 use hapfic_config::Settings;
 use hapfic_log::MetricsSummary;
 use hapfic_plant::Plant;
 use hapfic_simulation::study::{End, study};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -23,6 +24,9 @@ pub struct CrossCheckArgs {
     /// Simulated time of each run; replaces the scenario's [s].
     #[arg(long, value_name = "S")]
     pub duration: Option<f64>,
+    /// Command of an external plant for a third column, run in lockstep: `python3 python/examples/mujoco_plant.py`.
+    #[arg(long, value_name = "COMMAND")]
+    pub plant: Option<String>,
     /// Replace a value, in both engines; `plant.softness` and `plant.rapier_substep_us` in rapier alone.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub set: Vec<String>,
@@ -42,7 +46,12 @@ pub fn cross_check(args: &CrossCheckArgs) -> Result<CommandOutcome> {
         signal_hook::flag::register_conditional_shutdown(signal, 3, Arc::clone(&stop)).context("cannot handle signals")?;
         signal_hook::flag::register(signal, Arc::clone(&stop)).context("cannot handle signals")?;
     }
-    print("| scenario | figure | hapfic | rapier | |\n|---|---|---|---|---|");
+    let external = args.plant.as_deref().map(|command| command.split_whitespace().map(str::to_owned).collect::<Vec<_>>());
+    print(if external.is_some() {
+        "| scenario | figure | hapfic | rapier | external | |\n|---|---|---|---|---|---|"
+    } else {
+        "| scenario | figure | hapfic | rapier | |\n|---|---|---|---|---|"
+    });
     let mut completed = true;
     for (scenario, settings) in &cases {
         let mut metrics = Vec::new();
@@ -51,9 +60,12 @@ pub fn cross_check(args: &CrossCheckArgs) -> Result<CommandOutcome> {
             completed &= done.end == End::Completed;
             metrics.push(done.metrics);
         }
-        for row in rows(&metrics[0], &metrics[1]) {
+        if let Some(command) = &external {
+            metrics.push(run_external(scenario, args, command)?);
+        }
+        for row in rows(&metrics) {
             let differs = if row.by_law { "the contact law's" } else { "" };
-            print(&format!("| {scenario} | {} | {} | {} | {differs} |", row.figure, row.values[0], row.values[1]));
+            print(&format!("| {scenario} | {} | {} | {differs} |", row.figure, row.values.join(" | ")));
         }
     }
     Ok(if completed { CommandOutcome::Done } else { CommandOutcome::Failed })
@@ -78,20 +90,70 @@ fn load(scenario: &str, args: &CrossCheckArgs, rapier: bool) -> Result<Settings>
     Ok(settings)
 }
 
-/// A figure in both engines.
+/// Runs a scenario in lockstep with an external plant, as `hapfic run` does.
+fn run_external(scenario: &str, args: &CrossCheckArgs, command: &[String]) -> Result<MetricsSummary> {
+    let folder = Folder::new()?;
+    let (log, summary) = (folder.0.join("run.mcap"), folder.0.join("summary.json"));
+    let mut run = hapfic_supervisor::children::this_program()?;
+    run.args(["run", scenario, "--clock", "lockstep", "--log"]).arg(&log).arg("--summary-json").arg(&summary);
+    if let Some(duration) = args.duration {
+        run.args(["--duration", &format!("{duration:?}")]);
+    }
+    for change in args.set.iter().filter(|change| !change.starts_with("plant.softness") && !change.starts_with("plant.rapier_")) {
+        run.args(["--set", change]);
+    }
+    run.args(["--set", &format!("processes.plant={}", serde_json::to_string(command)?)]);
+    let done = run.output().context("cannot run the scenario")?;
+    ensure!(
+        done.status.success(),
+        "{scenario} with the external plant: {}",
+        String::from_utf8_lossy(&done.stderr).lines().last().unwrap_or("failed without a message")
+    );
+    let all: serde_json::Value = serde_json::from_slice(&std::fs::read(&summary)?)?;
+    let part = |name: &str| all.get(name).cloned().unwrap_or_default();
+    Ok(MetricsSummary {
+        tracking: serde_json::from_value(part("tracking"))?,
+        force: serde_json::from_value(part("force"))?,
+        force_command: serde_json::from_value(part("force_command"))?,
+        moments: serde_json::from_value(part("moments"))?,
+        ..MetricsSummary::default()
+    })
+}
+
+/// A folder for a run, removed with all that is in it.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new() -> Result<Self> {
+        let path = std::env::temp_dir().join(format!("hapfic-cross-check-{}", std::process::id()));
+        std::fs::create_dir(&path).with_context(|| format!("cannot make the folder {}", path.display()))?;
+        Ok(Self(path))
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        // What remains is in the folder for temporary files.
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+/// A figure in each engine.
 struct Row {
     figure: String,
-    values: [String; 2],
+    values: Vec<String>,
     /// Whether it depends on depth and damping of the contacts, which the engines do not share.
     by_law: bool,
 }
 
-fn rows(own: &MetricsSummary, rapier: &MetricsSummary) -> Vec<Row> {
+fn rows(metrics: &[MetricsSummary]) -> Vec<Row> {
+    let own = &metrics[0];
     let mut rows = Vec::new();
     let mut add = |figure: String, by_law: bool, of: &dyn Fn(&MetricsSummary) -> Option<String>| {
-        let values = [of(own), of(rapier)];
+        let values: Vec<_> = metrics.iter().map(of).collect();
         if values.iter().any(Option::is_some) {
-            rows.push(Row { figure, values: values.map(|value| value.unwrap_or_else(|| "-".to_owned())), by_law });
+            let values = values.into_iter().map(|value| value.unwrap_or_else(|| "-".to_owned())).collect();
+            rows.push(Row { figure, values, by_law });
         }
     };
     for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {

@@ -2,7 +2,7 @@
 
 use super::ScenarioCheck;
 use crate::error::ConfigError;
-use crate::policy::{EngineKind, OnLoss, ShapeKind};
+use crate::policy::{EngineKind, ShapeKind};
 use crate::raw::{RawObject, RawPlant, RawWorld};
 use crate::settings::{EngineSettings, Floor, MAX_OBJECTS, Object, ObjectShape, RapierSettings, Surface, WorldSettings};
 use crate::tree::describe_number;
@@ -73,12 +73,6 @@ impl ScenarioCheck<'_> {
                 "plant.softness = { frequency_hz = 100, damping_ratio = 1 } or the like",
                 "rapier has one softness for all contacts, and cannot represent stiffness_n_per_m, damping_n_s_per_m, \
                  transition_width_m and critical_speed_m_per_s of the surfaces",
-            ),
-            (EngineKind::Rapier, Some(_)) if raw.on_loss == OnLoss::Restart => wrong(
-                "plant.on_loss",
-                "restart",
-                "fail with plant.engine = \"rapier\"",
-                "rapier remembers its contacts from step to step, and a state does not hold them",
             ),
             (EngineKind::Rapier, Some(softness)) => Ok(EngineSettings::Rapier(RapierSettings {
                 substep_us: raw.rapier_substep_us,

@@ -9,7 +9,8 @@ use crate::error::IpcError;
 use crate::heartbeat::HeartbeatPage;
 use crate::memory::{self, Senders};
 use crate::message_ring::{KeptMessages, MessageRing};
-use crate::ports::{Input, Output};
+use crate::plant_memory::PlantMemory;
+use crate::ports::{Input, Output, on_degradation};
 use crate::topic::Topic;
 use crate::wire::Wire;
 use core::time::Duration;
@@ -116,6 +117,14 @@ impl Bus {
     #[must_use]
     pub fn heartbeats(&self) -> Arc<HeartbeatPage> {
         Arc::clone(&self.heartbeats)
+    }
+
+    /// What the run's plants remember.
+    ///
+    /// # Errors
+    /// [`IpcError::System`] if it cannot be mapped.
+    pub fn plant_memory(&self) -> Result<PlantMemory, IpcError> {
+        PlantMemory::open(&self.folder)
     }
 
     /// Removes the remains of killed processes from the domain. Takes milliseconds: not for real-time threads.
@@ -233,10 +242,11 @@ impl Bus {
             .publisher_builder()
             .max_loaned_samples(2)
             .backpressure_strategy(BackpressureStrategy::DiscardData)
+            .set_degradation_handler(on_degradation(!topic.is_view()))
             .create()
             .map_err(|e| IpcError::messaging("publish on", topic.name, e))?;
         let doorbell = topic.doorbell.map(|id| self.doorbell(id));
-        let mut output = Output { publisher, doorbell, loan: None, topic: topic.name, ring: None };
+        let mut output = Output { publisher, doorbell, loan: None, topic: topic.name, counts: !topic.is_view(), ring: None };
         output.preloan();
         Ok(output)
     }
@@ -248,6 +258,7 @@ impl Bus {
             .subscriber_builder()
             .buffer_size(depth)
             .history_request(topic.history)
+            .set_degradation_handler(on_degradation(true))
             .create()
             .map_err(|e| IpcError::messaging("subscribe to", topic.name, e))?;
         Ok(Input { subscriber, listener, topic: topic.name, senders: Senders::default() })

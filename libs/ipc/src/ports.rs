@@ -9,10 +9,10 @@ use crate::wire::Wire;
 use core::mem::MaybeUninit;
 use core::sync::atomic::{AtomicU32, Ordering};
 use hapfic_messages::Message;
-use iceoryx2::port::ReceiveError;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::port::update_connections::UpdateConnections;
+use iceoryx2::port::{DegradationAction, DegradationCause, DegradationInfo, ReceiveError};
 use iceoryx2::prelude::*;
 use iceoryx2::sample_mut_uninit::SampleMutUninit;
 
@@ -34,12 +34,23 @@ fn count_failed(failed: bool) {
     }
 }
 
+/// What a port does with a connection that fails: it is counted, if it `counts`, and the others go on. By its default
+/// iceoryx2 logs a warning and tells nobody.
+pub(crate) fn on_degradation(counts: bool) -> impl Fn(DegradationCause, &DegradationInfo) -> DegradationAction + Send + 'static {
+    move |_, _| {
+        count_failed(counts);
+        DegradationAction::Ignore
+    }
+}
+
 /// Sender of a topic.
 pub struct Output<T: Message> {
     pub(crate) publisher: Publisher<Service, Wire<T>, ()>,
     pub(crate) doorbell: Option<Doorbell>,
     pub(crate) loan: Option<SampleMutUninit<Service, MaybeUninit<Wire<T>>, ()>>,
     pub(crate) topic: &'static str,
+    /// Whether a failed connection counts: that of an observer is the observer's.
+    pub(crate) counts: bool,
     /// Last messages, which outlive the sender.
     pub(crate) ring: Option<MessageRing<T>>,
 }
@@ -79,7 +90,7 @@ impl<T: Message> Output<T> {
     }
 
     fn update_connections(&mut self) {
-        count_failed(self.publisher.update_connections().is_err());
+        count_failed(self.publisher.update_connections().is_err() && self.counts);
     }
 
     /// Sends a message and wakes the threads waiting for it. What outlives the sender is written first.

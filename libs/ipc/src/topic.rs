@@ -77,6 +77,11 @@ impl<T> Topic<T> {
         Self { subscribers, ..self }
     }
 
+    /// Whether it is for observers.
+    pub(crate) fn is_view(&self) -> bool {
+        self.name.starts_with("view/")
+    }
+
     const fn view(name: &'static str, history: usize) -> Self {
         Self { subscribers: 12, depth: VIEW_DEPTH, ..Self::new(name, RECORDERS, history, None) }
     }

@@ -6,10 +6,10 @@
 mod error;
 
 pub use error::PlantProcessError;
-use hapfic_config::Settings;
+use hapfic_config::{OnLoss, Settings};
 use hapfic_ipc::inject::Injector;
 use hapfic_ipc::realtime::SchedRequest;
-use hapfic_ipc::{Context, DeadlineTimer, Input, IpcError, Output, TickTimes, Wait, clock, poll, topic, wait};
+use hapfic_ipc::{Context, DeadlineTimer, Input, IpcError, Output, PlantMemory, TickTimes, Wait, clock, poll, topic, wait};
 use hapfic_messages::{Clock, Command, Credit, PERIOD_NS, State, TickBuffer};
 use hapfic_plant::Plant;
 use std::time::Duration;
@@ -28,6 +28,8 @@ struct PlantPorts {
     command: Input<Command>,
     credit: Input<Credit>,
     commands: TickBuffer<Command>,
+    /// What the engine remembers beside a state, for a successor.
+    memory: Option<PlantMemory>,
 }
 
 impl PlantPorts {
@@ -51,6 +53,15 @@ impl PlantPorts {
         self.state.preloan();
         self.command.update_connections();
         self.injector.listen()
+    }
+
+    /// Keeps what a successor needs beside the state of a tick.
+    fn keep_memory(&self, plant: &Plant, tick: i64) {
+        if let Some(memory) = &self.memory
+            && let Some(bytes) = plant.memory()
+        {
+            memory.keep(tick, &bytes);
+        }
     }
 
     /// Passes the command that is due at `tick` to the drive. A command that answers the state of `tick` is not due
@@ -80,8 +91,12 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), PlantProces
         command: context.bus.input(&topic::COMMAND, Wait::Yes)?,
         credit: context.bus.input(&topic::CREDIT, Wait::Yes)?,
         commands: TickBuffer::default(),
+        memory: None,
     };
     let mut plant = Plant::new(settings)?;
+    if settings.plant.on_loss == OnLoss::Restart && plant.memory().is_some() {
+        ports.memory = Some(context.bus.plant_memory()?);
+    }
     context.ready(SchedRequest::new(settings.realtime.priority_plant, settings.realtime.core_plant))?;
     while ports.commands.newest().is_none() {
         if !context.wait(&[&ports.command], -1)? {
@@ -92,8 +107,12 @@ pub fn run(context: &mut Context, settings: &Settings) -> Result<(), PlantProces
         ports.state.preloan();
     }
     let resumed = context.continue_behind_predecessor(&topic::STATE, &mut ports.state)?;
+    if resumed.is_none() {
+        ports.keep_memory(&plant, 0);
+    }
     if let Some(state) = &resumed {
-        plant.resume(state)?;
+        let memory = ports.memory.as_ref().and_then(|memory| memory.of(state.tick));
+        plant.resume(state, memory.as_deref())?;
     }
     let ticks = settings.duration_ticks as i64;
     match context.clock {
@@ -154,6 +173,7 @@ fn realtime(
             plant.take(command);
         }
         plant.advance()?;
+        ports.keep_memory(plant, tick + 1);
         context.account(TickTimes { tick, due_ns: due, wake_ns: wake, publish_ns: published, latency_ns })?;
         ports.idle_work()?;
         if !context.running() {
@@ -237,6 +257,7 @@ fn lockstep(
         }
         ports.pass_command(plant, tick);
         plant.advance()?;
+        ports.keep_memory(plant, tick + 1);
         context.account(TickTimes { tick, due_ns: due, wake_ns: due, publish_ns: published, latency_ns: 0 })?;
         ports.idle_work()?;
     }

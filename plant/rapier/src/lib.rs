@@ -8,6 +8,7 @@
 //! coefficient. docs/engines.md compares it with the plant's own engine.
 
 mod multibody;
+mod snapshot;
 mod start;
 mod world;
 

@@ -4,7 +4,7 @@ use crate::multibody::{Robot, back, pose, vector};
 use crate::start::{Parent, RapierCollider, RapierShape, RapierStart, Softness};
 use hapfic_robot::{JointVector, MAX_JOINTS};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
-use rapier3d_f64::dynamics::{CCDSolver, CoefficientCombineRule, IslandManager, SoftBodySet, SpringCoefficients};
+use rapier3d_f64::dynamics::{CCDSolver, CoefficientCombineRule, FrictionModel, IslandManager, SoftBodySet, SpringCoefficients};
 use rapier3d_f64::geometry::{BroadPhaseBvh, ColliderSet, NarrowPhase, SolverFlags};
 use rapier3d_f64::math::Vector;
 use rapier3d_f64::pipeline::{PairFilterContext, PhysicsHooks, PhysicsPipeline};
@@ -88,16 +88,16 @@ impl PhysicsHooks for Pairs {
 pub struct RapierWorld {
     robot: Robot,
     objects: Vec<RigidBodyHandle>,
-    bodies: RigidBodySet,
-    colliders: ColliderSet,
-    joints: MultibodyJointSet,
-    impulse_joints: ImpulseJointSet,
+    pub(crate) bodies: RigidBodySet,
+    pub(crate) colliders: ColliderSet,
+    pub(crate) joints: MultibodyJointSet,
+    pub(crate) impulse_joints: ImpulseJointSet,
     soft_bodies: SoftBodySet,
-    islands: IslandManager,
-    broad_phase: BroadPhaseBvh,
-    narrow_phase: NarrowPhase,
-    ccd: CCDSolver,
-    pipeline: PhysicsPipeline,
+    pub(crate) islands: IslandManager,
+    pub(crate) broad_phase: BroadPhaseBvh,
+    pub(crate) narrow_phase: NarrowPhase,
+    pub(crate) ccd: CCDSolver,
+    pub(crate) pipeline: PhysicsPipeline,
     parameters: IntegrationParameters,
     gravity: Vector,
     pairs: Pairs,
@@ -224,13 +224,13 @@ impl RapierWorld {
     }
 
     /// Advances by `duration` [s] in `substeps` equal sub-steps, and reports the contact points that acted in each, with its
-    /// length [s]. Without a drive the joints stay where they are.
+    /// number from 1 and its length [s]. Without a drive the joints stay where they are.
     pub fn advance(
         &mut self,
         drive: Option<&JointDrive>,
         duration: f64,
         substeps: u32,
-        mut report: impl FnMut(&RapierContact, f64),
+        mut report: impl FnMut(&RapierContact, u32, f64),
     ) {
         self.parameters.dt = duration / f64::from(substeps);
         let (held, _) = self.joints();
@@ -241,7 +241,7 @@ impl RapierWorld {
         if drive.is_none() {
             self.set_joints(&held, &still);
         }
-        for _ in 0..substeps {
+        for number in 1..=substeps {
             self.robot.apply(torque, &mut self.bodies);
             self.pipeline.step(
                 self.gravity,
@@ -261,11 +261,11 @@ impl RapierWorld {
             if drive.is_none() {
                 self.set_joints(&held, &still);
             }
-            self.report_contacts(&mut report);
+            self.report_contacts(&mut |contact| report(contact, number, self.parameters.dt));
         }
     }
 
-    fn report_contacts(&self, report: &mut impl FnMut(&RapierContact, f64)) {
+    fn report_contacts(&self, report: &mut impl FnMut(&RapierContact)) {
         let h = self.parameters.dt;
         for contact in self.narrow_phase.contact_pairs() {
             let (Some(first), Some(second)) = (self.colliders.get(contact.collider1), self.colliders.get(contact.collider2))
@@ -275,7 +275,9 @@ impl RapierWorld {
             let Some((pair, in_order)) = self.pairs.find(first.user_data as usize, second.user_data as usize) else { continue };
             for manifold in contact.manifolds() {
                 let normal = manifold.data.normal;
-                for point in &manifold.points {
+                for solved in &manifold.data.solver_contacts {
+                    // The others keep impulses of earlier steps.
+                    let Some(point) = manifold.points.get(solved.contact_indices()[0] as usize) else { continue };
                     // With one iteration the friction that is kept for the next sub-step is all of this one's.
                     let impulse = point.data.warmstart_tangent_world - normal * point.data.impulse;
                     if impulse == Vector::ZERO {
@@ -290,7 +292,7 @@ impl RapierWorld {
                         force: sign * back(impulse) / h,
                         depth: -point.dist,
                     };
-                    report(&found, h);
+                    report(&found);
                 }
             }
         }
@@ -319,6 +321,8 @@ fn parameters(softness: Softness) -> IntegrationParameters {
         static_contact_softness: spring,
         // Sub-steps are the plant's own: the forces of the joints are renewed in each.
         num_solver_iterations: 1,
+        // Each point has its own friction, which the report needs; contacts of the robot always do so.
+        friction_model: FrictionModel::Coulomb,
         num_internal_stabilization_iterations: 0,
         max_ccd_substeps: 0,
         // Kept contacts are up to 5 cm away from where they were found.

@@ -1,4 +1,4 @@
-"""HapFIC from Python: look at a running stack and change it, take the place of its plant, read its logs.
+"""HapFIC from Python: look at a running stack and change it, take the place of its plant or controllers, read its logs.
 
 >>> import hapfic
 >>> with hapfic.Client() as client:              # the only run of this user
@@ -10,14 +10,18 @@ Units are SI. `docs/external-processes.md` of the repository is the contract tha
 """
 
 from .client import Client, Refused
+from .controller import Controller, Tick, run_controller
 from .errors import HapficError
 from .log import read_log
 from .messages import VERSION
 from .plant import Plant, run_plant
+from .robot import Chain
 from .runs import Run, find_run, runs
 
 __all__ = [
+    "Chain",
     "Client",
+    "Controller",
     "HapficError",
     "Plant",
     "Refused",
@@ -25,6 +29,8 @@ __all__ = [
     "VERSION",
     "find_run",
     "read_log",
+    "Tick",
+    "run_controller",
     "run_plant",
     "runs",
 ]

@@ -6,7 +6,7 @@ from typing import Any, Iterator
 
 from .errors import HapficError
 from .messages import DOORBELLS, OperatorKind, OperatorReply, OperatorRequest, ReplyCode
-from .runs import Run, find_run
+from .runs import Run, find_run, runs
 from .transport import Bus
 
 
@@ -46,13 +46,18 @@ class Client:
 
     def follow(self, topic: str, seconds: float = float("inf")) -> Iterator:
         """Messages of a topic as they come, until a time [s] is over or the run has ended."""
-        until = time.monotonic() + seconds
+        quiet = time.monotonic()
+        until = quiet + seconds
         while time.monotonic() < until:
             found = self.receive(topic)
             yield from found
-            if not found:
-                if not any(run.name == self.run.name for run in _alive(self.run)):
+            if found:
+                quiet = time.monotonic()
+            elif time.monotonic() - quiet > 0.2:
+                if not _lives(self.run):
                     return
+                quiet = time.monotonic()
+            else:
                 time.sleep(0.002)
 
     def newest(self, topic: str, timeout: float = 2.0) -> Any:
@@ -140,10 +145,8 @@ def _patiently(open_port, timeout: float = 2.0):
             time.sleep(0.02)
 
 
-def _alive(run: Run) -> list[Run]:
-    from .runs import runs
-
-    return [other for other in runs() if other.name == run.name]
+def _lives(run: Run) -> bool:
+    return any(other.name == run.name for other in runs())
 
 
 def _toml(value: Any) -> str:

@@ -1,23 +1,13 @@
 """A plant in Python, in place of hapfic's own: one overrides three methods."""
 
-import ctypes
-import gc
-import os
-import signal
-import sys
 import time
 
 import numpy as np
 
 from .errors import HapficError
-from .messages import Command, Drive, Mode, Phase, Process, State, Timing
-from .pages import Heartbeat, Owner
+from .messages import Command, Drive, Mode, Phase, Process, State
+from .process import ProcessLoop, WAIT_S, run_process, without_collector
 from .runs import RunFile
-from .transport import Bus
-
-#: Length of a tick [s].
-PERIOD_S = 1e-3
-_WAIT_S = 0.05
 
 
 class Plant:
@@ -45,7 +35,7 @@ class _Drive:
 
     def __init__(self, timeout_ticks: int):
         self._command: Command | None = None
-        self._timeout, self._released = timeout_ticks, False
+        self._timeout, self.released = timeout_ticks, False
 
     @property
     def command_tick(self) -> int:
@@ -54,67 +44,35 @@ class _Drive:
     def take(self, command: Command) -> None:
         if command.tick > self.command_tick or self._command is None:
             self._command = command
-            self._released |= command.mode == Mode.ACTIVE
+            self.released |= command.mode == Mode.ACTIVE
 
     def act(self, tick: int, joints: int) -> tuple[Drive, np.ndarray]:
         command = self._command
-        if command is None or not self._released:
+        if command is None or not self.released:
             return Drive.HELD, np.zeros(joints)
         if tick - 1 - command.tick < self._timeout and command.mode == Mode.ACTIVE:
             return Drive.TORQUE, np.array(command.torque[:joints])
         return Drive.BRAKING, np.zeros(joints)
 
 
-class _Loop:
+class _Loop(ProcessLoop):
     def __init__(self, plant: Plant):
-        self.run = RunFile.from_environment()
-        if self.run.process != "plant":
-            raise HapficError(f"found the role '{self.run.process}', expected 'plant'. Hint: [processes] plant = [...]")
-        self.plant, self.stop, self.beat_ns = plant, False, 0
-        for number in (signal.SIGTERM, signal.SIGINT):
-            signal.signal(number, self._end)
-        bus = Bus(self.run.prefix, self.run.root, "plant")
-        settings = self.run.settings
-        self.owner = Owner(self.run.root, settings["supervisor"]["grace_ms"])
-        self.heartbeat = Heartbeat(self.run.root, Process.PLANT, self.run.generation)
-        self.state = bus.output("state", "plant", self.run.lockstep)
-        self.timing = bus.output("timing", "plant", self.run.lockstep)
-        self.command, self.credit = bus.input("command"), bus.input("credit")
+        super().__init__({"plant": Process.PLANT})
+        self.plant = plant
+        self.state = self.bus.output("state", "plant", self.run.lockstep)
+        self.command, self.credit = self.bus.input("command"), self.bus.input("credit")
         # Before the first message, so that no notification is missed.
-        self.command_doorbell, self.credit_doorbell = bus.doorbells[3], bus.doorbells[4]
+        self.command_doorbell, self.credit_doorbell = (self.bus.doorbell_of(topic) for topic in ("command", "credit"))
         self.commands: dict[int, Command] = {}
-        self.drive = _Drive(settings["plant"]["command_timeout_ticks"])
+        self.drive = _Drive(self.run.settings["plant"]["command_timeout_ticks"])
         self.last_drive = Drive.HELD
-        self.ticks = round(settings["duration_s"] / PERIOD_S)
-        self.rejected = 0
-        self.realtime = 0
+        #: Last state of a predecessor, until its tick is done.
+        self.last: State | None = None
 
-    def _end(self, *_) -> None:
-        self.stop = True
-
-    def beat(self, phase: Phase, tick: int) -> None:
-        """Heartbeat, at most every 20 ms while waiting."""
-        now = time.monotonic_ns()
-        if now - self.beat_ns < 20_000_000:
-            return
-        self.beat_ns = now
-        self.stop |= self.owner.has_gone()
-        self.report(phase, tick, now, now, 0)
-
-    def report(self, phase: Phase, tick: int, due_ns: int, wake_ns: int, publish_ns: int) -> None:
-        self.heartbeat.write(phase, tick, self.realtime, self.rejected)
-        self.timing.send(
-            Timing(
-                process=Process.PLANT,
-                phase=phase,
-                tick=tick,
-                due_ns=due_ns,
-                wake_ns=wake_ns,
-                publish_ns=publish_ns,
-                realtime=self.realtime,
-                generation=self.run.generation,
-            )
-        )
+    def main(self) -> None:
+        first = self.start()
+        (self.lockstep if self.run.lockstep else self.realtime_loop)(first)
+        self.finish()
 
     def read_commands(self) -> None:
         for command in self.command.all():
@@ -144,24 +102,24 @@ class _Loop:
         self.plant.begin(self.run)
         first = 0
         if self.run.generation > 0:
-            kept = [state for state in self.state.ring.read()] if self.state.ring else []
-            if not kept or not self.plant.resume(kept[-1]):
+            kept = self.state.ring.read() if self.state.ring else []
+            if kept and not self.plant.resume(kept[-1]):
                 raise HapficError("this plant cannot go on from the last state. Hint: plant.on_loss = \"fail\"")
             for state in kept[-4:]:
                 self.state.send_again(state)
-            first = kept[-1].tick + 1
-            self.drive._released = kept[-1].drive != Drive.HELD
-            self.last_drive = Drive(kept[-1].drive)
-        gc.collect()
-        gc.freeze()
-        gc.disable()
+            if kept:
+                # It was measured before its tick was advanced.
+                self.last, first = kept[-1], kept[-1].tick
+                self.drive.released = self.last.drive != Drive.HELD
+                self.last_drive = Drive(self.last.drive)
+        without_collector()
         self.beat_ns = 0
         while not self.stop:
             self.beat(Phase.READY, -1)
             self.read_commands()
             if self.commands:
                 break
-            self.command_doorbell.wait(_WAIT_S)
+            self.command_doorbell.wait(WAIT_S)
             self.state.connect()
         return first
 
@@ -172,19 +130,21 @@ class _Loop:
                 found = self.credit.all()
                 credit = max([credit, *(message.tick for message in found)])
                 if credit < tick:
-                    self.credit_doorbell.wait(_WAIT_S)
+                    self.credit_doorbell.wait(WAIT_S)
                     self.beat(Phase.WAITING, tick)
                     self.state.connect()
             if self.stop:
                 return
             due = time.monotonic_ns()
-            self.state.send(self.sample(tick, 0, 0))
+            if self.last is None:
+                self.state.send(self.sample(tick, 0, 0))
+            self.last = None
             while not self.stop:
                 self.read_commands()
                 if tick - 1 in self.commands:
                     break
                 self.state.connect()
-                self.command_doorbell.wait(_WAIT_S)
+                self.command_doorbell.wait(WAIT_S)
                 self.beat(Phase.WAITING, tick)
             if self.stop:
                 return
@@ -193,7 +153,11 @@ class _Loop:
 
     def realtime_loop(self, first: int) -> None:
         period = 10**6
-        start, slipped = time.monotonic_ns() + 2 * period - first * period, 0
+        begin, slipped = time.monotonic_ns() + 2 * period, 0
+        if self.last is not None:
+            # The periods without a plant count as slipped.
+            slipped = self.last.slipped + max(0, begin - self.last.stamp_ns) // period
+        start = begin - (first + slipped) * period
         for tick in range(first, self.ticks):
             due = start + (tick + slipped) * period
             while (now := time.monotonic_ns()) < due:
@@ -220,25 +184,7 @@ class _Loop:
     def joints(self) -> int:
         return len(self.run.settings["robot"]["start_position_rad"])
 
-    def finish(self) -> None:
-        """Reports the end, and waits for the supervisor: the last messages live as long as their sender."""
-        while not self.stop:
-            self.beat_ns = 0
-            self.beat(Phase.FINISHED, self.ticks - 1)
-            time.sleep(_WAIT_S)
-
 
 def run_plant(plant: Plant) -> None:
     """Runs a plant as the process that hapfic has started; ends this program."""
-    try:
-        loop = _Loop(plant)
-        ctypes.CDLL(None).mlockall(3)
-        first = loop.start()
-        (loop.lockstep if loop.run.lockstep else loop.realtime_loop)(first)
-        loop.finish()
-    except HapficError as error:
-        print(f"plant: {error}", file=sys.stderr)
-        os._exit(2)
-    # Destructors of shared memory at the end of the interpreter come in no order.
-    sys.stderr.flush()
-    os._exit(0)
+    run_process("plant", lambda: _Loop(plant).main())

@@ -1,8 +1,10 @@
 """Running stacks of this user, and the file that a process of a run gets."""
 
+import fcntl
 import json
 import os
 import pathlib
+import tempfile
 import tomllib
 from dataclasses import dataclass
 
@@ -34,7 +36,8 @@ class Run:
 def runs() -> list[Run]:
     """The running stacks of this user."""
     base = os.environ.get("XDG_RUNTIME_DIR")
-    folder = pathlib.Path(base) / "hapfic" if base else pathlib.Path(f"/tmp/hapfic-{os.getuid()}")
+    own = pathlib.Path(tempfile.gettempdir()) / f"hapfic-{os.getuid()}"
+    folder = pathlib.Path(base) / "hapfic" if base and os.path.isdir(base) else own
     found = []
     for file in sorted(folder.glob("*.json")):
         try:
@@ -42,9 +45,19 @@ def runs() -> list[Run]:
             run = Run(entry["run"], entry["scenario"], entry["log"])
         except (OSError, ValueError, KeyError):
             continue
-        if os.path.isdir(run.root):
+        if os.path.isdir(run.root) and _is_held(file):
             found.append(run)
     return found
+
+
+def _is_held(file: pathlib.Path) -> bool:
+    """Whether launcher or supervisor lives: they hold the lock of their registration."""
+    try:
+        with open(file) as opened:
+            fcntl.flock(opened, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except OSError:
+        return True
+    return False
 
 
 def find_run(name: str | None = None) -> Run:

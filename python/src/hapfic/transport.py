@@ -4,6 +4,7 @@ import ctypes
 from typing import Generic, TypeVar
 
 import iceoryx2 as iox2
+import numpy as np
 
 from .errors import HapficError
 from .messages import TOPICS
@@ -12,16 +13,37 @@ from .pages import Doorbells, Ring
 T = TypeVar("T", bound=ctypes.Structure)
 
 
+def _numbers(kind: type[ctypes.Structure], offset: int = 0) -> list[tuple[int, int]]:
+    """Where the real numbers of a structure lie: offsets in units of 8 bytes, and counts."""
+    places = []
+    for name, field in kind._fields_:
+        place, count = offset + getattr(kind, name).offset, 1
+        while issubclass(field, ctypes.Array):
+            count, field = count * field._length_, field._type_
+        if field is ctypes.c_double:
+            places.append((place // 8, count))
+        elif issubclass(field, ctypes.Structure):
+            for number in range(count):
+                places += _numbers(field, place + number * ctypes.sizeof(field))
+    return places
+
+
 class Input(Generic[T]):
-    """Receiver of a topic."""
+    """Receiver of a topic. A message with a number that is not finite is dropped and counted."""
 
     def __init__(self, subscriber, kind: type[T]):
-        self._subscriber, self._kind = subscriber, kind
+        self._subscriber, self._kind, self.rejected = subscriber, kind, 0
+        places = [index for begin, count in _numbers(kind) for index in range(begin, begin + count)]
+        self._places = np.array(places, dtype=int)
 
     def next(self) -> T | None:
-        """The oldest message that was not taken yet, copied out of shared memory."""
-        sample = self._subscriber.receive()
-        return None if sample is None else self._kind.from_buffer_copy(sample.payload().contents)
+        """The oldest usable message that was not taken yet, copied out of shared memory."""
+        while (sample := self._subscriber.receive()) is not None:
+            message = self._kind.from_buffer_copy(sample.payload().contents)
+            if len(self._places) == 0 or np.isfinite(np.frombuffer(message, dtype=float)[self._places]).all():
+                return message
+            self.rejected += 1
+        return None
 
     def all(self) -> list[T]:
         """All messages that were not taken yet, the oldest first."""
@@ -57,7 +79,7 @@ class Output(Generic[T]):
 class Bus:
     """Access of a process to the topics of a run."""
 
-    def __init__(self, prefix: str, root: str, name: str):
+    def __init__(self, prefix: str, root: str, name: str, timeout_ms: int = 200):
         iox2.set_log_level(iox2.LogLevel.Fatal)
         config = iox2.config.default()
         config.global_cfg.prefix = iox2.FileName.new(prefix)
@@ -66,6 +88,8 @@ class Bus:
         config.global_cfg.node.cleanup_dead_nodes_on_creation = False
         config.global_cfg.node.cleanup_dead_nodes_on_destruction = False
         config.global_cfg.service.cleanup_dead_nodes_on_open = False
+        # A peer that is killed while it connects holds a sender up for so long.
+        config.global_cfg.creation_timeout = iox2.Duration.from_millis(timeout_ms)
         self._root = root
         self.doorbells = Doorbells(root)
         try:
@@ -83,6 +107,10 @@ class Bus:
                 f"topic '{topic}': found {cause}, expected {kind.__name__} of {ctypes.sizeof(kind)} bytes. "
                 "Hint: program and package have to be of the same version"
             ) from cause
+
+    def doorbell_of(self, topic: str):
+        """The doorbell that sending on a topic notifies."""
+        return self.doorbells[TOPICS[topic][1]]
 
     def input(self, topic: str, depth: int = 8) -> Input:
         """Opens a receiver that keeps as many messages; older ones are lost first."""

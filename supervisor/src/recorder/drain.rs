@@ -1,6 +1,6 @@
 //! The drain thread: receives all messages, sorts them by tick, and passes them to the writer.
 
-use super::position::{has_gap, has_lag, identity, is_plausible, ticked};
+use super::position::{has_gap, has_lag, identity, is_plausible, least_of_every_tick, ticked};
 use super::views::Views;
 use super::write::WriterOrder;
 use super::{RecordedMessage, journal};
@@ -28,6 +28,9 @@ const WAIT_INTERVAL: Duration = Duration::from_millis(1);
 
 /// Interval at which the journal is read while a topic lags behind the others.
 const LAG_INTERVAL: Duration = Duration::from_millis(50);
+
+/// Time that the last flush may take once the run has no supervisor any more.
+const LAST_FLUSH: Duration = Duration::from_secs(1);
 
 /// Arguments of [`DrainThread::open`].
 pub(super) struct DrainStart<'a> {
@@ -72,7 +75,8 @@ pub(super) struct DrainThread {
     newest: i64,
     /// Newest tick of states, references, both controllers' requests, and commands.
     last: [i64; 5],
-    /// Time of the last look into the journal.
+    /// Whether the journal was read, and when last.
+    has_read_journal: bool,
     journal_read: Instant,
     /// Newest wake-up in the timing of each process in the journal [ns].
     journal_timing_ns: [u64; Process::ALL.len()],
@@ -116,6 +120,7 @@ impl DrainThread {
             // What the predecessors have flushed grants credit, too.
             newest: if generation == 0 { -1 } else { last[0] },
             last,
+            has_read_journal: false,
             journal_read: Instant::now(),
             journal_timing_ns: [0; Process::ALL.len()],
             journal_events: HashMap::new(),
@@ -138,7 +143,9 @@ impl DrainThread {
         }
         self.journal_read = Instant::now();
         let mut batch = journal::read(&self.bus, &self.page, &self.status)?;
-        batch.retain(|record| self.is_new(record));
+        let first = !std::mem::replace(&mut self.has_read_journal, true);
+        // A time of waking up tells heartbeats apart from those of before, but not from those that are on their way.
+        batch.retain(|record| (first || !matches!(record, RecordedMessage::Timing(_))) && self.is_new(record));
         for record in &batch {
             match record {
                 RecordedMessage::Event(m) => *self.journal_events.entry(identity(m)).or_default() += 1,
@@ -159,6 +166,12 @@ impl DrainThread {
         Ok(())
     }
 
+    /// Takes what is in the rings and neither in the log nor on its way to it.
+    fn read_journal_again(&mut self) -> Result<(), IpcError> {
+        // Otherwise nobody knows what is in the log.
+        if self.flush() { self.take_journal() } else { Ok(()) }
+    }
+
     /// Receives until the end is ordered, or the run has no supervisor any more, and nothing is left.
     ///
     /// # Errors
@@ -169,13 +182,15 @@ impl DrainThread {
             // Read before draining, so that all messages sent before the order are received.
             let end = self.page.drain_ordered() || self.owner.look(clock::now_ns()) == Orphanhood::AllEnd;
             self.receive_all()?;
-            if self.is_behind() {
-                self.flush();
-                self.take_journal()?;
+            let behind = self.is_behind();
+            if behind {
+                self.read_journal_again()?;
             }
             let batch = self.new_ones();
-            // What was sent before the journal was read is received now.
-            self.journal_events.clear();
+            if !behind {
+                // What was sent before the journal was read has been received by now.
+                self.journal_events.clear();
+            }
             for record in &batch {
                 self.views.publish(record);
                 if let RecordedMessage::State(state) = record {
@@ -195,8 +210,7 @@ impl DrainThread {
                 }
                 // Nobody sends any more, so nothing is both in the journal and on its way.
                 last_look = true;
-                self.flush();
-                self.take_journal()?;
+                self.read_journal_again()?;
             }
             self.beat(Phase::Running);
             if self.clock == Clock::Lockstep {
@@ -215,7 +229,9 @@ impl DrainThread {
         if self.clock == Clock::Realtime {
             return Ok(());
         }
-        let granted = (self.newest + self.window).min(self.page.flushed().ticks[0] + topic::MAX_UNFLUSHED as i64);
+        // What is not flushed fits into the rings, whatever has not arrived of it.
+        let flushed = least_of_every_tick(&self.page.flushed().ticks);
+        let granted = (self.newest + self.window).min(flushed + topic::MAX_UNFLUSHED as i64);
         if granted > self.granted {
             self.granted = granted;
             self.credit.send(&Credit { tick: granted })?;
@@ -230,16 +246,22 @@ impl DrainThread {
         self.order_writer(WriterOrder::Write(batch))
     }
 
-    /// Waits until all that was passed on is flushed, or the writer has ended.
-    fn flush(&mut self) {
+    /// Waits until all that was passed on is flushed; returns whether it is. A run without a supervisor does not wait long.
+    fn flush(&mut self) -> bool {
         let (sender, answer) = sync_channel(1);
         if !self.order_writer(WriterOrder::Flush(sender)) {
-            return;
+            return false;
         }
-        while answer.recv_timeout(WAIT_INTERVAL) == Err(RecvTimeoutError::Timeout)
-            && self.owner.look(clock::now_ns()) < Orphanhood::AllEnd
-        {
-            self.beat(Phase::Waiting);
+        let begun = Instant::now();
+        loop {
+            match answer.recv_timeout(WAIT_INTERVAL) {
+                Ok(()) => return true,
+                Err(RecvTimeoutError::Disconnected) => return false,
+                Err(RecvTimeoutError::Timeout) => self.beat(Phase::Waiting),
+            }
+            if self.owner.look(clock::now_ns()) == Orphanhood::AllEnd && begun.elapsed() > LAST_FLUSH {
+                return false;
+            }
         }
     }
 
@@ -305,8 +327,9 @@ impl DrainThread {
         if self.clock == Clock::Realtime {
             return false;
         }
-        if self.order.is_empty() {
-            return has_lag(&self.last) && self.journal_read.elapsed() >= LAG_INTERVAL;
+        let idle = self.order.is_empty();
+        if has_lag(&self.last, idle) && self.journal_read.elapsed() >= LAG_INTERVAL {
+            return true;
         }
         let received = self.order.iter().filter_map(|(_, index)| self.received[*index].as_ref().and_then(ticked));
         has_gap(self.last, received.filter(|(_, tick)| is_plausible(*tick, &self.status)))

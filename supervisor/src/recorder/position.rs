@@ -34,8 +34,9 @@ pub(super) fn is_plausible(tick: i64, status: &RunStatus) -> bool {
 
 /// Index in [`ticked`] of the messages that every tick has: states, references, commands.
 const EVERY_TICK: [usize; 3] = [0, 1, 4];
-/// Ticks that these are apart at most while all wait for a process.
+/// Ticks that these are apart at most while all wait for a process, and while they are received at full speed.
 const USUAL_LAG: i64 = 2;
+const BUSY_LAG: i64 = 64;
 
 /// Whether a tick is missing between the newest messages of each kind and received ones, in their order.
 pub(super) fn has_gap(mut newest: [i64; 5], received: impl Iterator<Item = (usize, i64)>) -> bool {
@@ -48,10 +49,15 @@ pub(super) fn has_gap(mut newest: [i64; 5], received: impl Iterator<Item = (usiz
     false
 }
 
-/// Whether one kind of message has come less far than the others.
-pub(super) fn has_lag(newest: &[i64; 5]) -> bool {
-    let ticks = EVERY_TICK.map(|kind| newest[kind]);
-    ticks.iter().any(|tick| ticks.iter().any(|other| other - tick > USUAL_LAG))
+/// Whether one kind of message has come less far than the others, while none arrive (`idle`) or some do.
+pub(super) fn has_lag(newest: &[i64; 5], idle: bool) -> bool {
+    let farthest = EVERY_TICK.iter().map(|kind| newest[*kind]).max().unwrap_or(-1);
+    farthest - least_of_every_tick(newest) > if idle { USUAL_LAG } else { BUSY_LAG }
+}
+
+/// The least tick of the kinds that every tick has.
+pub(super) fn least_of_every_tick(newest: &[i64; 5]) -> i64 {
+    EVERY_TICK.iter().map(|kind| newest[*kind]).min().unwrap_or(-1)
 }
 
 /// Identity of an event, the same in every process of this program.
@@ -85,7 +91,8 @@ mod tests {
         assert!(!gap(&[(0, 11), (1, 12), (0, 12), (4, 10), (0, 9)]), "in order, or old");
         assert!(!gap(&[(2, 12), (3, 12)]), "a controller need not answer every tick");
         assert!(gap(&[(0, 11), (0, 13)]) && gap(&[(1, 13)]) && gap(&[(4, 11)]));
-        assert!(!has_lag(&newest) && !has_lag(&[-1, -1, -1, -1, -2]));
-        assert!(has_lag(&[10, 7, 3, -1, 9]) && has_lag(&[10, 11, 9, 9, 8]));
+        assert!(!has_lag(&newest, true) && !has_lag(&[-1, -1, -1, -1, -2], true));
+        assert!(has_lag(&[10, 7, 3, -1, 9], true) && has_lag(&[10, 11, 9, 9, 8], true));
+        assert!(!has_lag(&[10, 7, 3, -1, 9], false) && has_lag(&[80, 11, 9, 9, 79], false));
     }
 }

@@ -87,6 +87,10 @@ impl WriterThread {
                     if failed.is_none() {
                         failed = self.flush(Writer::flush).err();
                     }
+                    if failed.is_some() {
+                        // What cannot be written is not tried again.
+                        self.note_flush();
+                    }
                     let _ = answer.try_send(());
                 }
                 Err(RecvTimeoutError::Timeout) => {}

@@ -19,6 +19,8 @@ pub struct DeadNodes {
     pub(super) count: u32,
     /// Whether all ports reconnect after the clean-up.
     pub(super) reconnect_due: bool,
+    /// Failed connections of this process that were repaired.
+    pub(super) own_failed: u32,
 }
 
 impl DeadNodes {
@@ -28,7 +30,7 @@ impl DeadNodes {
     /// If the thread cannot be started.
     pub fn new(prefix: &str) -> Result<Self> {
         let segments = SegmentRemover::start(prefix.to_owned())?;
-        Ok(Self { helper: CleanUp::default(), segments, count: 0, reconnect_due: false })
+        Ok(Self { helper: CleanUp::default(), segments, count: 0, reconnect_due: false, own_failed: 0 })
     }
 
     /// Cleans up behind a lost supervisor, before its successor opens ports: those of the dead take up places.

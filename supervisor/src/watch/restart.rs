@@ -92,7 +92,8 @@ impl Watch<'_> {
     ///
     /// A connection fails if a process is killed or preempted for too long while it makes the connection.
     fn reconnect_all(&mut self) -> Result<()> {
-        let mut more = false;
+        let own = hapfic_ipc::failed_connections();
+        let mut more = own > self.dead_nodes.own_failed && !self.dead_nodes.reconnect_due;
         for slot in &mut self.slots {
             let failed_connections = self.run.shared.heartbeats.read(slot.process).failed_connections;
             more |= failed_connections > std::mem::replace(&mut slot.failed_connections, failed_connections);
@@ -111,7 +112,10 @@ impl Watch<'_> {
             self.note(Process::Supervisor, EventKind::Note, Detector::None, text);
         }
         if state != CleanUpState::Running && std::mem::take(&mut self.dead_nodes.reconnect_due) {
-            let text = match self.force_reconnect_all() {
+            let reconnected = self.force_reconnect_all();
+            // Its ports for this count, too.
+            self.dead_nodes.own_failed = hapfic_ipc::failed_connections();
+            let text = match reconnected {
                 Ok(()) => "a connection failed: all ports reconnect".to_owned(),
                 // The ports that have failed count again at their next attempt.
                 Err(e) => format!("a connection failed, and a topic cannot be joined to repair it: {e}"),

@@ -53,7 +53,7 @@ fn free(law: Law, force: f64) -> Result<Free, String> {
     let mut empty = settings.clone();
     empty.world.floor = None;
     let mut plant = Plant::new(&empty).map_err(|e| failed(&e))?;
-    plant.resume(&at).map_err(|e| failed(&e))?;
+    plant.resume(&at, None).map_err(|e| failed(&e))?;
     *simulation.plant() = plant;
     let mut free = Free::default();
     for tick in 0..FREE_TICKS {
