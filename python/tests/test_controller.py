@@ -29,7 +29,9 @@ def test_impedance_presses_and_gate_accepts_it(stack, tmp_path):
     force = data["/state"]["foot_force"][-200:, 2]
     # It presses with F_d and the spring: without a search the target below the floor costs K times its depth.
     commanded = command["force"][-200:, 2]
-    assert force.mean() > 60.0 and abs(force.mean() + commanded.mean()) < 0.5, (force.mean(), commanded.mean())
+    # The leg's weight, which nobody compensates, rests on the foot too.
+    weight = force.mean() + commanded.mean()
+    assert -commanded.mean() > 60.0 and 5.0 < weight < 20.0, (force.mean(), commanded.mean())
 
 
 def test_either_controller_goes_on(stack, tmp_path):
