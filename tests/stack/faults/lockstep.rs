@@ -156,7 +156,7 @@ fn rapier_kills_change_no_byte() {
     let engine = ["--duration", "4", "--set", "plant.engine=rapier", "--set", softness];
     let undisturbed = run(&stack, "undisturbed.mcap", &engine);
     let again = run(&stack, "again.mcap", &engine);
-    let faults = "fault=[{kind=\"kill\",process=[\"plant\",\"controller\",\"standby\",\"planner\",\"gate\",\"recorder\",\"supervisor\"],\
+    let faults = "fault=[{kind=\"kill\",process=[\"plant\",\"controller\",\"standby\",\"planner\",\"gate\"],\
                   random={count=15,from_s=0.0,to_s=3.5}},{kind=\"kill\",process=\"plant\",at_s=2.5}]";
     let restart = ["--set", "plant.on_loss=restart", "--set", faults];
     let disturbed = run(&stack, "disturbed.mcap", &[&engine[..], &UNLIMITED_RESTARTS, &restart].concat());
